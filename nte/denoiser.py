@@ -1,0 +1,98 @@
+"""Everything is a denoiser: the protocol, and running one over a sequence."""
+
+from collections.abc import Iterable, Iterator, Mapping
+from dataclasses import dataclass, field
+from typing import Any, Protocol, runtime_checkable
+
+import numpy as np
+
+from nte.errors import NteError
+from nte.frames.bad import BadPixelReport
+from nte.frames.frame import Array, Frame
+
+State = Any  # whatever a denoiser carries from frame to frame
+
+
+@dataclass(frozen=True)
+class Result:
+    """What a step gives: the denoised image (N, C, H, W) in the input's units, and the extras asked for."""
+
+    image: Array
+    extras: Mapping[str, Array] = field(default_factory=dict)
+
+    def like(self, frame: Frame) -> "Result":
+        """The result with NumPy arrays if `frame` has them: a denoiser returns the kind it was given."""
+        if not isinstance(frame[next(iter(frame.channels))], np.ndarray):
+            return self
+        return Result(_to_numpy(self.image), {name: _to_numpy(a) for name, a in self.extras.items()})
+
+
+@runtime_checkable
+class Denoiser(Protocol):
+    """An analytic filter, a network, an exported model or somebody else's denoiser, all used the same way."""
+
+    needs: tuple[str, ...]  # channels it must have
+    optional: tuple[str, ...]  # channels it uses if there
+    target: str  # the channel whose reference it approximates
+
+    def step(self, frame: Frame, state: State | None, extras: tuple[str, ...] = ()) -> tuple[Result, State]:
+        """Denoise one frame. `state` is what the step before returned; None starts a sequence.
+
+        The given state may be overwritten, except while autograd records.
+        """
+        ...
+
+
+class Noisy:
+    """The input itself: the baseline that everything must beat."""
+
+    needs: tuple[str, ...] = ("color",)
+    optional: tuple[str, ...] = ()
+    target = "color"
+
+    def step(self, frame: Frame, state: State | None, extras: tuple[str, ...] = ()) -> tuple[Result, State]:
+        """Return `color` as it is."""
+        return Result(frame["color"]), ()
+
+
+def check_needs(denoiser: Denoiser, available: Iterable[str], where: object) -> None:
+    """Raise NteError naming every channel that the denoiser needs and that is not available."""
+    have = tuple(available)
+    missing = [name for name in denoiser.needs if name not in have]
+    if missing:
+        name = type(denoiser).__name__
+        raise NteError(f"{where}: {name} needs {', '.join(missing)}, which is missing; there is {', '.join(have)}")
+
+
+def denoise(denoiser: Denoiser, frames: Iterable[Frame], extras: tuple[str, ...] = ()) -> Iterator[Result]:
+    """Denoise a sequence lazily, one result per frame; bad pixels are reported once (BadPixelWarning)."""
+    session = Session(denoiser)
+    return (session.step(frame, extras) for frame in frames)
+
+
+class Session:
+    """A denoiser with its state inside, for those who want an object: `denoise(frame)` and `reset()`."""
+
+    def __init__(self, denoiser: Denoiser) -> None:
+        self.denoiser = denoiser
+        self.reset()
+
+    def reset(self) -> None:
+        """Forget the past: the next frame starts a sequence."""
+        self._state: State | None = None
+        self._bad = BadPixelReport()
+
+    def denoise(self, frame: Frame) -> Array:
+        """The denoised image (N, C, H, W) of the next frame, in the input's units."""
+        return self.step(frame).image
+
+    def step(self, frame: Frame, extras: tuple[str, ...] = ()) -> Result:
+        """The next frame's image and the extras asked for. Raises NteError for missing channels."""
+        check_needs(self.denoiser, frame.channels, f"frame {frame.index}")
+        self._bad.look(frame)
+        result, self._state = self.denoiser.step(frame, self._state, extras)
+        return result
+
+
+def _to_numpy(array: Any) -> Any:
+    return array if isinstance(array, np.ndarray) else array.detach().cpu().numpy()

@@ -1,0 +1,108 @@
+"""The table of channels: everything that readers, augmentation, checks and the report know of a channel.
+
+Adding a channel is adding a row. What each channel means is defined in datasets/README.md.
+"""
+
+from dataclasses import dataclass
+from typing import Literal
+
+Storage = Literal["half", "float", "derived"]
+Kind = Literal["radiance", "reflectance", "scalar", "depth", "point", "direction", "id", "motion", "covariance"]
+Augment = Literal["colour", "world", "image", "covariance", "keep"]
+Downsample = Literal["mean", "unit", "nearest", "motion"]
+Shown = Literal["radiance", "reflectance", "direction", "heat", "labels", "motion"]
+
+RGB = ("R", "G", "B")
+XYZ = ("X", "Y", "Z")
+XY = ("X", "Y")
+
+
+@dataclass(frozen=True)
+class Channel:
+    """One row: how a channel is stored, what it is made of and how it behaves under image operations."""
+
+    name: str
+    components: tuple[str, ...]  # suffixes of its layered EXR names: color.R, color.G, color.B
+    storage: Storage  # half where the values survive it; derived: never stored
+    unit: str
+    kind: Kind
+    noisy: bool = False  # differs from seed to seed
+    nan_means: str = ""  # what a NaN says, where it is no fault
+
+    @property
+    def augment(self) -> Augment:
+        """How flips, transposes and colour permutations act on the values."""
+        return _BEHAVIOUR[self.kind][0]
+
+    @property
+    def downsample(self) -> Downsample:
+        """How the channel is made smaller: an id, a depth or a motion is never averaged across an edge."""
+        return _BEHAVIOUR[self.kind][1]
+
+    @property
+    def shown(self) -> Shown:
+        """How the channel is turned into a picture (nte.frames.show)."""
+        return _BEHAVIOUR[self.kind][2]
+
+
+# kind → augmentation, downsampling, display
+_BEHAVIOUR: dict[Kind, tuple[Augment, Downsample, Shown]] = {
+    "radiance": ("colour", "mean", "radiance"),
+    "reflectance": ("colour", "mean", "reflectance"),
+    "scalar": ("keep", "mean", "heat"),
+    "depth": ("keep", "nearest", "heat"),
+    "point": ("world", "nearest", "direction"),
+    "direction": ("world", "unit", "direction"),
+    "id": ("keep", "nearest", "labels"),
+    "motion": ("image", "motion", "motion"),
+    "covariance": ("covariance", "motion", "heat"),
+}
+
+_ROWS = (
+    Channel("color", RGB, "half", "radiance", "radiance", noisy=True),
+    Channel("reference", RGB, "float", "radiance", "radiance"),
+    Channel("reference_a", RGB, "float", "radiance", "radiance"),
+    Channel("reference_b", RGB, "float", "radiance", "radiance"),
+    Channel("albedo", RGB, "half", "1", "reflectance"),
+    Channel("normal", XYZ, "half", "1, world", "direction"),
+    Channel("roughness", ("V",), "half", "1", "scalar"),
+    Channel("emission", RGB, "half", "radiance", "radiance"),
+    Channel("depth", ("Z",), "float", "scene units", "depth"),
+    Channel("position", XYZ, "float", "scene units, world", "point"),
+    Channel("instance", ("ID",), "float", "whole number", "id"),
+    Channel("motion", XY, "float", "px, to the previous frame", "motion"),
+    Channel("forward_motion", XY, "float", "px, to the next frame", "motion"),
+    Channel(
+        "previous_forward_motion", XY, "derived", "px, from frame i−1 to frame i", "motion",
+        nan_means="unknown: a hole left by scattering",
+    ),
+    Channel("direct", RGB, "half", "radiance", "radiance"),
+    Channel("visibility", ("V",), "half", "1", "scalar", noisy=True),
+    Channel("indirect", RGB, "half", "radiance", "radiance", noisy=True),
+    Channel("indirect_radiance", RGB, "half", "radiance", "radiance", noisy=True),
+    Channel("indirect_direction", XYZ, "half", "1, world; 0 = no sample", "direction", noisy=True),
+    Channel("glossy", RGB, "half", "radiance", "radiance", noisy=True),
+    Channel("reference_visibility", ("V",), "half", "1", "scalar"),
+    Channel("reference_indirect", RGB, "half", "radiance", "radiance"),
+    Channel("reference_glossy", RGB, "half", "radiance", "radiance"),
+    Channel(
+        "shadow_motion", XY, "float", "px, to the previous frame", "motion", noisy=True,
+        nan_means="unshadowed or invalid",
+    ),
+    Channel(
+        "reflection_motion", XY, "float", "px, to the previous frame", "motion", noisy=True,
+        nan_means="not glossy",
+    ),
+    Channel(
+        "reflection_covariance", ("XX", "XY", "YY"), "float", "px²", "covariance", noisy=True,
+        nan_means="not glossy",
+    ),
+    Channel(
+        "gradient", ("L", "P"), "float", "luminance", "scalar", noisy=True,
+        nan_means="no gradient sample in this pixel",
+    ),
+    Channel("time", ("T",), "half", "open shutter, [0, 1]", "scalar", noisy=True),
+    Channel("shutter_motion", XY, "float", "px over the open shutter, forward in time", "motion", noisy=True),
+)  # fmt: skip
+
+CHANNELS: dict[str, Channel] = {row.name: row for row in _ROWS}

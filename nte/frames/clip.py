@@ -1,0 +1,181 @@
+"""A clip on disk: a folder with clip.json and one layered OpenEXR file per frame (datasets/README.md)."""
+
+import json
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from functools import cached_property
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+from nte.errors import NteError
+from nte.frames.channels import CHANNELS
+from nte.frames.exr import HALF_MAX, read_exr, write_exr, write_whole
+from nte.frames.frame import Frame
+
+FORMAT = "nte-clip/1"
+Pixels = npt.NDArray[np.float32]
+
+
+def frame_path(folder: Path, index: int, seed: int = 0) -> Path:
+    """frame_0007.exr, or seed_01/frame_0007.exr for a further noise seed."""
+    name = f"frame_{index:04d}.exr"
+    return folder / f"seed_{seed:02d}" / name if seed else folder / name
+
+
+def write_frame(path: Path, channels: Mapping[str, Pixels]) -> None:
+    """Write channels, each (C, H, W), as one layered OpenEXR file that is whole or absent.
+
+    Half floats where the table says so, except for a channel that holds a value beyond 65504.
+    """
+    layers: dict[str, npt.NDArray[np.floating]] = {}
+    for name, values in channels.items():
+        row = CHANNELS[name]
+        half = row.storage == "half" and not (np.abs(values) > HALF_MAX).any()
+        for component, plane in zip(row.components, values, strict=True):
+            layers[f"{name}.{component}"] = plane.astype(np.float16 if half else np.float32)
+    path.parent.mkdir(parents=True, exist_ok=True)
+    write_exr(path, layers)
+
+
+def write_clip_info(folder: Path, info: Mapping[str, Any]) -> None:
+    """Write clip.json, the last file of a clip: a folder without it is not finished."""
+    text = json.dumps({"format": FORMAT, **info}, indent=1, sort_keys=True) + "\n"
+    write_whole(folder / "clip.json", lambda temporary: temporary.write_text(text, encoding="utf-8") and None)
+
+
+def read_frame(path: Path) -> dict[str, Pixels]:
+    """Every channel of the table that a frame's file has, each (C, H, W) float32; other layers are ignored."""
+    return assemble(path, read_exr(path))
+
+
+def assemble(path: Path, layers: Mapping[str, Pixels]) -> dict[str, Pixels]:
+    """Collect layered EXR channels into the table's channels; `reference` is the mean of its two halves."""
+    found: dict[str, Pixels] = {}
+    for name, row in CHANNELS.items():
+        planes = [layers[key] for c in row.components if (key := f"{name}.{c}") in layers]
+        if len(planes) == len(row.components):
+            found[name] = np.stack(planes)
+        elif planes:
+            have = ", ".join(sorted(key for key in layers if key.startswith(f"{name}.")))
+            raise NteError(f"{path}: channel '{name}' has only {have}: expected {', '.join(row.components)}")
+    if "reference" not in found and "reference_a" in found and "reference_b" in found:
+        found["reference"] = (found["reference_a"] + found["reference_b"]) / 2
+    return found
+
+
+class Clip:
+    """A sequence of frames on disk, read lazily.
+
+    Raises NteError if the folder has no clip.json, if that is not ours, or if a frame is missing.
+    """
+
+    def __init__(self, folder: Path | str) -> None:
+        self.folder = Path(folder)
+        self.info = _read_info(self.folder)
+        self.height, self.width = int(self.info["height"]), int(self.info["width"])
+        self.frames = int(self.info["frames"])
+        self._last_forward: tuple[int, Pixels] | None = None  # spares reading each file twice in order
+        for seed in range(self.seeds):
+            missing = [i for i in range(self.frames) if not frame_path(self.folder, i, seed).is_file()]
+            if missing:
+                path = frame_path(self.folder, missing[0], seed)
+                raise NteError(f"{path}: missing; clip.json promises {self.frames} frames: render the clip again")
+
+    def __len__(self) -> int:
+        return self.frames
+
+    def __iter__(self) -> Iterator[Frame]:
+        return (self.frame(i) for i in range(self.frames))
+
+    @property
+    def name(self) -> str:
+        """The folder's name."""
+        return self.folder.resolve().name
+
+    @property
+    def seeds(self) -> int:
+        """How many independent noise seeds are stored."""
+        return int(self.info.get("seeds", 1))
+
+    @cached_property
+    def channels(self) -> tuple[str, ...]:
+        """The channels that frames have, by their first file; derived ones included."""
+        found = tuple(read_frame(frame_path(self.folder, 0)))
+        return (*found, "previous_forward_motion") if "forward_motion" in found else found
+
+    def frame(self, index: int, channels: Iterable[str] | None = None, seeds: Sequence[int] = (0,)) -> Frame:
+        """Frame `index` with the named channels (None: all it has), arrays (1, C, H, W) float32.
+
+        Noisy channels are the mean over `seeds`, so k seeds give k samples per pixel.
+        previous_forward_motion comes from the file of the frame before; NaN (unknown) on frame 0.
+        Raises NteError that names the file for a channel that is missing or a size that differs.
+        """
+        path = frame_path(self.folder, index)
+        wanted = self.channels if channels is None else tuple(channels)
+        stored = self._read(path)
+        previous_forward = self._previous_forward_motion(index) if "previous_forward_motion" in wanted else None
+        if "forward_motion" in stored:
+            self._last_forward = index, stored["forward_motion"]
+        noisy = [name for name in wanted if name in CHANNELS and CHANNELS[name].noisy]
+        others = [self._read(frame_path(self.folder, index, seed)) for seed in seeds if seed]
+        arrays: dict[str, Pixels] = {}
+        for name in wanted:
+            if previous_forward is not None and name == "previous_forward_motion":
+                arrays[name] = previous_forward
+            elif name in noisy and others:
+                sources = [*([stored] if 0 in seeds else []), *others]
+                arrays[name] = np.mean([self._pick(s, name, path) for s in sources], 0, dtype=np.float32)
+            else:
+                arrays[name] = self._pick(stored, name, path)
+        return Frame({name: a[None] for name, a in arrays.items()}, index=index, **self._about(index))
+
+    def _read(self, path: Path) -> dict[str, Pixels]:
+        channels = read_frame(path)
+        for name, values in channels.items():
+            if values.shape[1:] != (self.height, self.width):
+                found, size = f"{values.shape[2]}x{values.shape[1]}", f"{self.width}x{self.height}"
+                raise NteError(f"{path}: '{name}' is {found}, clip.json says {size}")
+        return channels
+
+    def _pick(self, stored: Mapping[str, Pixels], name: str, path: Path) -> Pixels:
+        if name not in stored:
+            raise NteError(f"{path}: channel '{name}' is missing; the file has {', '.join(stored) or 'none'}")
+        return stored[name]
+
+    def _previous_forward_motion(self, index: int) -> Pixels:
+        if index == 0:
+            return np.full((2, self.height, self.width), np.nan, np.float32)
+        if self._last_forward and self._last_forward[0] == index - 1:
+            return self._last_forward[1]
+        path = frame_path(self.folder, index - 1)
+        return self._pick(self._read(path), "forward_motion", path)
+
+    def _about(self, index: int) -> dict[str, Any]:
+        """Scalars and cameras that clip.json has for a frame, with the batch axis."""
+        about = {k: np.array([self.info[k]], np.float32) for k in ("exposure", "depth_scale") if k in self.info}
+        if "cameras" in self.info:
+            camera = self.info["cameras"][index]
+            about |= {k: np.array([camera[k]], np.float32) for k in ("view", "projection")}
+        return about
+
+
+def _read_info(folder: Path) -> dict[str, Any]:
+    path = folder / "clip.json"
+    if not path.is_file():
+        state = "has frames but no clip.json: the clip is not finished" if any(folder.glob("*.exr")) else "is no clip"
+        raise NteError(f"{folder}: {state if folder.exists() else 'does not exist'}; expected a folder with clip.json")
+    try:
+        info = json.loads(path.read_text(encoding="utf-8"))
+    except (ValueError, OSError) as error:
+        raise NteError(f"{path}: not readable as JSON: {error}") from error
+    if not isinstance(info, dict) or info.get("format") != FORMAT:
+        found = info.get("format") if isinstance(info, dict) else type(info).__name__
+        raise NteError(f"{path}: format is {found!r}, expected '{FORMAT}'")
+    for key in ("width", "height", "frames"):
+        if not isinstance(info.get(key), int) or info[key] < 1:
+            raise NteError(f"{path}: '{key}' is {info.get(key)!r}, expected a whole number of at least 1")
+    if len(info.get("cameras", [0] * info["frames"])) != info["frames"]:
+        raise NteError(f"{path}: {len(info['cameras'])} cameras for {info['frames']} frames")
+    return info

@@ -1,0 +1,121 @@
+"""Reading and writing one OpenEXR file as a table of layered channel names."""
+
+import os
+import secrets
+import threading
+from collections.abc import Callable, Iterator, Mapping
+from contextlib import contextmanager
+from pathlib import Path
+
+import numpy as np
+import numpy.typing as npt
+import OpenEXR
+
+from nte.errors import NteError
+
+HALF_MAX = 65504.0
+_MAGIC = b"\x76\x2f\x31\x01"
+_quiet_lock = threading.Lock()
+
+
+def read_exr(path: Path) -> dict[str, npt.NDArray[np.float32]]:
+    """Read every channel of an OpenEXR file: full layered name → float32 array (H, W).
+
+    The arrays have the size of the display window; pixels outside the data window are 0. Parts of a
+    multi-part file are merged; the part's name is the layer of a channel that names none itself.
+    Raises NteError for a file that is missing, not OpenEXR, truncated, deep, or subsampled.
+    """
+    path = Path(path)
+    try:
+        with path.open("rb") as file:
+            magic = file.read(4)
+    except OSError as error:
+        raise NteError(f"{path}: cannot be read: {error.strerror}") from error
+    if magic != _MAGIC:
+        raise NteError(f"{path}: not an OpenEXR file (it starts with {magic!r}): expected a .exr frame")
+    try:
+        with _quiet(), OpenEXR.File(str(path), separate_channels=True) as file:
+            return _merge_parts(path, file.parts)
+    except (RuntimeError, ValueError, OSError) as error:
+        raise NteError(f"{path}: the OpenEXR file is truncated or damaged: render or copy it again") from error
+
+
+def write_exr(path: Path, channels: Mapping[str, npt.NDArray[np.floating]]) -> None:
+    """Write (H, W) float16 or float32 arrays under their layered names, ZIP-compressed (lossless).
+
+    The file appears under its name only when it is complete: it is written beside it and renamed.
+    Raises NteError where the disk is full or the folder cannot be written.
+    """
+    # OpenEXR writes non-contiguous arrays wrongly without a word, and it changes the dictionaries it is given.
+    pixels = {name: np.ascontiguousarray(values) for name, values in sorted(channels.items())}
+    header = {"compression": OpenEXR.ZIP_COMPRESSION, "type": OpenEXR.scanlineimage}
+
+    def write(temporary: Path) -> None:
+        with _quiet(), OpenEXR.File(header, pixels) as file:
+            file.write(str(temporary))
+
+    write_whole(path, write)
+
+
+def write_whole(path: Path, write: Callable[[Path], None]) -> None:
+    """Call `write` with a temporary name beside `path`, then rename: the file is whole or absent.
+
+    Raises NteError, with the temporary file removed, where writing fails (no space left, no permission).
+    """
+    path = Path(path)
+    temporary = path.with_name(f".{path.name}.{secrets.token_hex(4)}.tmp")
+    try:
+        write(temporary)
+        with temporary.open("rb") as file:
+            os.fsync(file.fileno())
+        temporary.replace(path)
+    except (OSError, RuntimeError) as error:
+        reason = getattr(error, "strerror", None) or error
+        raise NteError(f"{path}: cannot be written: {reason}") from error
+    finally:
+        temporary.unlink(missing_ok=True)
+
+
+def _merge_parts(path: Path, parts: list[OpenEXR.Part]) -> dict[str, npt.NDArray[np.float32]]:
+    merged: dict[str, npt.NDArray[np.float32]] = {}
+    for part in parts:
+        if part.header["type"] in (OpenEXR.deepscanline, OpenEXR.deeptile):
+            raise NteError(f"{path}: deep OpenEXR files are not supported: flatten it first")
+        for name, channel in part.channels.items():
+            if channel.xSampling != 1 or channel.ySampling != 1:
+                raise NteError(f"{path}: channel '{name}' is subsampled: expected one value per pixel")
+            prefix = f"{part.header.get('name', '')}." if len(parts) > 1 else ""
+            merged[name if "." in name else prefix + name] = _to_display_window(part.header, np.asarray(channel.pixels, np.float32))
+    return merged
+
+
+def _to_display_window(header: dict[str, object], pixels: npt.NDArray[np.float32]) -> npt.NDArray[np.float32]:
+    """Place the data window's pixels (inclusive corners, x first) into the display window."""
+    data, display = np.array(header["dataWindow"]), np.array(header["displayWindow"])
+    if np.array_equal(data, display):
+        return pixels
+    width, height = display[1] - display[0] + 1
+    low = np.maximum(data[0], display[0])
+    high = np.minimum(data[1], display[1]) + 1
+    placed = np.zeros((height, width), np.float32)
+    if (low < high).all():
+        to, source = (low - display[0], high - display[0]), (low - data[0], high - data[0])
+        placed[to[0][1] : to[1][1], to[0][0] : to[1][0]] = pixels[
+            source[0][1] : source[1][1], source[0][0] : source[1][0]
+        ]
+    return placed
+
+
+@contextmanager
+def _quiet() -> Iterator[None]:
+    """Silence what the OpenEXR library itself prints of a damaged file: the error we raise says it."""
+    with _quiet_lock, open(os.devnull, "wb") as nowhere:
+        saved = {fd: os.dup(fd) for fd in (1, 2)}
+        try:
+            for fd in saved:
+                os.dup2(nowhere.fileno(), fd)
+            yield
+        finally:
+            for fd, copy in saved.items():
+                os.dup2(copy, fd)
+                os.close(copy)

@@ -1,0 +1,108 @@
+"""One frame of a sequence: named channels, NumPy or PyTorch alike."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING, Any, TypeAlias
+
+import numpy as np
+import numpy.typing as npt
+
+from nte.errors import NteError, needs_extra
+
+if TYPE_CHECKING:
+    import torch
+
+    Array: TypeAlias = npt.NDArray[Any] | torch.Tensor
+else:
+    Array = Any
+
+
+@dataclass(frozen=True)
+class Frame:
+    """Channels of one frame as (N, C, H, W) arrays, all NumPy or all PyTorch, with what belongs to them.
+
+    exposure, depth_scale and reset are (N,); view and projection (N, 4, 4), column vectors, world → view →
+    [0, 1]² with y down. exposure and depth_scale belong to the sequence: None means «estimate them from the
+    first frame». reset marks batch elements that start a new sequence.
+    """
+
+    channels: Mapping[str, Array]
+    index: int = 0
+    exposure: Array | None = None
+    depth_scale: Array | None = None
+    reset: Array | None = None
+    view: Array | None = None
+    projection: Array | None = None
+
+    def __post_init__(self) -> None:
+        shapes = {name: tuple(values.shape) for name, values in self.channels.items()}
+        wrong = [f"{name} {shape}" for name, shape in shapes.items() if len(shape) != 4]
+        if wrong:
+            raise NteError(f"frame {self.index}: {wrong[0]}: expected an array (N, C, H, W)")
+        if len({(shape[0], *shape[2:]) for shape in shapes.values()}) > 1:
+            listed = ", ".join(f"{name} {shape}" for name, shape in shapes.items())
+            raise NteError(f"frame {self.index}: channels differ in batch or size: {listed}")
+
+    def __getitem__(self, name: str) -> Any:
+        try:
+            return self.channels[name]
+        except KeyError:
+            have = ", ".join(self.channels) or "none"
+            raise NteError(f"frame {self.index}: channel '{name}' is missing; it has {have}") from None
+
+    def __contains__(self, name: object) -> bool:
+        return name in self.channels
+
+    def get(self, name: str) -> Any:
+        """The channel, or None where the frame does not have it."""
+        return self.channels.get(name)
+
+    @property
+    def size(self) -> tuple[int, int]:
+        """(height, width) in pixels."""
+        shape = self._any().shape
+        return int(shape[2]), int(shape[3])
+
+    @property
+    def batch(self) -> int:
+        """N, the number of sequences side by side."""
+        return int(self._any().shape[0])
+
+    @property
+    def hit(self) -> Any:
+        """(N, 1, H, W), true where a surface is seen; a miss (sky) has depth 0."""
+        return self["depth"] > 0
+
+    def with_channels(self, **channels: Array) -> Frame:
+        """The same frame with channels added or replaced."""
+        return replace(self, channels={**self.channels, **channels})
+
+    def numpy(self) -> Frame:
+        """The frame with NumPy arrays; itself if it has them already."""
+        if isinstance(self._any(), np.ndarray):
+            return self
+        return self._map(lambda a: a if isinstance(a, np.ndarray) else a.detach().cpu().numpy())
+
+    def torch(self, device: torch.device | str | None = None) -> Frame:
+        """The frame with float32 PyTorch tensors on `device` (None: where they are, or the CPU)."""
+        try:
+            import torch
+        except ImportError as error:
+            raise needs_extra("train", "this denoiser", error) from error
+        return self._map(lambda a: torch.as_tensor(a, dtype=torch.float32, device=device))
+
+    def _any(self) -> Any:
+        for values in self.channels.values():
+            return values
+        raise NteError(f"frame {self.index}: it has no channels")
+
+    def _map(self, convert: Any) -> Frame:
+        extras = ("exposure", "depth_scale", "reset", "view", "projection")
+        values = {name: getattr(self, name) for name in extras}
+        return replace(
+            self,
+            channels={name: convert(array) for name, array in self.channels.items()},
+            **{name: None if value is None else convert(value) for name, value in values.items()},
+        )
