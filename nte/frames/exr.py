@@ -35,9 +35,12 @@ def read_exr(path: Path) -> dict[str, npt.NDArray[np.float32]]:
         raise NteError(f"{path}: not an OpenEXR file (it starts with {magic!r}): expected a .exr frame")
     try:
         with _quiet(), OpenEXR.File(str(path), separate_channels=True) as file:
-            return _merge_parts(path, file.parts)
+            channels = _merge_parts(path, file.parts)
     except (RuntimeError, ValueError, OSError) as error:
         raise NteError(f"{path}: the OpenEXR file is truncated or damaged: render or copy it again") from error
+    if not channels:  # how the library reports some truncated files
+        raise NteError(f"{path}: the OpenEXR file is truncated or empty: render or copy it again")
+    return channels
 
 
 def write_exr(path: Path, channels: Mapping[str, npt.NDArray[np.floating]]) -> None:
