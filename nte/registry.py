@@ -1,7 +1,76 @@
 """Names → denoisers: what a user types becomes something with a `step`."""
 
+import inspect
+from importlib import import_module
+from pathlib import Path
+from typing import Any
+
 from nte.denoiser import Denoiser
+from nte.errors import NteError, needs_extra
+
+# name → (module, class, extra that brings what it imports); imported when asked for
+NAMES: dict[str, tuple[str, str, str]] = {
+    "noisy": ("nte.denoiser", "Noisy", ""),
+    "taa": ("nte.filters.taa", "Taa", "eval"),
+    "oidn": ("nte.filters.oidn", "Oidn", "compare"),
+}
 
 
 def load_denoiser(spec: str, device: str = "cpu") -> Denoiser:
-    raise NotImplementedError
+    """The denoiser that `spec` names: a run folder, an .onnx file, or `name:key=value,key=value`.
+
+    What exists on disk wins over a name. Raises NteError for anything unknown, listing what there is.
+    """
+    path = Path(spec)
+    if path.suffix == ".onnx":
+        from nte.runtime.session import OnnxDenoiser
+
+        return OnnxDenoiser(path)
+    if path.is_dir():
+        return _construct("nte.training.run", "load_run", "train", spec, {"folder": path}, device)
+    name, _, options = spec.partition(":")
+    if name not in NAMES:
+        known = ", ".join(NAMES)
+        raise NteError(f"'{spec}' is no denoiser: expected a run folder, an .onnx file, or one of {known}")
+    module, attribute, extra = NAMES[name]
+    return _construct(module, attribute, extra, spec, _parse(spec, options), device)
+
+
+def _construct(
+    module: str, attribute: str, extra: str, spec: str, options: dict[str, Any], device: str | None = None
+) -> Denoiser:
+    try:
+        make = getattr(import_module(module), attribute)
+    except ImportError as error:
+        raise needs_extra(extra, f"'{spec}'", error) from error
+    accepted = inspect.signature(make).parameters
+    settable = {key: p for key, p in accepted.items() if key != "device"}
+    for key, value in options.items():
+        if key not in accepted or (device is not None and key == "device"):
+            raise NteError(f"'{spec}': unknown option '{key}'; it has {', '.join(settable) or 'none'}")
+        options[key] = _convert(spec, key, value, accepted[key])
+    if device is not None and "device" in accepted:
+        options["device"] = device
+    denoiser: Denoiser = make(**options)
+    return denoiser
+
+
+def _parse(spec: str, options: str) -> dict[str, Any]:
+    pairs = [item.partition("=") for item in options.split(",") if item]
+    for key, equals, value in pairs:
+        if not equals or not value:
+            raise NteError(f"'{spec}': '{key}' is no option: expected name:key=value,key=value")
+    return {key.strip(): value.strip() for key, _, value in pairs}
+
+
+def _convert(spec: str, key: str, value: Any, parameter: inspect.Parameter) -> Any:
+    """A typed text as the type of the option's default: bool, int, float or str."""
+    kind = type(parameter.default)
+    if not isinstance(value, str) or kind not in (bool, int, float):
+        return value
+    try:
+        if kind is bool:
+            return {"true": True, "1": True, "false": False, "0": False}[value.lower()]
+        return kind(value)
+    except (ValueError, KeyError):
+        raise NteError(f"'{spec}': {key} is '{value}', expected {kind.__name__}") from None

@@ -29,7 +29,7 @@ def write_frame(path: Path, channels: Mapping[str, Pixels]) -> None:
 
     Half floats where the table says so, except for a channel that holds a value beyond 65504.
     """
-    layers: dict[str, npt.NDArray[np.floating]] = {}
+    layers: dict[str, npt.NDArray[np.floating[Any]]] = {}
     for name, values in channels.items():
         row = CHANNELS[name]
         half = row.storage == "half" and not (np.abs(values) > HALF_MAX).any()
@@ -42,7 +42,7 @@ def write_frame(path: Path, channels: Mapping[str, Pixels]) -> None:
 def write_clip_info(folder: Path, info: Mapping[str, Any]) -> None:
     """Write clip.json, the last file of a clip: a folder without it is not finished."""
     text = json.dumps({"format": FORMAT, **info}, indent=1, sort_keys=True) + "\n"
-    write_whole(folder / "clip.json", lambda temporary: temporary.write_text(text, encoding="utf-8") and None)
+    write_whole(folder / "clip.json", lambda temporary: temporary.write_text(text, encoding="utf-8"))
 
 
 def read_frame(path: Path) -> dict[str, Pixels]:
@@ -61,7 +61,7 @@ def assemble(path: Path, layers: Mapping[str, Pixels]) -> dict[str, Pixels]:
             have = ", ".join(sorted(key for key in layers if key.startswith(f"{name}.")))
             raise NteError(f"{path}: channel '{name}' has only {have}: expected {', '.join(row.components)}")
     if "reference" not in found and "reference_a" in found and "reference_b" in found:
-        found["reference"] = (found["reference_a"] + found["reference_b"]) / 2
+        found["reference"] = (found["reference_a"] + found["reference_b"]) * np.float32(0.5)
     return found
 
 
@@ -154,7 +154,10 @@ class Clip:
 
     def _about(self, index: int) -> dict[str, Any]:
         """Scalars and cameras that clip.json has for a frame, with the batch axis."""
-        about = {k: np.array([self.info[k]], np.float32) for k in ("exposure", "depth_scale") if k in self.info}
+        about: dict[str, Any] = {}
+        for key in ("exposure", "depth_scale"):
+            if key in self.info:
+                about[key] = np.array([self.info[key]], np.float32)
         if "cameras" in self.info:
             camera = self.info["cameras"][index]
             about |= {k: np.array([camera[k]], np.float32) for k in ("view", "projection")}

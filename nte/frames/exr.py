@@ -6,6 +6,7 @@ import threading
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import numpy.typing as npt
@@ -43,7 +44,7 @@ def read_exr(path: Path) -> dict[str, npt.NDArray[np.float32]]:
     return channels
 
 
-def write_exr(path: Path, channels: Mapping[str, npt.NDArray[np.floating]]) -> None:
+def write_exr(path: Path, channels: Mapping[str, npt.NDArray[np.floating[Any]]]) -> None:
     """Write (H, W) float16 or float32 arrays under their layered names, ZIP-compressed (lossless).
 
     The file appears under its name only when it is complete: it is written beside it and renamed.
@@ -60,7 +61,7 @@ def write_exr(path: Path, channels: Mapping[str, npt.NDArray[np.floating]]) -> N
     write_whole(path, write)
 
 
-def write_whole(path: Path, write: Callable[[Path], None]) -> None:
+def write_whole(path: Path, write: Callable[[Path], object]) -> None:
     """Call `write` with a temporary name beside `path`, then rename: the file is whole or absent.
 
     Raises NteError, with the temporary file removed, where writing fails (no space left, no permission).
@@ -88,7 +89,8 @@ def _merge_parts(path: Path, parts: list[OpenEXR.Part]) -> dict[str, npt.NDArray
             if channel.xSampling != 1 or channel.ySampling != 1:
                 raise NteError(f"{path}: channel '{name}' is subsampled: expected one value per pixel")
             prefix = f"{part.header.get('name', '')}." if len(parts) > 1 else ""
-            merged[name if "." in name else prefix + name] = _to_display_window(part.header, np.asarray(channel.pixels, np.float32))
+            pixels = np.asarray(channel.pixels, np.float32)
+            merged[name if "." in name else prefix + name] = _to_display_window(part.header, pixels)
     return merged
 
 

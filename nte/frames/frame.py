@@ -7,16 +7,13 @@ from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Any, TypeAlias
 
 import numpy as np
-import numpy.typing as npt
 
 from nte.errors import NteError, needs_extra
 
 if TYPE_CHECKING:
     import torch
 
-    Array: TypeAlias = npt.NDArray[Any] | torch.Tensor
-else:
-    Array = Any
+Array: TypeAlias = Any  # a NumPy array or a PyTorch tensor: base code uses only what both have
 
 
 @dataclass(frozen=True)
@@ -99,10 +96,8 @@ class Frame:
         raise NteError(f"frame {self.index}: it has no channels")
 
     def _map(self, convert: Any) -> Frame:
-        extras = ("exposure", "depth_scale", "reset", "view", "projection")
-        values = {name: getattr(self, name) for name in extras}
-        return replace(
-            self,
-            channels={name: convert(array) for name, array in self.channels.items()},
-            **{name: None if value is None else convert(value) for name, value in values.items()},
-        )
+        changed: dict[str, Any] = {"channels": {name: convert(array) for name, array in self.channels.items()}}
+        for name in ("exposure", "depth_scale", "reset", "view", "projection"):
+            value = getattr(self, name)
+            changed[name] = None if value is None else convert(value)
+        return replace(self, **changed)

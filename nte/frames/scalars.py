@@ -26,7 +26,7 @@ def sequence_scalars(frame: Frame) -> tuple[npt.NDArray[np.float32], npt.NDArray
     return exposure, depth_scale
 
 
-def estimate_exposure(color: npt.NDArray[np.floating]) -> npt.NDArray[np.float32]:
+def estimate_exposure(color: npt.NDArray[np.float32]) -> npt.NDArray[np.float32]:
     """Linear factor (N,) that brings a noisy frame (N, 3, H, W) to middle grey: 0.18 / exp(mean log luminance).
 
     The luminance is that of 8×8 blocks, and blocks without light are left out: at 1 spp many pixels are
@@ -42,7 +42,7 @@ def estimate_exposure(color: npt.NDArray[np.floating]) -> npt.NDArray[np.float32
     return np.asarray(MIDDLE_GREY / np.exp(means), np.float32)
 
 
-def median_depth(depth: npt.NDArray[np.floating]) -> npt.NDArray[np.float32]:
+def median_depth(depth: npt.NDArray[np.float32]) -> npt.NDArray[np.float32]:
     """Median depth (N,) of the pixels of (N, 1, H, W) that hit a surface, in scene units; 1 where none does."""
     scales = [np.median(d[(d > 0) & np.isfinite(d)]) if (d > 0).any() else 1.0 for d in depth]
     return np.asarray(scales, np.float32)

@@ -1,0 +1,53 @@
+"""Light and colour on tensors: luminance, sanitising, compression, display and demodulation.
+
+Radiance is linear and scene-referred, in [0, inf); every image is (N, C, H, W).
+"""
+
+import torch
+from torch import Tensor
+
+REC709 = (0.2126, 0.7152, 0.0722)
+ALBEDO_FLOOR = 1e-2  # the divisor of demodulation: darker surfaces would amplify noise without bound
+
+
+def luminance(rgb: Tensor) -> Tensor:
+    """Rec. 709 luminance (N, 1, H, W) of linear rgb (N, 3, H, W)."""
+    weights = rgb.new_tensor(REC709).view(1, 3, 1, 1)
+    return (rgb * weights).sum(1, keepdim=True)
+
+
+def sanitise(values: Tensor, low: float = 0.0, high: float = 1e30) -> Tensor:
+    """Clamp to [low, high] with NaN as `low`: what every denoiser does to its input first.
+
+    An infinite sample becomes 0 as well: it says nothing about how bright its pixel is.
+    """
+    usable = (values >= low) & (values < float("inf"))  # false for NaN
+    return torch.where(usable, values, low).clamp(max=high)
+
+
+def compress(radiance: Tensor) -> Tensor:
+    """log(1 + x) of exposed radiance in [0, inf): what networks see and losses compare."""
+    return torch.log1p(radiance)
+
+
+def display(radiance: Tensor, exposure: Tensor) -> Tensor:
+    """Display transform to [0, 1]: exposure (N,), x/(1+x), then the sRGB curve."""
+    exposed = radiance.clamp(min=0) * per_sequence(exposure)
+    tonemapped = exposed / (1 + exposed)
+    curve = 1.055 * tonemapped.clamp(min=0.0031308) ** (1 / 2.4) - 0.055
+    return torch.where(tonemapped <= 0.0031308, 12.92 * tonemapped, curve)
+
+
+def demodulate(radiance: Tensor, albedo: Tensor) -> Tensor:
+    """Radiance over albedo: the light without the texture. Undone exactly by `remodulate`."""
+    return radiance / albedo.clamp(min=ALBEDO_FLOOR)
+
+
+def remodulate(irradiance: Tensor, albedo: Tensor) -> Tensor:
+    """Light times texture: the inverse of `demodulate`."""
+    return irradiance * albedo.clamp(min=ALBEDO_FLOOR)
+
+
+def per_sequence(scalar: Tensor) -> Tensor:
+    """(N,) → (N, 1, 1, 1), to scale images of a batch one by one."""
+    return scalar.view(-1, 1, 1, 1)

@@ -1,0 +1,56 @@
+"""Blocks that the analytic filters share."""
+
+from typing import NamedTuple
+
+import torch
+import torch.nn.functional as F
+from torch import Tensor
+
+from nte.motion.geometric import Reprojection
+from nte.motion.warp import warp
+
+
+class Moments(NamedTuple):
+    """Mean and standard deviation of each pixel's neighbourhood, each (N, C, H, W)."""
+
+    mean: Tensor
+    deviation: Tensor
+
+
+def neighbourhood_moments(image: Tensor, size: int = 3) -> Moments:
+    """μ and σ per channel over size×size pixels; at the border over those that exist."""
+
+    def box(values: Tensor) -> Tensor:
+        return F.avg_pool2d(values, size, stride=1, padding=size // 2, count_include_pad=False)
+
+    mean = box(image)
+    # Around the mean of each image: E[x²] − μ² of bright HDR values would cancel in float32.
+    centre = image.mean((2, 3), keepdim=True)
+    variance = box((image - centre).square()) - (mean - centre).square()
+    return Moments(mean, variance.clamp(min=0).sqrt())
+
+
+def clamp_history(history: Tensor, moments: Moments, width: float = 1.0) -> Tensor:
+    """History clamped per channel to μ ± width·σ (Salvi 2015)."""
+    reach = width * moments.deviation
+    return torch.maximum(torch.minimum(history, moments.mean + reach), moments.mean - reach)
+
+
+def clip_history(history: Tensor, moments: Moments, width: float = 1.0) -> Tensor:
+    """History moved along the line to μ until it lies in the box μ ± width·σ: keeps its hue."""
+    away = history - moments.mean
+    reach = (width * moments.deviation).clamp(min=1e-8)
+    outside = (away.abs() / reach).amax(1, keepdim=True).clamp(min=1)
+    return moments.mean + away / outside
+
+
+def accumulate(current: Tensor, history: Tensor, valid: Tensor, alpha: float) -> Tensor:
+    """α·current + (1 − α)·history where history is valid, else current. α weights the current frame."""
+    return torch.where(valid, torch.lerp(history, current, alpha), current)
+
+
+def fetch_history(history: Tensor, reprojection: Reprojection, reset: Tensor | None) -> tuple[Tensor, Tensor]:
+    """(warped history, where it may be used): inside the previous frame and not in a sequence that restarts."""
+    warped, valid = warp(history, reprojection.motion)
+    valid = valid & reprojection.valid
+    return warped, valid if reset is None else valid & ~(reset.view(-1, 1, 1, 1) > 0)

@@ -1,0 +1,48 @@
+"""TAA accumulation, the «traditional» baseline: an exponential mean along motion vectors.
+
+With clamping to the neighbourhood of the current frame (Salvi 2015, «An Excursion in Temporal
+Supersampling»), clipping, or nothing.
+"""
+
+from typing import Any
+
+from nte.color import sanitise
+from nte.denoiser import Result
+from nte.errors import NteError
+from nte.filters.blocks import accumulate, clamp_history, clip_history, fetch_history, neighbourhood_moments
+from nte.frames.frame import Frame
+from nte.motion.geometric import traditional_motion
+
+CLAMPS = ("none", "clamp", "clip")
+
+
+class Taa:
+    """Temporal accumulation of `color` with bilinear history.
+
+    clamp: what happens to history outside μ ± σ of the current 3×3 neighbourhood: `none`, `clamp` (per
+    channel) or `clip` (along the line to μ). alpha: weight of the current frame, in (0, 1].
+    """
+
+    needs: tuple[str, ...] = ("color", "motion")
+    optional: tuple[str, ...] = ()
+    target = "color"
+
+    def __init__(self, clamp: str = "clamp", alpha: float = 0.1, device: str = "cpu") -> None:
+        if clamp not in CLAMPS:
+            raise NteError(f"taa: clamp is '{clamp}', expected one of {', '.join(CLAMPS)}")
+        if not 0 < alpha <= 1:
+            raise NteError(f"taa: alpha is {alpha}, expected a weight of the current frame in (0, 1]")
+        self.clamp, self.alpha, self.device = clamp, alpha, device
+
+    def step(self, frame: Frame, state: Any, extras: tuple[str, ...] = ()) -> tuple[Result, Any]:
+        """Blend the frame into the history, which is the state: the previous output (N, 3, H, W)."""
+        tensors = frame.torch(self.device)
+        current = sanitise(tensors["color"])
+        output = current
+        if state is not None:
+            history, valid = fetch_history(state, traditional_motion(tensors["motion"]), tensors.reset)
+            if self.clamp != "none":
+                limit = clamp_history if self.clamp == "clamp" else clip_history
+                history = limit(history, neighbourhood_moments(current))
+            output = accumulate(current, history, valid, self.alpha)
+        return Result(output).like(frame), output

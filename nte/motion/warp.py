@@ -1,0 +1,68 @@
+"""Fetching the previous frame: reprojection with a validity mask.
+
+Positions are in pixels with centres at +0.5, x to the right, y down. previous = current + motion.
+"""
+
+from typing import NamedTuple
+
+import torch
+import torch.nn.functional as F
+from torch import Tensor
+
+
+class Warped(NamedTuple):
+    """A fetched image (N, C, H, W) and where it was fetched from inside: (N, 1, H, W), bool."""
+
+    image: Tensor
+    valid: Tensor
+
+
+def pixel_centres(like: Tensor) -> Tensor:
+    """(1, 2, H, W): x and y of every pixel's centre, for the size and device of an image (…, H, W)."""
+    height, width = like.shape[-2:]
+    y = torch.arange(height, device=like.device, dtype=torch.float32) + 0.5
+    x = torch.arange(width, device=like.device, dtype=torch.float32) + 0.5
+    return torch.stack(
+        [x.view(1, -1).expand(height, width), y.view(-1, 1).expand(height, width)]
+    ).unsqueeze(0)
+
+
+def inside(position: Tensor) -> Tensor:
+    """(N, 1, H, W), true where a position (N, 2, H, W) lies in an image of the same size; NaN is outside."""
+    height, width = position.shape[-2:]
+    x, y = position[:, :1], position[:, 1:]
+    return (x >= 0) & (x <= width) & (y >= 0) & (y <= height)
+
+
+def warp(image: Tensor, motion: Tensor) -> Warped:
+    """Fetch image(x + motion(x)), bilinear, for motion (N, 2, H, W) in pixels, current → previous.
+
+    Outside the image the border repeats and `valid` is false; so it is where the motion is not finite.
+    Costs one grid_sample; differentiable in the image.
+    """
+    height, width = image.shape[-2:]
+    position = pixel_centres(image) + motion
+    valid = inside(position)
+    # A position far outside or NaN would overflow the integer pixel index.
+    size = torch.tensor([width, height], dtype=position.dtype, device=position.device).view(1, 2, 1, 1)
+    position = torch.where(valid, position, 0.0)
+    grid = (position / size * 2 - 1).permute(0, 2, 3, 1)
+    fetched = F.grid_sample(image, grid, mode="bilinear", padding_mode="border", align_corners=False)
+    return Warped(fetched, valid)
+
+
+def fetch_nearest(image: Tensor, position: Tensor) -> Tensor:
+    """The pixels (N, C, H, W) that hold the positions (N, 2, H, W); nearest border pixel outside.
+
+    For what may not be interpolated: motions, depths, ids. Positions must be finite.
+    """
+    flat = nearest_index(position).expand(-1, image.shape[1], -1)
+    return image.flatten(2).gather(2, flat).view(position.shape[0], image.shape[1], *position.shape[-2:])
+
+
+def nearest_index(position: Tensor) -> Tensor:
+    """(N, 1, H·W) int64: the row-major index of the pixel that holds each position, clamped to the image."""
+    height, width = position.shape[-2:]
+    x = position[:, 0].floor().clamp(0, width - 1)
+    y = position[:, 1].floor().clamp(0, height - 1)
+    return (y.long() * width + x.long()).flatten(1).unsqueeze(1)
