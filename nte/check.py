@@ -205,7 +205,7 @@ def _judge(fits: dict[Convention, Fit], statistics: dict[str, Statistics]) -> tu
     given = fits[Convention()]
     best = _best_convention(fits)
     if best != Convention():
-        fit = usable[best]
+        fit = fits[best]
         if fit.warped.value < min(FITS_BETTER * fit.given.value, MUST_EXPLAIN * fit.unwarped.value):
             errors = f"{fit.warped.value:.3f} instead of {fit.given.value:.3f}"
             return "implausible", f"'motion' has another convention: {best}: albedo error {errors}"
