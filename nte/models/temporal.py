@@ -1,0 +1,218 @@
+"""The paper's network: multi-scale and temporal kernel prediction with dual motion vectors.
+
+Zeng et al., «Neural Temporal Denoising for Indirect Illumination». What the text leaves open is a setting;
+docs of each choice are in `NetworkConfig`.
+"""
+
+from dataclasses import dataclass, field
+from typing import NamedTuple
+
+import torch
+import torch.nn.functional as F
+from torch import Tensor, nn
+
+from nte.color import compress, demodulate, per_sequence, remodulate, sanitise
+from nte.denoiser import Result
+from nte.errors import NteError
+from nte.frames.frame import Frame
+from nte.frames.scalars import sequence_scalars
+from nte.models.kernels import apply_kernels, combine_scales
+from nte.models.unet import UNet
+from nte.motion.geometric import dual_motion, scatter_forward_motion, traditional_motion
+from nte.motion.warp import warp
+
+BRIGHTEST = 65504.0  # of exposed radiance: a firefly beyond it carries no information
+
+
+@dataclass
+class NetworkConfig:
+    """The network's choices; the defaults are the paper's, where it states them."""
+
+    channels: list[int] = field(default_factory=lambda: [32, 48, 64, 80, 96])  # U-Net, finest level first
+    front: int = 1  # pixel-unshuffle before the U-Net: 2 lets it work at half resolution
+    scales: int = 3  # kernels at full, 1/2 and 1/4 resolution; 1 is a single-scale network
+    kernel_size: int = 5
+    head_size: int = 3  # of the convolutions that predict kernels
+    downsample: str = "max"  # D of Eq. 4: max (the paper's text) or mean (Vogels et al. 2018)
+    temporal: bool = True  # false: no temporal kernel and no history
+    motion: str = "dual"  # dual or traditional
+    feed_warped: bool = True  # the warped previous output is an input of the network
+    feed_masks: bool = False  # so are history's validity and the disocclusion mask (ours)
+    demodulate: bool = False  # filter irradiance, multiply the albedo back (ours)
+
+    def check(self) -> None:
+        """Raise NteError for values that make no network."""
+        choices = {"downsample": ("max", "mean"), "motion": ("dual", "traditional"), "front": (1, 2, 4)}
+        for key, allowed in choices.items():
+            if getattr(self, key) not in allowed:
+                raise NteError(f"network.{key} is {getattr(self, key)!r}, expected one of {allowed}")
+        if self.kernel_size % 2 == 0 or self.kernel_size < 1 or self.head_size % 2 == 0:
+            raise NteError("network.kernel_size and network.head_size must be odd")
+        levels = self.scales - (self.front.bit_length() - 1)
+        if not 1 <= levels <= len(self.channels):
+            raise NteError(f"network.scales is {self.scales}: network.channels has {len(self.channels)} levels")
+
+
+class TemporalState(NamedTuple):
+    """What the denoiser carries: its last output (exposed, demodulated if so configured) and depth."""
+
+    history: Tensor  # (N, 3, H, W)
+    depth: Tensor  # (N, 1, H, W)
+    exposure: Tensor  # (N,)
+    depth_scale: Tensor  # (N,)
+
+
+class Denoised(NamedTuple):
+    """Outputs of the graph: the image in the input's units, the next history, and how it came about."""
+
+    image: Tensor
+    history: Tensor
+    disoccluded: Tensor  # (N, 1, H, W), 0 or 1
+    valid: Tensor  # (N, 1, H, W), 0 or 1
+    alpha: Tensor  # (N, 1, H, W), weight of the current frame
+
+
+class KernelHeads(nn.Module):
+    """Predicts, for each scale, K·K spatial weights and α; at the finest K·K temporal weights as well."""
+
+    def __init__(self, config: NetworkConfig) -> None:
+        super().__init__()
+        self.taps = config.kernel_size**2
+        front_levels = config.front.bit_length() - 1
+        scales = range(config.scales)
+        self.shuffles = [2 ** max(0, front_levels - scale) for scale in scales]
+        self.levels = [max(0, scale - front_levels) for scale in scales]
+        # 51 = 25 + 25 + α at the finest scale, 26 = 25 + α at the others
+        outputs = [1 + self.taps * (2 if config.temporal and scale == 0 else 1) for scale in scales]
+        self.heads = nn.ModuleList(
+            nn.Conv2d(config.channels[level], n * shuffle**2, config.head_size, padding=config.head_size // 2)
+            for level, n, shuffle in zip(self.levels, outputs, self.shuffles, strict=True)
+        )
+
+    def forward(self, levels: list[Tensor]) -> list[tuple[Tensor, Tensor, Tensor]]:
+        """Per scale, finest first: (α, spatial kernel, temporal kernel or an empty tensor)."""
+        predicted = []
+        for head, level, shuffle in zip(self.heads, self.levels, self.shuffles, strict=True):
+            values = head(levels[level]).float()
+            values = F.pixel_shuffle(values, shuffle) if shuffle > 1 else values
+            spatial, temporal = values[:, 1 : 1 + self.taps], values[:, 1 + self.taps :]
+            predicted.append((values[:, :1].sigmoid(), spatial.softmax(1), temporal.softmax(1)))
+        return predicted
+
+
+class TemporalDenoiser(nn.Module):
+    """Kernel-predicting recurrent denoiser of `color`; a Denoiser, and the module that is trained and exported."""
+
+    target = "color"
+
+    def __init__(self, config: NetworkConfig) -> None:
+        super().__init__()
+        config.check()
+        self.config = config
+        self.needs = ("color", "albedo", "normal", "depth", "motion")
+        self.optional = ("previous_forward_motion",) if config.motion == "dual" else ()
+        inputs = 3 + 3 + 3 + 1 + (3 if config.feed_warped and config.temporal else 0) + (2 if config.feed_masks else 0)
+        self.unet = UNet(inputs * config.front**2, config.channels)
+        self.heads = KernelHeads(config)
+        self.apply(_xavier)
+
+    @property
+    def multiple(self) -> int:
+        """Image sizes are padded to a multiple of this inside."""
+        levels, scales = len(self.config.channels), self.config.scales
+        return max(self.config.front << (levels - 1), 1 << (scales - 1))
+
+    def step(
+        self, frame: Frame, state: TemporalState | None, extras: tuple[str, ...] = ()
+    ) -> tuple[Result, TemporalState]:
+        """Denoise one frame. extras: history, disoccluded, valid, alpha."""
+        tensors = frame.torch(next(self.parameters()).device)
+        color, depth = tensors["color"], tensors["depth"]
+        if state is None:
+            exposure, depth_scale = (torch.as_tensor(s, device=color.device) for s in sequence_scalars(frame))
+            state = TemporalState(torch.zeros_like(color), torch.zeros_like(depth), exposure, depth_scale)
+            reset = torch.ones(frame.batch, device=color.device)
+        else:
+            reset = torch.zeros(frame.batch, device=color.device) if tensors.reset is None else tensors.reset
+        if state.history.shape != color.shape:
+            was, now = tuple(state.history.shape[2:]), frame.size
+            raise NteError(f"frame {frame.index}: size {now} after {was}: start a new sequence for another size")
+        forward = tensors.get("previous_forward_motion")
+        if forward is None:
+            forward = scatter_forward_motion(tensors["motion"], depth)
+        denoised = self(
+            color, tensors["albedo"], tensors["normal"], depth, tensors["motion"], forward,
+            reset, state.exposure, state.depth_scale, state.history, state.depth,
+        )  # fmt: skip
+        available = denoised._asdict()
+        unknown = [name for name in extras if name not in available]
+        if unknown:
+            raise NteError(f"extra '{unknown[0]}' is unknown; there are {', '.join(available)}")
+        result = Result(denoised.image, {name: available[name] for name in extras}).like(frame)
+        return result, TemporalState(denoised.history, depth, state.exposure, state.depth_scale)
+
+    def forward(
+        self, color: Tensor, albedo: Tensor, normal: Tensor, depth: Tensor, motion: Tensor,
+        previous_forward_motion: Tensor, reset: Tensor, exposure: Tensor, depth_scale: Tensor,
+        history: Tensor, previous_depth: Tensor,
+    ) -> Denoised:  # fmt: skip
+        """One frame on plain tensors, all conventions inside: this is the exported graph.
+
+        Images (N, C, H, W) of any size from 16; reset, exposure and depth_scale (N,). Where reset is 1,
+        history is ignored: the first frame's warped previous image is the noisy one.
+        """
+        config = self.config
+        scale = per_sequence(exposure)
+        albedo, depth = sanitise(albedo, high=1.0), sanitise(depth)
+        light = (sanitise(color) * scale).clamp(max=BRIGHTEST)
+        light = demodulate(light, albedo) if config.demodulate else light
+
+        if config.motion == "dual":
+            vectors = dual_motion(motion, previous_forward_motion, depth, sanitise(previous_depth))
+        else:
+            vectors = traditional_motion(motion)
+        valid = vectors.valid & (per_sequence(reset) == 0)
+        warped = torch.where(valid, warp(history, vectors.motion).image, light)
+
+        normal = torch.where(normal.abs() <= 1.01, normal, 0.0)
+        features = [compress(light), albedo, normal, _normalised(depth, depth_scale)]
+        if config.feed_warped and config.temporal:
+            features.append(compress(warped))
+        if config.feed_masks:
+            features += [valid.to(light.dtype), vectors.disoccluded.to(light.dtype)]
+        filtered, alpha = self._filter(torch.cat(features, 1), light, warped)
+        image = remodulate(filtered, albedo) if config.demodulate else filtered
+        return Denoised(image / scale, filtered, vectors.disoccluded.float(), valid.float(), alpha)
+
+    def _filter(self, features: Tensor, light: Tensor, warped: Tensor) -> tuple[Tensor, Tensor]:
+        """Predict kernels from the features and apply them: (filtered light ≥ 0, α of the last blend)."""
+        config = self.config
+        height, width = light.shape[-2:]
+        pad = (0, -width % self.multiple, 0, -height % self.multiple)
+        features, light, warped = (F.pad(x, pad, mode="replicate") for x in (features, light, warped))
+        front = F.pixel_unshuffle(features, config.front) if config.front > 1 else features
+        predicted = self.heads(self.unet(front))
+        pyramid = [light]
+        for _ in range(config.scales - 1):
+            pyramid.append(F.avg_pool2d(pyramid[-1], 2))
+        filtered = [apply_kernels(image, spatial) for image, (_, spatial, _) in zip(pyramid, predicted, strict=True)]
+        output = filtered[-1]
+        for fine, (alpha, _, _) in zip(reversed(filtered[:-1]), reversed(predicted[1:]), strict=True):
+            output = combine_scales(fine, output, alpha, "max" if config.downsample == "max" else "mean")
+        output = output.clamp(min=0)  # before it is blended, compressed or kept: Eq. 4 may go negative
+        alpha, _, temporal = predicted[0]
+        if config.temporal:
+            output = alpha * output + (1 - alpha) * apply_kernels(warped, temporal)  # Eq. 1
+        return output[..., :height, :width], alpha[..., :height, :width]
+
+
+def _normalised(depth: Tensor, depth_scale: Tensor) -> Tensor:
+    """Depth (N, 1, H, W) in [0, 1]: d/(d + scale), ½ at the scale; sky, stored as 0, is 1."""
+    return torch.where(depth > 0, depth / (depth + per_sequence(depth_scale)), 1.0)
+
+
+def _xavier(module: nn.Module) -> None:
+    if isinstance(module, nn.Conv2d):
+        nn.init.xavier_uniform_(module.weight)
+        if module.bias is not None:
+            nn.init.zeros_(module.bias)
