@@ -182,3 +182,18 @@ def _read_info(folder: Path) -> dict[str, Any]:
     if len(info.get("cameras", [0] * info["frames"])) != info["frames"]:
         raise NteError(f"{path}: {len(info['cameras'])} cameras for {info['frames']} frames")
     return info
+
+
+def find_clips(folders: Iterable[Path]) -> list[Path]:
+    """The clip folders among and below `folders`, sorted by path; raises NteError where there is none."""
+    found: list[Path] = []
+    for folder in folders:
+        if (folder / "clip.json").is_file():
+            found.append(folder)
+            continue
+        below = sorted(path.parent for path in folder.rglob("clip.json"))
+        if not below:
+            state = "has no clip (clip.json) in it" if folder.is_dir() else "does not exist"
+            raise NteError(f"{folder}: {state}; expected a clip or a folder of clips")
+        found += below
+    return found

@@ -1,0 +1,69 @@
+"""YAML files against a typed schema: unknown keys, wrong types and resolvers are refused in one line."""
+
+import re
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any, TypeVar
+
+from omegaconf import DictConfig, OmegaConf
+from omegaconf.errors import OmegaConfBaseException
+from yaml import YAMLError
+
+from nte.errors import NteError
+
+Schema = TypeVar("Schema")
+_RESOLVER = re.compile(r"\$\{\s*[\w.]+\s*:")  # ${oc.env:HOME} and other function calls
+
+
+def load_config(schema: type[Schema], path: Path, overrides: Sequence[str] = ()) -> Schema:
+    """An instance of the dataclass `schema` from a YAML file and `key=value` overrides.
+
+    Raises NteError that names the file and the key. ${name} may refer to another key; resolvers such as
+    ${oc.env:…} are refused: a configuration must mean the same on every machine.
+    """
+    try:
+        loaded = OmegaConf.load(path)
+    except OSError as error:
+        raise NteError(f"{path}: cannot be read: {error.strerror}") from error
+    except (YAMLError, UnicodeDecodeError) as error:
+        raise NteError(f"{path}: not readable as YAML: {_one_line(error)}") from error
+    if not isinstance(loaded, DictConfig):
+        raise NteError(f"{path}: expected a YAML mapping of keys to values")
+    for override in overrides:
+        if "=" not in override:
+            raise NteError(f"'{override}': expected key=value")
+    try:
+        typed = OmegaConf.from_dotlist(list(overrides))
+        for source, config in ((str(path), loaded), ("command line", typed)):
+            _refuse_resolvers(source, OmegaConf.to_container(config, resolve=False))
+        merged = OmegaConf.merge(OmegaConf.structured(schema), loaded, typed)
+        missing = OmegaConf.missing_keys(merged)
+        if missing:
+            raise NteError(f"{path}: '{min(missing)}' is missing: give it a value")
+        made: Schema = OmegaConf.to_object(merged)  # type: ignore[assignment]
+    except (OmegaConfBaseException, ValueError, TypeError) as error:
+        key = getattr(error, "full_key", None)
+        where = f"'{key}': " if key else ""
+        raise NteError(f"{path}: {where}{_one_line(error)}") from error
+    return made
+
+
+def to_yaml(config: Any) -> str:
+    """A dataclass instance as YAML, every key written out."""
+    return OmegaConf.to_yaml(OmegaConf.structured(config))
+
+
+def _refuse_resolvers(source: str, values: Any, key: str = "") -> None:
+    if isinstance(values, dict):
+        for name, value in values.items():
+            _refuse_resolvers(source, value, f"{key}.{name}" if key else str(name))
+    elif isinstance(values, list):
+        for i, value in enumerate(values):
+            _refuse_resolvers(source, value, f"{key}[{i}]")
+    elif isinstance(values, str) and _RESOLVER.search(values):
+        raise NteError(f"{source}: '{key}': '{values}' calls a resolver: write the value itself")
+
+
+def _one_line(error: Exception) -> str:
+    """The first line of a library's message; the rest repeats the key and the internal type."""
+    return str(error).strip().splitlines()[0] if str(error).strip() else type(error).__name__

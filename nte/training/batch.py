@@ -1,0 +1,26 @@
+"""A training batch: sequences side by side, frame by frame, in plain tensors."""
+
+from collections.abc import Iterator, Sequence
+
+import torch
+from torch import Tensor
+
+from nte.frames.channels import CHANNELS
+from nte.frames.frame import Frame
+
+Batch = list[dict[str, Tensor]]  # per frame: channels (N, C, H, W), and exposure and depth_scale (N,)
+
+
+def collate(sequences: Sequence[dict[str, Tensor]]) -> Batch:
+    """Sequences side by side, frame by frame."""
+    scalars = {k: torch.cat([s[k] for s in sequences]) for k, v in sequences[0].items() if v.ndim == 1}
+    images = {k: torch.stack([s[k] for s in sequences], 1) for k, v in sequences[0].items() if v.ndim == 4}
+    count = len(next(iter(images.values())))
+    return [{name: values[i] for name, values in images.items()} | scalars for i in range(count)]
+
+
+def as_frames(batch: Batch) -> Iterator[Frame]:
+    """The batch as frames that a denoiser steps through."""
+    for index, values in enumerate(batch):
+        channels = {name: value for name, value in values.items() if name in CHANNELS}
+        yield Frame(channels, index, exposure=values["exposure"], depth_scale=values["depth_scale"])

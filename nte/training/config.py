@@ -1,0 +1,105 @@
+"""The schema of configs/*.yaml: every choice of a training run."""
+
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+from omegaconf import MISSING
+
+from nte.config import load_config
+from nte.errors import NteError
+from nte.models.temporal import NetworkConfig
+from nte.training.losses import LossConfig
+
+
+@dataclass
+class DataConfig:
+    """Which clips, and what of them one training sample is."""
+
+    clips: list[str] = field(default_factory=lambda: MISSING)  # clip folders, or folders that hold clips
+    frames: int = 9  # of a sequence
+    crop: int = 0  # pixels, square; 0 takes whole frames
+    batch: int = 1  # sequences a step
+    warmup: int = 0  # first frames of a sequence that are denoised but not counted in the loss
+    any_start: bool = False  # sequences start at any frame; false: at the clip's first
+    holdout: int = 1  # last frames of every clip that are never trained on, for validation
+    augment: bool = False  # flips, transposes, colour permutations
+    workers: int = 0  # processes that load; 0 loads between steps, best where everything fits the cache
+    cache_gb: float = 4.0  # decoded clips kept in memory, per worker
+
+
+@dataclass
+class OptimiserConfig:
+    """Adam or AdamW with a learning rate that is a function of the step alone."""
+
+    name: str = "adam"  # adam or adamw
+    learning_rate: float = 1e-4
+    weight_decay: float = 0.0
+    schedule: str = "constant"  # constant or cosine (to zero at the last step)
+    warmup_steps: int = 0
+    clip_norm: float = 0.0  # of the gradient; 0 does not clip
+    ema: float = 0.0  # decay of the moving average of the weights that is used after training; 0: none
+
+
+@dataclass
+class PhaseConfig:
+    """A stretch of training: in epochs or in steps, with its weight of the occlusion loss."""
+
+    epochs: int = 0
+    steps: int = 0
+    occlusion: float = 0.0
+
+    def length(self, epoch: int) -> int:
+        """Steps of the phase, for an epoch of that many steps."""
+        return self.steps or self.epochs * epoch
+
+
+@dataclass
+class TrainConfig:
+    """A training run."""
+
+    name: str = MISSING
+    seed: int = 1
+    data: DataConfig = field(default_factory=DataConfig)
+    network: NetworkConfig = field(default_factory=NetworkConfig)
+    loss: LossConfig = field(default_factory=LossConfig)
+    optimiser: OptimiserConfig = field(default_factory=OptimiserConfig)
+    phases: list[PhaseConfig] = field(default_factory=lambda: MISSING)
+    precision: str = "32-true"  # or bf16-mixed
+    checkpoint_every: int = 500  # steps
+    validate_every: int = 500  # steps
+    validate_clips: int = 8  # clips whose held-out frames are looked at
+    log_every: int = 20  # steps
+    runs: str = "runs"  # folder that holds the run folders
+    resume: bool = False
+
+
+def load_train_config(path: Path, overrides: list[str]) -> TrainConfig:
+    """Read and check a training configuration; raises NteError naming the key."""
+    config = load_config(TrainConfig, path, overrides)
+    config.network.check()
+    config.loss.check()
+    _one_of("optimiser.name", config.optimiser.name, ("adam", "adamw"))
+    _one_of("optimiser.schedule", config.optimiser.schedule, ("constant", "cosine"))
+    _one_of("precision", config.precision, ("32-true", "bf16-mixed"))
+    positive: dict[str, Any] = {
+        "data.frames": config.data.frames, "data.batch": config.data.batch, "log_every": config.log_every,
+        "checkpoint_every": config.checkpoint_every, "validate_every": config.validate_every,
+        "optimiser.learning_rate": config.optimiser.learning_rate,
+    }  # fmt: skip
+    for key, value in positive.items():
+        if value <= 0:
+            raise NteError(f"{path}: '{key}' is {value}, expected more than 0")
+    if not 0 <= config.data.warmup < config.data.frames:
+        raise NteError(f"{path}: 'data.warmup' is {config.data.warmup}, expected less than data.frames")
+    for i, phase in enumerate(config.phases):
+        if (phase.epochs > 0) == (phase.steps > 0):
+            raise NteError(f"{path}: 'phases[{i}]' needs either 'epochs' or 'steps'")
+    if not config.phases:
+        raise NteError(f"{path}: 'phases' is empty: give at least one")
+    return config
+
+
+def _one_of(key: str, value: str, allowed: tuple[str, ...]) -> None:
+    if value not in allowed:
+        raise NteError(f"'{key}' is '{value}', expected one of {', '.join(allowed)}")

@@ -1,0 +1,199 @@
+"""The training loop, top to bottom: batches, unrolled loss, optimiser, checkpoints."""
+
+import math
+import resource
+import time
+from pathlib import Path
+from typing import Any, cast
+
+import torch
+from lightning_fabric import Fabric
+from torch import Tensor, nn
+from torch.optim.swa_utils import AveragedModel, get_ema_multi_avg_fn
+from torch.utils.tensorboard import SummaryWriter
+from tqdm import tqdm
+
+from nte.errors import NteError
+from nte.models.temporal import TemporalDenoiser
+from nte.training.config import OptimiserConfig, TrainConfig
+from nte.training.data import TrainingSteps, open_clips, training_loader
+from nte.training.losses import SequenceLoss
+from nte.training.run import CHECKPOINT, RunFolder, load_module, load_optimiser, module_state, optimiser_state
+from nte.training.signals import InterruptFlag
+from nte.training.validation import validate
+
+REFERENCE = "reference"
+
+
+def train(config: TrainConfig, force: bool = False, device: str = "auto") -> Path:
+    """Train as configured and return the run folder.
+
+    Ends after the steps that the phases have, never by the clock; stops after the current step on Ctrl-C.
+    Raises NteError for wrong data or configuration, and where the loss is no longer finite.
+    """
+    # Fabric's own mixed precision would round the inputs to bfloat16, and with them every motion vector.
+    fabric = Fabric(accelerator=_accelerator(device), precision="32-true")
+    torch.use_deterministic_algorithms(fabric.device.type == "cpu")
+    fabric.seed_everything(config.seed, verbose=False)
+    denoiser = TemporalDenoiser(config.network)
+    channels = (*denoiser.needs, *denoiser.optional, REFERENCE)
+    clips = open_clips(config.data.clips)
+    data = TrainingSteps(clips, channels, config.data, config.seed, fabric.global_rank, fabric.world_size)
+    run = RunFolder.begin(config, force) if fabric.is_global_zero else RunFolder(Path(config.runs) / config.name)
+    fabric.barrier()
+
+    sequence = SequenceLoss(denoiser, config.loss, config.precision)
+    optimiser = make_optimiser(denoiser, config.optimiser)
+    model, optimiser = fabric.setup(sequence, optimiser)
+    average = AveragedModel(denoiser, multi_avg_fn=get_ema_multi_avg_fn(config.optimiser.ema))  # type: ignore[no-untyped-call]
+    state = TrainingState(denoiser, optimiser, average if config.optimiser.ema else None)
+    first = state.resume(run)
+    lengths = [phase.length(data.epoch) for phase in config.phases]
+    last = sum(lengths)
+    occlusion = [phase.occlusion for phase, length in zip(config.phases, lengths, strict=True) for _ in range(length)]
+
+    writer = SummaryWriter(str(run.folder), purge_step=first) if fabric.is_global_zero else None
+    meter = Meter(config.data.batch * config.data.frames * fabric.world_size)
+    bar = tqdm(total=last, initial=first, desc=f"train {config.name}", unit="step", disable=None)
+    with InterruptFlag() as interrupted:
+        done = first
+        loader = iter(training_loader(data, first, last))
+        for step in range(first, last):
+            meter.begin()
+            batch = fabric.to_device(next(loader))
+            meter.loaded()
+            optimiser.param_groups[0]["lr"] = learning_rate(config.optimiser, step, last)
+            loss, parts = model(batch, occlusion[step], config.data.warmup)
+            if not loss.isfinite():
+                raise NteError(f"step {step}: the loss is {loss.item()}: lower the learning rate, or look at the data")
+            fabric.backward(loss)
+            if config.optimiser.clip_norm:
+                fabric.clip_gradients(model, optimiser, max_norm=config.optimiser.clip_norm)
+            optimiser.step()
+            optimiser.zero_grad()
+            average.update_parameters(denoiser)
+            meter.end()
+
+            done = step + 1
+            bar.update()
+            stop = interrupted() or done == last
+            if not fabric.is_global_zero:
+                if stop:
+                    break
+                continue
+            assert writer is not None
+            if done % config.log_every == 0 or stop:
+                values = {"loss": loss.item()} | {name: part.item() for name, part in parts.items()} | meter.read()
+                _log(run, writer, done, values, optimiser.param_groups[0]["lr"], bar)
+            if done % config.validate_every == 0 or done == last:
+                trained = cast(TemporalDenoiser, average.module) if config.optimiser.ema else denoiser
+                scores, pictures = validate(trained, clips[: config.validate_clips], channels, config.data.holdout)
+                _log(run, writer, done, scores, None, bar)
+                writer.add_image("validation/noisy, denoised, reference", pictures, done)
+            if done % config.checkpoint_every == 0 or stop:
+                run.save(done, state.tensors())
+            if stop:
+                break
+    bar.close()
+    if writer is not None:
+        writer.close()
+    if interrupted():
+        print(f"stopped after step {done} of {last}; continue with resume=true")
+    return run.folder
+
+
+class TrainingState:
+    """Everything that changes during training, as named tensors."""
+
+    def __init__(self, denoiser: nn.Module, optimiser: Any, average: AveragedModel | None) -> None:
+        self.denoiser, self.optimiser, self.average = denoiser, optimiser, average
+
+    def tensors(self) -> dict[str, Tensor]:
+        """Weights, moving average, optimiser and random state."""
+        state = module_state("denoiser.", self.denoiser) | optimiser_state(self.optimiser)
+        if self.average is not None:
+            state |= module_state("average.", self.average)
+        # Batches depend on (seed, step) alone; the generator is kept for layers that draw numbers.
+        return state | {"random.torch": torch.get_rng_state()}
+
+    def resume(self, run: RunFolder) -> int:
+        """Take over the run's checkpoint; returns the step to go on with, 0 without a checkpoint."""
+        loaded = run.load()
+        if loaded is None:
+            return 0
+        step, state = loaded
+        load_module(self.denoiser, state, "denoiser.", run.folder / CHECKPOINT)
+        if self.average is not None:
+            load_module(self.average, state, "average.", run.folder / CHECKPOINT)
+        load_optimiser(self.optimiser, state)
+        torch.set_rng_state(state["random.torch"])
+        return step
+
+
+class Meter:
+    """Throughput, share of time spent waiting for data, and peak memory since the last reading."""
+
+    def __init__(self, frames: int) -> None:
+        self.frames = frames
+        self._reset()
+
+    def _reset(self) -> None:
+        self.steps, self.waited, self.total = 0, 0.0, 0.0
+
+    def begin(self) -> None:
+        """A step begins: the loader is asked."""
+        self._start = time.perf_counter()
+
+    def loaded(self) -> None:
+        """The loader has answered."""
+        self.waited += time.perf_counter() - self._start
+
+    def end(self) -> None:
+        """The step is done."""
+        self.total += time.perf_counter() - self._start
+        self.steps += 1
+
+    def read(self) -> dict[str, float]:
+        """frames_per_second, seconds_per_step, loader_wait (share of a step), peak_memory_mb; starts anew."""
+        peak = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024
+        if torch.cuda.is_available():
+            peak = torch.cuda.max_memory_allocated() / 2**20
+        values = {
+            "frames_per_second": self.frames * self.steps / self.total,
+            "seconds_per_step": self.total / self.steps,
+            "loader_wait": self.waited / self.total,
+            "peak_memory_mb": peak,
+        }
+        self._reset()
+        return values
+
+
+def make_optimiser(module: nn.Module, config: OptimiserConfig) -> torch.optim.Optimizer:
+    """The configured optimiser over all parameters."""
+    kind = torch.optim.AdamW if config.name == "adamw" else torch.optim.Adam
+    return kind(module.parameters(), lr=config.learning_rate, weight_decay=config.weight_decay)
+
+
+def learning_rate(config: OptimiserConfig, step: int, steps: int) -> float:
+    """The rate at a step: linear warm-up, then constant or half a cosine down to zero."""
+    warm = min(1.0, (step + 1) / config.warmup_steps) if config.warmup_steps else 1.0
+    cosine = 0.5 * (1 + math.cos(math.pi * step / steps)) if config.schedule == "cosine" else 1.0
+    return config.learning_rate * warm * cosine
+
+
+def _log(
+    run: RunFolder, writer: SummaryWriter, step: int, values: dict[str, float], rate: float | None, bar: Any
+) -> None:
+    values = values if rate is None else values | {"learning_rate": rate}
+    run.log({"step": step} | values)
+    for name, value in values.items():
+        writer.add_scalar(name, value, step)
+    line = f"step {step}: " + ", ".join(f"{name} {value:.4g}" for name, value in values.items())
+    if bar.disable:
+        print(line, flush=True)
+    else:
+        bar.set_postfix_str(f"loss {values['loss']:.4f}" if "loss" in values else "")
+
+
+def _accelerator(device: str) -> str:
+    return {"auto": "auto", "cpu": "cpu"}.get(device, device.partition(":")[0])

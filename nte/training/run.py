@@ -1,0 +1,173 @@
+"""A run folder: the sole identity of a run. Its files are whole or absent, and none of them is pickled.
+
+config.yaml             every choice, resolved
+versions.json           of everything that took part
+checkpoint.safetensors  weights, their moving average, optimiser and random states, and the step they belong to
+metrics.jsonl           a line per logged step and per validation
+events.out.tfevents.*   the same for TensorBoard, with pictures
+"""
+
+import json
+import platform
+import shutil
+from collections.abc import Mapping
+from dataclasses import replace
+from importlib.metadata import PackageNotFoundError, version
+from pathlib import Path
+from typing import Any
+
+import torch
+from safetensors import SafetensorError, safe_open
+from safetensors.torch import save_file
+from torch import Tensor, nn
+from torch.optim import Optimizer
+
+from nte.config import load_config, to_yaml
+from nte.errors import NteError
+from nte.frames.exr import write_whole
+from nte.models.temporal import TemporalDenoiser
+from nte.training.config import TrainConfig
+
+CHECKPOINT = "checkpoint.safetensors"
+_OURS = ("config.yaml", "versions.json", CHECKPOINT, "metrics.jsonl", "events.out.tfevents.*")
+
+
+class RunFolder:
+    """Files of one run: made, continued, or refused."""
+
+    def __init__(self, folder: Path) -> None:
+        self.folder = folder
+
+    @classmethod
+    def begin(cls, config: TrainConfig, force: bool) -> "RunFolder":
+        """A new run folder, or the one to resume.
+
+        Raises NteError where one exists and neither `resume` nor force is given, or where the run to resume
+        was made by another configuration.
+        """
+        run = cls(Path(config.runs) / config.name)
+        text = to_yaml(replace(config, resume=False))
+        if config.resume and (run.folder / "config.yaml").is_file():
+            run._check_same(config, text)
+            return run
+        if run.folder.exists() and any(run.folder.iterdir()):
+            if not force:
+                raise NteError(f"{run.folder}: exists: continue it with resume=true, or overwrite it with --force")
+            run._delete()
+        run.folder.mkdir(parents=True, exist_ok=True)
+        write_whole(run.folder / "versions.json", lambda path: path.write_text(_versions(), encoding="utf-8"))
+        write_whole(run.folder / "config.yaml", lambda path: path.write_text(text, encoding="utf-8"))
+        return run
+
+    def log(self, values: Mapping[str, Any]) -> None:
+        """Append a line to metrics.jsonl."""
+        with (self.folder / "metrics.jsonl").open("a", encoding="utf-8") as file:
+            file.write(json.dumps(dict(values)) + "\n")
+
+    def save(self, step: int, state: Mapping[str, Tensor]) -> None:
+        """Replace the checkpoint by the state after `step` steps."""
+        tensors = {name: tensor.detach().contiguous() for name, tensor in state.items()}
+        write_whole(self.folder / CHECKPOINT, lambda path: save_file(tensors, path, metadata={"step": str(step)}))
+
+    def load(self) -> tuple[int, dict[str, Tensor]] | None:
+        """(step, state) of the checkpoint, or None where there is none yet; forgets what was logged after it."""
+        if not (self.folder / CHECKPOINT).is_file():
+            (self.folder / "metrics.jsonl").unlink(missing_ok=True)
+            return None
+        step, state = read_checkpoint(self.folder)
+        log = self.folder / "metrics.jsonl"
+        if log.is_file():
+            # The last line may be half-written: the process was killed.
+            lines = [line for line in log.read_text(encoding="utf-8").splitlines(keepends=True) if line.endswith("}\n")]
+            kept = "".join(line for line in lines if json.loads(line)["step"] <= step)
+            write_whole(log, lambda path: path.write_text(kept, encoding="utf-8"))
+        return step, state
+
+    def _check_same(self, config: TrainConfig, text: str) -> None:
+        saved = (self.folder / "config.yaml").read_text(encoding="utf-8")
+        if saved == text:
+            return
+        pairs = zip(saved.splitlines(), text.splitlines(), strict=False)
+        was, now = next(((a, b) for a, b in pairs if a != b), ("", ""))
+        raise NteError(
+            f"{self.folder}: made by another configuration: '{was.strip()}' there, '{now.strip()}' here; "
+            "give it another name, or restore the value"
+        )
+
+    def _delete(self) -> None:
+        files = [path for pattern in _OURS for path in self.folder.glob(pattern)]
+        strangers = sorted(set(self.folder.iterdir()) - set(files))
+        if strangers:
+            raise NteError(f"{strangers[0]}: not a file of a run: move it away; nothing was overwritten")
+        shutil.rmtree(self.folder)
+
+
+def read_checkpoint(folder: Path) -> tuple[int, dict[str, Tensor]]:
+    """(step, tensors) of a run's checkpoint; raises NteError if it is missing or damaged."""
+    path = folder / CHECKPOINT
+    if not path.is_file():
+        raise NteError(f"{path}: missing: the run has not reached its first checkpoint")
+    try:
+        with safe_open(path, framework="pt") as file:
+            return int(file.metadata()["step"]), {name: file.get_tensor(name) for name in file.keys()}  # noqa: SIM118
+    except (SafetensorError, OSError, KeyError, TypeError, ValueError) as error:
+        raise NteError(f"{path}: not a checkpoint of ours, or damaged: {error}") from error
+
+
+def load_run(folder: Path, device: str = "cpu") -> TemporalDenoiser:
+    """The denoiser that a run has trained so far: the moving average of its weights where it keeps one."""
+    if not (folder / "config.yaml").is_file():
+        raise NteError(f"{folder}: no run folder: config.yaml is missing")
+    config = load_config(TrainConfig, folder / "config.yaml")
+    _, state = read_checkpoint(folder)
+    prefix = "average.module." if "average.n_averaged" in state else "denoiser."
+    denoiser = TemporalDenoiser(config.network)
+    load_module(denoiser, state, prefix, folder / CHECKPOINT)
+    return denoiser.to(device).eval().requires_grad_(False)
+
+
+def module_state(prefix: str, module: nn.Module) -> dict[str, Tensor]:
+    """A module's parameters and buffers under a prefix."""
+    return {prefix + name: tensor for name, tensor in module.state_dict().items()}
+
+
+def load_module(module: nn.Module, state: Mapping[str, Tensor], prefix: str, source: Path) -> None:
+    """Fill a module from prefixed tensors; raises NteError for the first that is missing or does not fit."""
+    own = {name[len(prefix) :]: tensor for name, tensor in state.items() if name.startswith(prefix)}
+    for name, tensor in module.state_dict().items():
+        found = tuple(own[name].shape) if name in own else "nothing"
+        if found != tuple(tensor.shape):
+            expected = tuple(tensor.shape)
+            raise NteError(f"{source}: does not fit the configuration: '{name}' is {found}, expected {expected}")
+    surplus = sorted(own.keys() - module.state_dict().keys())
+    if surplus:
+        raise NteError(f"{source}: does not fit the configuration: '{surplus[0]}' has no place in the network")
+    module.load_state_dict(own)
+
+
+def optimiser_state(optimiser: Optimizer) -> dict[str, Tensor]:
+    """The optimiser's tensors, named by parameter index and quantity."""
+    states = optimiser.state_dict()["state"]
+    return {f"optimiser.{i}.{key}": value for i, state in states.items() for key, value in state.items()}
+
+
+def load_optimiser(optimiser: Optimizer, state: Mapping[str, Tensor]) -> None:
+    """Fill an optimiser from `optimiser_state`'s tensors."""
+    states: dict[int, dict[str, Tensor]] = {}
+    for name, tensor in state.items():
+        if name.startswith("optimiser."):
+            _, index, key = name.split(".", 2)
+            states.setdefault(int(index), {})[key] = tensor
+    optimiser.load_state_dict({"state": states, "param_groups": optimiser.state_dict()["param_groups"]})
+
+
+def _versions() -> str:
+    packages = ("nte", "torch", "numpy", "lightning-fabric", "safetensors", "omegaconf", "OpenEXR")
+    found: dict[str, Any] = {"python": platform.python_version(), "machine": platform.machine()}
+    for package in packages:
+        try:
+            found[package] = version(package)
+        except PackageNotFoundError:
+            found[package] = None
+    found["threads"] = torch.get_num_threads()
+    return json.dumps(found, indent=1) + "\n"

@@ -1,0 +1,28 @@
+"""Ctrl-C while something must be finished first."""
+
+import signal
+from types import FrameType, TracebackType
+from typing import Any
+
+
+class InterruptFlag:
+    """Within the block the first Ctrl-C only sets a flag, so that a step ends whole; a second one interrupts."""
+
+    def __enter__(self) -> "InterruptFlag":
+        self._set = False
+        self._before: Any = signal.signal(signal.SIGINT, self._handle)
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        signal.signal(signal.SIGINT, self._before)
+
+    def __call__(self) -> bool:
+        """Whether Ctrl-C was pressed."""
+        return self._set
+
+    def _handle(self, number: int, frame: FrameType | None) -> None:
+        if self._set:
+            raise KeyboardInterrupt
+        self._set = True
