@@ -1,0 +1,129 @@
+"""Comparing denoisers over clips: what `nte evaluate` does, up to metrics.json."""
+
+import json
+import os
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from nte.denoiser import Denoiser, check_needs
+from nte.errors import NteError
+from nte.evaluation.run import ClipRun, Shown, mean, reference_of
+from nte.evaluation.table import METRICS
+from nte.frames.clip import Clip
+from nte.frames.exr import write_whole
+from nte.registry import load_denoiser
+
+FORMAT = "nte-metrics/1"
+OURS = ("metrics.json", "index.html")  # all that an evaluation writes, and so all that force replaces
+Progress = Callable[[int, int, str], None]  # frames done, frames in all, clip and frame
+
+
+@dataclass(frozen=True)
+class Evaluation:
+    """The content of metrics.json, and one frame of each clip for the report."""
+
+    metrics: dict[str, Any]
+    shown: list[Shown]
+
+
+def evaluate(
+    clips: Iterable[Path],
+    specs: Iterable[str],
+    out: Path,
+    first_frame: bool = False,
+    force: bool = False,
+    device: str = "cpu",
+    progress: Progress | None = None,
+) -> Evaluation:
+    """Run every denoiser over every clip, score all frames, and write `out`/metrics.json.
+
+    clips: clip folders, or folders that hold clips. The first frame of a clip starts every denoiser but is
+    scored only with `first_frame`. One frame of one clip is in memory at a time, beside the denoisers' states.
+    Raises NteError, before any work is done, for what is missing and for an `out` that exists without `force`.
+    """
+    folders = find_clips(clips)
+    opened = dict(zip(clip_labels(folders), map(Clip, folders), strict=True))
+    denoisers = {spec: load_denoiser(spec, device) for spec in dict.fromkeys(specs)}
+    if not denoisers:
+        raise NteError("no denoisers to evaluate: name at least one, for example noisy")
+    for label, clip in opened.items():
+        _check(label, clip, denoisers, first_frame)
+    prepare_folder(out, force)
+    total, done = sum(map(len, opened.values())), 0
+    rows: list[dict[str, Any]] = []
+    shown: list[Shown] = []
+    for label, clip in opened.items():
+        run = ClipRun(label, clip, denoisers, first_frame, device)
+        for index in range(len(clip)):
+            run.advance(index)
+            done += 1
+            if progress:
+                progress(done, total, f"{label}, frame {index}")
+        rows += run.rows()
+        shown.append(run.shown)
+    metrics = {"format": FORMAT, "rows": rows, "means": means_of(rows)}
+    text = json.dumps(metrics, indent=1, allow_nan=False) + "\n"
+    write_whole(out / "metrics.json", lambda temporary: temporary.write_text(text, encoding="utf-8") and None)
+    return Evaluation(metrics, shown)
+
+
+def find_clips(paths: Iterable[Path]) -> list[Path]:
+    """Every clip at or below the paths, once: those of a folder of clips in the order of their names."""
+    found: dict[Path, Path] = {}
+    for path in map(Path, paths):
+        if not path.is_dir():
+            what = "is a file" if path.exists() else "does not exist"
+            raise NteError(f"{path}: {what}: expected a clip (a folder with clip.json) or a folder of clips")
+        below = sorted(info.parent for info in path.rglob("clip.json"))
+        if not below:
+            raise NteError(f"{path}: no clip in it: expected clip.json in the folder or below it")
+        for folder in below:
+            found.setdefault(folder.resolve(), folder)
+    if not found:
+        raise NteError("no clips to evaluate: name at least one clip or folder of clips")
+    return list(found.values())
+
+
+def clip_labels(folders: Sequence[Path]) -> list[str]:
+    """A short unique name for each clip: the folder's, with its parents where several have the same."""
+    resolved = [folder.resolve() for folder in folders]
+    names = [folder.name for folder in resolved]
+    common = Path(os.path.commonpath([folder.parent for folder in resolved])) if resolved else Path()
+    return [
+        folder.relative_to(common).as_posix() if names.count(folder.name) > 1 else folder.name for folder in resolved
+    ]
+
+
+def prepare_folder(out: Path, force: bool) -> None:
+    """Make the folder that results go to. Raises NteError if it holds something already, unless `force`."""
+    if out.exists() and not out.is_dir():
+        raise NteError(f"{out}: is a file: expected a folder for the results")
+    if not force and out.is_dir() and any(out.iterdir()):
+        raise NteError(f"{out}: exists: choose another folder, or --force to replace its {' and '.join(OURS)}")
+    try:
+        out.mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        raise NteError(f"{out}: cannot be made: {error.strerror}") from error
+
+
+def means_of(rows: Iterable[Mapping[str, Any]], region: str = "all") -> dict[str, dict[str, float | None]]:
+    """Spec → metric → mean over the clips that have a number, of the rows of a region."""
+    by_spec: dict[str, list[Mapping[str, Any]]] = {}
+    for row in rows:
+        if row["region"] == region:
+            by_spec.setdefault(row["denoiser"], []).append(row)
+    return {spec: {m.name: mean(row[m.name] for row in own) for m in METRICS} for spec, own in by_spec.items()}
+
+
+def _check(label: str, clip: Clip, denoisers: Mapping[str, Denoiser], first_frame: bool) -> None:
+    """Raise NteError for a clip that cannot be evaluated: better now than after an hour."""
+    if len(clip) == 1 and not first_frame:
+        raise NteError(f"{clip.folder}: has one frame, and the first frame is not scored: use --first-frame")
+    for spec, denoiser in denoisers.items():
+        check_needs(denoiser, clip.channels, f"{label}: {spec}")
+        name = reference_of(denoiser.target)
+        if name not in clip.channels:
+            have = ", ".join(clip.channels)
+            raise NteError(f"{clip.folder}: no channel '{name}' to compare {spec} with; it has {have}")

@@ -1,0 +1,147 @@
+"""How good is an image? Metrics of one frame, over the whole image or over a region of it.
+
+Images are (N, 3, H, W) after the display transform (nte.color.display), so in [0, 1]; maps and regions are
+(N, 1, H, W). A metric of a region without any pixel is None. Definitions: datasets/README.md.
+"""
+
+from collections.abc import Callable, Mapping
+
+import flip_evaluator
+import numpy as np
+import torch
+from torch import Tensor
+from torchmetrics.functional.image import peak_signal_noise_ratio, structural_similarity_index_measure
+
+from nte.errors import NteError
+from nte.frames.frame import Frame
+from nte.motion.geometric import dual_motion, scatter_forward_motion, traditional_motion
+
+REGIONS = ("all", "disoccluded", "static", "moving")
+MOVING_PX = 0.1  # a pixel that moved further than this since the previous frame is «moving»
+PSNR_MAX = 100.0  # dB, also that of identical images: below it lies the rounding of a display value
+FLIP_PPD = 67.0  # pixels per degree: 0.7 m in front of a 0.7 m wide screen of 3840 pixels
+_SSIM_SMALLEST = 6  # the 11×11 window is mirrored at the border
+
+
+Scores = dict[str, dict[str, float | None]]  # region → metric → value
+
+
+def score(image: Tensor, reference: Tensor, regions: Mapping[str, Tensor]) -> tuple[Scores, dict[str, Tensor]]:
+    """The metrics of one image in every region, and the maps (N, 1, H, W) that they are means of."""
+    maps = {name: make(image, reference) for name, make in MAPS.items()}
+    scores: Scores = {}
+    for name, region in regions.items():
+        values = {metric: region_mean(errors, region) for metric, errors in maps.items()}
+        scores[name] = {"psnr": psnr(image, reference, region), **values, "rmse": _root(values["mse"])}
+    return scores, maps
+
+
+def psnr(image: Tensor, reference: Tensor, region: Tensor | None = None) -> float | None:
+    """Peak signal-to-noise ratio in dB with peak 1, of the mean squared error over the region; at most 100."""
+    ours, theirs = (pixels_of(x, region) for x in (image, reference))
+    if not len(ours):
+        return None
+    return min(float(peak_signal_noise_ratio(ours, theirs, data_range=1.0)), PSNR_MAX)
+
+
+def region_mean(values: Tensor, region: Tensor | None = None) -> float | None:
+    """Mean of a map (N, C, H, W) over a region (N, 1, H, W), bool; None where the region has no pixel."""
+    picked = pixels_of(values, region)
+    return float(picked.double().mean()) if len(picked) else None
+
+
+def pixels_of(values: Tensor, region: Tensor | None = None) -> Tensor:
+    """The pixels (K, C) of (N, C, H, W) that lie in the region; all of them where it is None."""
+    channels_last = values.movedim(1, -1)
+    return channels_last.flatten(0, 2) if region is None else channels_last[region[:, 0]]
+
+
+def absolute_error(image: Tensor, reference: Tensor) -> Tensor:
+    """|image − reference|, mean over the colour channels: (N, 1, H, W)."""
+    return (image - reference).abs().mean(1, keepdim=True)
+
+
+def squared_error(image: Tensor, reference: Tensor) -> Tensor:
+    """(image − reference)², mean over the colour channels: (N, 1, H, W)."""
+    return (image - reference).square().mean(1, keepdim=True)
+
+
+def ssim_map(image: Tensor, reference: Tensor) -> Tensor:
+    """Structural similarity (N, 1, H, W): Gaussian 11×11 window of σ 1.5, mean over the colour channels.
+
+    Raises NteError for an image smaller than 6×6.
+    """
+    height, width = image.shape[-2:]
+    if min(height, width) < _SSIM_SMALLEST:
+        raise NteError(f"SSIM of a {width}x{height} image: expected at least {_SSIM_SMALLEST}x{_SSIM_SMALLEST}")
+    _, full = structural_similarity_index_measure(image, reference, data_range=1.0, return_full_image=True)
+    assert isinstance(full, Tensor)
+    return full.mean(1, keepdim=True)
+
+
+def flip_map(image: Tensor, reference: Tensor) -> Tensor:
+    """NVIDIA's LDR-FLIP at 67 pixels per degree: (N, 1, H, W) in [0, 1], 0 where no difference is seen."""
+    pairs = zip(_flip_input(reference), _flip_input(image), strict=True)
+    maps = [
+        flip_evaluator.evaluate(theirs, ours, "LDR", applyMagma=False, parameters={"ppd": FLIP_PPD})[0]
+        for theirs, ours in pairs
+    ]
+    return torch.from_numpy(np.stack(maps)).movedim(-1, 1)
+
+
+MAPS: dict[str, Callable[[Tensor, Tensor], Tensor]] = {
+    "ssim": ssim_map,
+    "flip": flip_map,
+    "l1": absolute_error,
+    "mse": squared_error,
+}
+
+
+def temporal_l1(image: Tensor, before: Tensor, reference: Tensor, reference_before: Tensor) -> Tensor:
+    """|Δimage − Δreference| with Δ from the frame before to this one, mean over colours: (N, 1, H, W).
+
+    What moves as the reference does costs nothing, nor does an error that stays the same in every frame.
+    """
+    return absolute_error(image - before, reference - reference_before)
+
+
+def temporal_l1_floor(a: Tensor, a_before: Tensor, b: Tensor, b_before: Tensor) -> Tensor:
+    """The `temporal_l1` of a perfect denoiser, which the noise of the reference alone causes: (N, 1, H, W).
+
+    The reference r = (a + b)/2 is the mean of two independent halves a = t + e and b = t + e' of the truth t.
+    A perfect output t differs from it by Δt − Δr = −(Δe + Δe')/2. We know Δa − Δb = Δe − Δe', which has the
+    same distribution as Δe + Δe', since noise and its negative are alike: so half of |Δa − Δb|.
+    """
+    return temporal_l1(a, a_before, b, b_before) / 2
+
+
+def regions_of(frame: Frame) -> dict[str, Tensor]:
+    """Region → (N, 1, H, W) bool, of a PyTorch frame; without `motion` there is only «all».
+
+    disoccluded: the mask of the dual vectors; nothing is disoccluded in frame 0, which has no history. Where
+    previous_forward_motion is missing it is scattered from motion and depth; without depth the region is
+    left out. moving: |motion| > 0.1 px; static: the rest.
+    """
+    height, width = frame.size
+    everywhere = torch.ones(frame.batch, 1, height, width, dtype=torch.bool)
+    if "motion" not in frame:
+        return {"all": everywhere}
+    motion = traditional_motion(frame["motion"]).motion
+    moving = motion.square().sum(1, keepdim=True) > MOVING_PX**2
+    found = {"all": everywhere, "static": ~moving, "moving": moving}
+    forward = frame.get("previous_forward_motion")
+    if forward is None and "depth" in frame:
+        forward = scatter_forward_motion(frame["motion"], frame["depth"])
+    if frame.index == 0:
+        found["disoccluded"] = ~everywhere
+    elif forward is not None:
+        found["disoccluded"] = dual_motion(frame["motion"], forward).disoccluded
+    return found
+
+
+def _flip_input(images: Tensor) -> np.ndarray:
+    return np.ascontiguousarray(images.detach().cpu().movedim(1, -1).numpy(), np.float32)
+
+
+def _root(value: float | None) -> float | None:
+    return None if value is None else value**0.5
