@@ -1,0 +1,121 @@
+"""Which Mitsuba variant to render with, and which LLVM to give it.
+
+Dr.Jit picks up any LLVM it finds, and versions 15 and 16 abort the whole process in the middle of a render
+(«Cannot select … fminimum»), which no `try` can catch. So the version is read from the file before anything
+is loaded, and DRJIT_LIBLLVM_PATH always names a library that we have looked at.
+"""
+
+import importlib
+import importlib.metadata
+import mmap
+import os
+import re
+import sys
+from collections.abc import Iterable
+from functools import cache
+from pathlib import Path
+from typing import Any
+
+from nte.errors import NteError, needs_extra
+
+OLDEST_LLVM = 17
+_VARIABLE = "DRJIT_LIBLLVM_PATH"
+_WHEEL = "karellen-llvm-core"
+_LIBRARY_NAMES = ("libLLVM*.so*", "libLLVM*.dylib")
+_SYSTEM_FOLDERS = (
+    "/usr/lib/x86_64-linux-gnu", "/usr/lib/aarch64-linux-gnu", "/usr/lib64", "/usr/lib", "/usr/local/lib",
+    "/usr/lib/llvm-*/lib", "/usr/lib64/llvm*/lib", "/opt/homebrew/opt/llvm*/lib", "/usr/local/opt/llvm*/lib",
+)  # fmt: skip
+
+
+@cache
+def load_mitsuba() -> Any:
+    """The mitsuba module with its variant set: llvm_ad_rgb, or scalar_rgb where no usable LLVM is found.
+
+    Says so in one line on stderr in the second case, which is several times slower. Raises NteError where
+    Mitsuba is not installed, and where the user's own DRJIT_LIBLLVM_PATH would crash.
+    """
+    library = choose_llvm(os.environ.get(_VARIABLE))
+    if library is not None:
+        os.environ[_VARIABLE] = str(library)
+    try:
+        mitsuba = importlib.import_module("mitsuba")
+        drjit = importlib.import_module("drjit")
+    except ImportError as error:
+        raise needs_extra("render", "rendering", error) from error
+    if library is not None and drjit.has_backend(drjit.JitBackend.LLVM):
+        mitsuba.set_variant("llvm_ad_rgb")
+    else:
+        why = f"{library} cannot be loaded" if library else f"no LLVM {OLDEST_LLVM} or newer is found"
+        print(
+            f"nte: {why}: rendering with scalar_rgb, many times slower; to speed it up: pip install {_WHEEL}",
+            file=sys.stderr,
+        )
+        mitsuba.set_variant("scalar_rgb")
+    return mitsuba
+
+
+def share_cores(jobs: int) -> None:
+    """Leave the other jobs their share of the cores; for processes that render side by side."""
+    mitsuba = load_mitsuba()
+    if not mitsuba.variant().startswith("scalar"):
+        importlib.import_module("drjit").set_thread_count(max(1, (os.cpu_count() or 1) // jobs))
+
+
+def choose_llvm(given: str | None) -> Path | None:
+    """The LLVM library to use: the user's own, else the wheel's, else the newest usable one of the system.
+
+    given: the value of DRJIT_LIBLLVM_PATH, or None. Returns None if there is no usable library. Raises
+    NteError if the given one does not exist or is too old: a wish is refused, never silently replaced.
+    """
+    if given:
+        path = Path(given)
+        if not path.is_file():
+            raise NteError(f"{_VARIABLE} is {given}: no such file; unset it or name a libLLVM library")
+        version = llvm_version(path)
+        if version is not None and version < OLDEST_LLVM:
+            raise NteError(
+                f"{_VARIABLE} is {given}: LLVM {version} crashes Mitsuba; expected {OLDEST_LLVM} or newer: "
+                f"unset it, and pip install {_WHEEL}"
+            )
+        return path
+    return newest_usable(_wheel_libraries()) or newest_usable(_system_libraries())
+
+
+def newest_usable(candidates: Iterable[Path]) -> Path | None:
+    """The candidate with the highest LLVM version of at least OLDEST_LLVM; unknown versions do not count."""
+    versions = {path: llvm_version(path) for path in sorted(candidates)}
+    usable = {path: version for path, version in versions.items() if version and version >= OLDEST_LLVM}
+    return max(usable, key=lambda path: usable[path], default=None)
+
+
+def llvm_version(path: Path) -> int | None:
+    """Major version of an LLVM library, from its name, else from its symbol table; None if neither tells.
+
+    Names are libLLVM-15.so.1, libLLVM.so.19.1 or, behind a link, libLLVM.so. The library is not loaded.
+    """
+    for name in (path.name, path.resolve().name):
+        if found := re.search(r"libLLVM-(\d+)", name) or re.search(r"libLLVM\.so\.(\d{2,})", name):
+            return int(found[1])
+    try:
+        with path.open("rb") as file, mmap.mmap(file.fileno(), 0, access=mmap.ACCESS_READ) as content:
+            found_bytes = re.search(rb"\0LLVM_(\d+)(?:\.\d+)?\0", content)  # the version node of its symbols
+    except (OSError, ValueError):
+        return None
+    return int(found_bytes[1]) if found_bytes else None
+
+
+def _wheel_libraries() -> list[Path]:
+    """Libraries of the PyPI wheel, which puts them under the environment's data folder."""
+    try:
+        files = importlib.metadata.files(_WHEEL) or []
+    except importlib.metadata.PackageNotFoundError:
+        return []
+    paths = [Path(str(file.locate())) for file in files if file.name.startswith("libLLVM")]
+    return [path.resolve() for path in paths if path.is_file()]
+
+
+def _system_libraries() -> list[Path]:
+    root = Path("/")
+    folders = [folder for pattern in _SYSTEM_FOLDERS for folder in root.glob(pattern.lstrip("/"))]
+    return [path for folder in folders for name in _LIBRARY_NAMES for path in folder.glob(name)]

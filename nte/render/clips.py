@@ -1,0 +1,111 @@
+"""Rendering a recipe into clips: resumable, in any order, on any number of processes."""
+
+from collections.abc import Callable
+from concurrent.futures import ProcessPoolExecutor, as_completed
+from multiprocessing import get_context
+from pathlib import Path
+from typing import Any
+
+import nte
+from nte.frames.clip import write_clip_info, write_frame
+from nte.render.backend import load_mitsuba, share_cores
+from nte.render.integrator import guides, radiance
+from nte.render.output import claim, files_of, is_whole
+from nte.render.progress import Progress
+from nte.render.recipe import ClipPlan, plan, read_recipe
+from nte.render.scene import Pixels
+from nte.render.scenes import FAMILIES
+from nte.render.seeds import derive_generator, derive_seed
+from nte.render.stage import Stage
+
+FPS = 24
+GUIDES = (
+    "albedo", "normal", "roughness", "emission", "depth", "position", "instance", "motion", "forward_motion",
+)  # fmt: skip
+CHANNELS_OF_FRAME = (*GUIDES, "color", "reference_a", "reference_b")
+
+
+def render_recipe(recipe_path: Path | str, out: Path | str, jobs: int = 1, force: bool = False, progress: bool = True) -> list[Path]:
+    """Render every clip of a recipe below `out`; returns the clips' folders.
+
+    Continues where an earlier run stopped: whole frames are kept, and the result has the same bytes for any
+    number of jobs and interruptions. jobs: processes; one uses all cores already. force: see output.claim.
+    progress: tell it on stderr. Raises NteError for a faulty recipe, a folder that is not ours, a full disk.
+    """
+    out = Path(out)
+    recipe = read_recipe(Path(recipe_path))
+    claim(out, recipe, force)
+    plans = plan(recipe)
+    with Progress("render", sum(p.group.frames for p in plans), "frame", progress) as told:
+        if jobs > 1:
+            _render_parallel(plans, out, jobs, told)
+        else:
+            load_mitsuba()
+            for unit in plans:
+                render_clip(unit, out, told.advance)
+                told.say(unit.name)
+    return [out / p.name for p in plans]
+
+
+def render_clip(unit: ClipPlan, out: Path, advance: Callable[[int], None] = lambda frames: None) -> None:
+    """Render what is missing of one clip; clip.json comes last. advance(1) is called after each frame."""
+    group, folder = unit.group, out / unit.name
+    missing = [index for index in range(group.frames) if not _is_done(unit, folder, index)]
+    advance(group.frames - len(missing))
+    if not missing and (folder / "clip.json").is_file():
+        return
+    (folder / "clip.json").unlink(missing_ok=True)  # the clip is not finished, so nothing may say it is
+    scene = FAMILIES[group.scene](derive_generator(unit.seed, unit.name, "scene"))
+    stage = Stage(scene, group.width, group.height, group.max_depth)
+    for index in missing:
+        _render_frame(unit, stage, folder, index)
+        advance(1)
+    write_clip_info(folder, _info(unit, stage))
+
+
+def _render_frame(unit: ClipPlan, stage: Stage, folder: Path, index: int) -> None:
+    """Write the files of one frame; those of further seeds first, so that the main file completes it."""
+    group = unit.group
+
+    def render(channel: str, spp: int, seed: int = 0) -> Pixels:
+        return radiance(stage, spp, derive_seed(unit.seed, unit.name, index, channel, seed))
+
+    channels = guides(stage, index)
+    main, *others = files_of(folder, index, group.seeds)
+    for seed, path in enumerate(others, start=1):
+        write_frame(path, {"color": render("color", group.spp, seed)})
+    channels["color"] = render("color", group.spp)
+    for half in ("reference_a", "reference_b"):
+        channels[half] = render(half, group.reference_spp // 2)
+    write_frame(main, channels)
+
+
+def _is_done(unit: ClipPlan, folder: Path, index: int) -> bool:
+    main, *others = files_of(folder, index, unit.group.seeds)
+    return is_whole(main, CHANNELS_OF_FRAME, unit) and all(is_whole(path, ("color",), unit) for path in others)
+
+
+def _info(unit: ClipPlan, stage: Stage) -> dict[str, Any]:
+    """What clip.json says. No time, host or path: the same recipe gives the same bytes."""
+    group, camera = unit.group, stage.scene.camera
+    projection = camera.projection(group.width, group.height).tolist()
+    return {
+        "width": group.width, "height": group.height, "frames": group.frames, "fps": FPS,
+        "spp": group.spp, "seeds": group.seeds, "reference_spp": group.reference_spp,
+        "cameras": [{"view": camera.view(i).tolist(), "projection": projection} for i in range(group.frames)],
+        "origin": {"generator": "nte render", "version": nte.__version__, "recipe": unit.recipe,
+                   "seed": unit.seed, "clip": unit.name},
+    }  # fmt: skip
+
+
+def _render_parallel(plans: list[ClipPlan], out: Path, jobs: int, told: Progress) -> None:
+    """The same with processes, a clip at a time. Spawned: Dr.Jit's threads do not survive a fork."""
+    pool = ProcessPoolExecutor(jobs, mp_context=get_context("spawn"), initializer=share_cores, initargs=(jobs,))
+    try:
+        futures = {pool.submit(render_clip, unit, out): unit for unit in plans}
+        for future in as_completed(futures):
+            future.result()
+            told.advance(futures[future].group.frames)
+            told.say(futures[future].name)
+    finally:
+        pool.shutdown(wait=True, cancel_futures=True)

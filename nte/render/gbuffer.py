@@ -1,0 +1,103 @@
+"""The noise-free channels: what each pixel sees, and where that was and will be.
+
+Of two kinds. Geometry (depth, position, instance, motion) belongs to the one point at the pixel's centre,
+because averages across an edge mean nothing. Surface (albedo, normal, roughness, emission) is the mean over
+the pixel, like the colour that it guides.
+"""
+
+import numpy as np
+import torch
+
+from nte.motion.camera import project
+from nte.render.rays import Hits, trace_centres, trace_surfaces
+from nte.render.scene import Pixels
+from nte.render.stage import Stage
+from nte.render.transforms import Floats
+
+SAMPLES = 16  # per pixel, for the mean channels
+
+
+def geometry(stage: Stage, time: float) -> dict[str, Pixels]:
+    """depth, position, instance, motion and forward_motion (C, H, W) at a time in frames.
+
+    motion leads to where the same surface point was seen at time − 1, forward_motion to where it will be at
+    time + 1: pixels, x to the right, y down, object and camera motion together, no jitter. A miss is a point
+    at infinity: only the camera's rotation moves it. `stage` must be set to the same time.
+    """
+    hits = trace_centres(stage)
+    now = _points(stage, hits, time)
+    here = _project(stage, hits, now, time)
+    motion, forward = (
+        _project(stage, hits, _points(stage, hits, then), then) - here for then in (time - 1, time + 1)
+    )
+    hit = hits.instance > 0
+    view = stage.scene.camera.view(time)
+    return {
+        "depth": _image(stage, np.where(hit, now @ view[2, :3] + view[2, 3], 0)),
+        "position": _image(stage, np.where(hit[:, None], now, 0)),
+        "instance": _image(stage, hits.instance),
+        "motion": _image(stage, motion),
+        "forward_motion": _image(stage, forward),
+    }
+
+
+def surface(stage: Stage) -> dict[str, Pixels]:
+    """albedo, normal, roughness and emission (C, H, W): means over 16 samples in each pixel.
+
+    albedo: diffuse reflectance, or a metal's specular colour, in [0, 1]. normal: shading normal, world, facing
+    the camera, unit length. Samples that miss have albedo 0 and count neither for normal nor for roughness;
+    a pixel of misses has normal 0 and roughness 1.
+    """
+    seen = trace_surfaces(stage, _pattern(SAMPLES))
+    hits = seen.hit.sum(1)
+    normal = seen.normal.sum(1)
+    length = np.linalg.norm(normal, axis=1, keepdims=True)
+    return {
+        "albedo": _image(stage, np.clip(seen.albedo.mean(1), 0, 1)),
+        "normal": _image(stage, np.divide(normal, length, where=length > 0, out=np.zeros_like(normal))),
+        "roughness": _image(stage, np.where(hits > 0, seen.roughness.sum(1) / np.maximum(hits, 1), 1)),
+        "emission": _image(stage, seen.emission.mean(1)),
+    }
+
+
+def _points(stage: Stage, hits: Hits, time: float) -> Floats:
+    """Where the surface points of `hits` are at a time: (P, 3), world; the ray's direction for a miss.
+
+    Interpolated from the triangle's own vertices at that time, so it holds for whatever moves them, and a
+    point at rest has exactly the same position at every time.
+    """
+    points = hits.direction.copy()
+    for number, obj in enumerate(stage.scene.objects, start=1):
+        mine = hits.instance == number
+        if mine.any():
+            positions, _ = obj.at(time)
+            a, b, c = positions[obj.mesh.faces[hits.triangle[mine]]].transpose(1, 0, 2)
+            u, v = hits.barycentric[mine, :1], hits.barycentric[mine, 1:]
+            points[mine] = (1 - u - v) * a + u * b + v * c
+    return points
+
+
+def _project(stage: Stage, hits: Hits, points: Floats, time: float) -> Floats:
+    """Pixel positions (P, 2) of `points` as the camera sees them at a time; far outside if behind it."""
+    camera, size = stage.scene.camera, (stage.height, stage.width)
+    grid = torch.from_numpy(points.T.copy()).view(1, 3, *size)
+    view = torch.from_numpy(camera.view(time))[None]
+    projection = torch.from_numpy(camera.projection(stage.width, stage.height))[None]
+    hit = torch.from_numpy(hits.instance > 0).view(1, 1, *size)
+    positions = project(grid, view, projection, hit).view(2, -1).numpy().T
+    return np.nan_to_num(positions, nan=-2.0 * max(size))
+
+
+def _pattern(count: int) -> Floats:
+    """Sample positions (count, 2) in a pixel: a Hammersley set, the same in every pixel and frame.
+
+    All x and all y differ, so an edge of any slope is averaged finely, and the guides do not flicker.
+    """
+    bits = count.bit_length() - 1
+    mirrored = [int(f"{i:0{bits}b}"[::-1], 2) for i in range(count)]
+    return (np.stack([np.arange(count), mirrored], axis=1) + 0.5) / count
+
+
+def _image(stage: Stage, rows: np.ndarray) -> Pixels:
+    """One row per pixel, (P,) or (P, C) → (C, H, W) float32."""
+    return np.ascontiguousarray(rows.reshape(stage.height, stage.width, -1).transpose(2, 0, 1), np.float32)

@@ -1,0 +1,45 @@
+"""All channels of one frame: radiance by Mitsuba's path tracer, and the G-buffer."""
+
+from collections.abc import Iterator
+
+import numpy as np
+
+from nte.render.backend import load_mitsuba
+from nte.render.gbuffer import geometry, surface
+from nte.render.scene import Pixels
+from nte.render.seeds import derive_seed
+from nte.render.stage import Stage
+
+_SAMPLES = 1 << 26  # per launch: 64 M paths in flight are about 8 GB
+
+
+def guides(stage: Stage, time: float) -> dict[str, Pixels]:
+    """The noise-free channels (C, H, W) of the frame at a time; leaves `stage` set to it."""
+    stage.set_time(time)
+    return {**surface(stage), **geometry(stage, time)}
+
+
+def radiance(stage: Stage, spp: int, seed: int) -> Pixels:
+    """Radiance (3, H, W) of `spp` jittered samples per pixel, box filter, at the time `stage` is set to.
+
+    The same seed gives the same bytes, for any number of threads.
+    """
+    mi = load_mitsuba()
+    total = np.zeros((stage.height, stage.width, 3))
+    for number, count in enumerate(launches(spp, stage.width * stage.height)):
+        image = mi.render(stage.mi_scene, spp=count, seed=derive_seed(seed, number))
+        total += count * np.array(image, np.float64)
+    return np.ascontiguousarray((total / spp).transpose(2, 0, 1), np.float32)
+
+
+def launches(spp: int, pixels: int) -> Iterator[int]:
+    """Split samples per pixel into as few renderings as memory allows, each a power of two.
+
+    Only then does each pixel's sum stay within one thread: renderings with 100 spp differ in the last bit
+    from run to run, those with 128 do not.
+    """
+    most = 1 << max(0, (_SAMPLES // pixels).bit_length() - 1)
+    while spp:
+        count = min(most, 1 << (spp.bit_length() - 1))
+        yield count
+        spp -= count

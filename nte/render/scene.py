@@ -1,0 +1,95 @@
+"""What an animated scene is: meshes with materials that move, area lights, and a camera. No Mitsuba here."""
+
+from dataclasses import dataclass
+from typing import Literal
+
+import numpy as np
+import numpy.typing as npt
+
+from nte.render.transforms import Floats, Track, transform_directions, transform_points
+
+Pixels = npt.NDArray[np.float32]
+Colour = tuple[float, float, float]
+Surface = Literal["diffuse", "glossy", "metal"]
+
+NEAR, FAR = 0.01, 1000.0  # clipping planes of every camera, scene units
+
+
+@dataclass(frozen=True)
+class Mesh:
+    """Triangles at rest: positions, unit normals (V, 3) and uv (V, 2) float32, faces (F, 3) uint32.
+
+    Faces turn counter-clockwise seen from outside. A faceted mesh has its own vertices on every face.
+    """
+
+    positions: Pixels
+    normals: Pixels
+    uv: Pixels
+    faces: npt.NDArray[np.uint32]
+
+
+@dataclass(frozen=True)
+class Material:
+    """How a surface looks: `color` (H, W, 3) is a periodic texture in [0, 1], linear; (1, 1, 3) is plain.
+
+    It is the diffuse reflectance, and the specular colour of a metal. roughness: perceptual, in [0, 1];
+    1 for diffuse.
+    """
+
+    color: Pixels
+    surface: Surface = "diffuse"
+    roughness: float = 1.0
+
+
+@dataclass(frozen=True)
+class SceneObject:
+    """A rigid mesh on a track; an area light where `radiance` is given.
+
+    All that the renderer asks is `at(time)`: an object that deforms is another class with the same method.
+    """
+
+    mesh: Mesh
+    material: Material
+    track: Track
+    radiance: Colour | None = None
+
+    def at(self, time: float) -> tuple[Floats, Floats]:
+        """World positions and normals (V, 3) of the vertices at a time in frames."""
+        matrix = self.track(time)
+        positions = transform_points(matrix, self.mesh.positions)
+        return positions, transform_directions(matrix, self.mesh.normals)
+
+
+@dataclass(frozen=True)
+class Camera:
+    """A pinhole on a track (camera → world, see look_at); fov: horizontal, degrees."""
+
+    track: Track
+    fov: float
+
+    def view(self, time: float) -> Floats:
+        """4×4, world → camera, at a time in frames."""
+        matrix = self.track(time)
+        turn = matrix[:3, :3].T
+        view = np.eye(4)
+        view[:3, :3], view[:3, 3] = turn, -turn @ matrix[:3, 3]
+        return view
+
+    def projection(self, width: int, height: int) -> Floats:
+        """4×4, camera → [0, 1]² with y down; times the size it lands on pixel centres at +0.5.
+
+        Equals mi.perspective_projection without its jitter; the camera's +x is to the left.
+        """
+        scale = 0.5 / np.tan(np.radians(self.fov) / 2)
+        z = FAR / (FAR - NEAR)
+        return np.array(
+            [[-scale, 0, 0.5, 0], [0, -scale * width / height, 0.5, 0], [0, 0, z, -NEAR * z], [0, 0, 1, 0]]
+        )
+
+
+@dataclass(frozen=True)
+class Scene:
+    """Objects and a camera. The instance number of objects[i] is i + 1."""
+
+    objects: tuple[SceneObject, ...]
+    camera: Camera

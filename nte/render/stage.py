@@ -1,0 +1,86 @@
+"""A scene in Mitsuba's hands: built once for a clip, then moved from time to time.
+
+Mitsuba 3.9 has no animated transforms, so vertices and the camera are written through mi.traverse.
+"""
+
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+from nte.render.backend import load_mitsuba
+from nte.render.scene import FAR, NEAR, Material, Scene, SceneObject
+
+
+class Stage:
+    """One Mitsuba scene for a clip; `set_time` before anything is rendered.
+
+    Every set_time writes all vertices from the tracks, so a frame does not depend on the frames before it.
+    """
+
+    def __init__(self, scene: Scene, width: int, height: int, max_depth: int) -> None:
+        mi = load_mitsuba()
+        self.scene, self.width, self.height = scene, width, height
+        self.meshes = {f"object_{i:03d}": _mesh(mi, obj) for i, obj in enumerate(scene.objects)}
+        self.mi_scene: Any = mi.load_dict({
+            "type": "scene",
+            "integrator": {"type": "path", "max_depth": max_depth},
+            "sensor": _sensor(scene, width, height),
+            **self.meshes,
+        })  # fmt: skip
+        self.sensor: Any = self.mi_scene.sensors()[0]
+        self._parameters: Any = mi.traverse(self.mi_scene)
+
+    def set_time(self, time: float) -> None:
+        """Put every vertex and the camera where they are at a time in frames."""
+        mi = load_mitsuba()
+        for name, obj in zip(self.meshes, self.scene.objects, strict=True):
+            positions, normals = obj.at(time)
+            # Given together with the positions, the normals are kept instead of computed anew.
+            self._parameters[f"{name}.vertex_positions"] = _flat(positions)
+            self._parameters[f"{name}.vertex_normals"] = _flat(normals)
+        self._parameters["sensor.to_world"] = mi.ScalarTransform4f(self.scene.camera.track(time))
+        self._parameters.update()
+
+
+def _sensor(scene: Scene, width: int, height: int) -> dict[str, Any]:
+    return {
+        "type": "perspective", "fov": scene.camera.fov, "fov_axis": "x", "near_clip": NEAR, "far_clip": FAR,
+        "sampler": {"type": "independent"},
+        # Only the box filter keeps the noise of neighbouring pixels independent, and repeats bit for bit.
+        "film": {"type": "hdrfilm", "width": width, "height": height, "pixel_format": "rgb",
+                 "component_format": "float32", "rfilter": {"type": "box"}},
+    }  # fmt: skip
+
+
+def _mesh(mi: Any, obj: SceneObject) -> Any:
+    properties = mi.Properties()
+    properties["bsdf"] = mi.load_dict(_bsdf(mi, obj.material))
+    if obj.radiance is not None:
+        radiance = {"type": "rgb", "value": list(obj.radiance)}
+        properties["emitter"] = mi.load_dict({"type": "area", "radiance": radiance})
+    mesh = mi.Mesh(
+        "", len(obj.mesh.positions), len(obj.mesh.faces),
+        has_vertex_normals=True, has_vertex_texcoords=True, props=properties,
+    )  # fmt: skip
+    parameters = mi.traverse(mesh)
+    parameters["vertex_positions"] = _flat(obj.mesh.positions)
+    parameters["vertex_normals"] = _flat(obj.mesh.normals)
+    parameters["vertex_texcoords"] = _flat(obj.mesh.uv)
+    parameters["faces"] = np.ascontiguousarray(obj.mesh.faces, np.uint32).ravel()
+    parameters.update()
+    return mesh
+
+
+def _bsdf(mi: Any, material: Material) -> dict[str, Any]:
+    """Plain colours are textures too: fewer kinds of plugins, and kernels are shared between scenes."""
+    texture = {"type": "bitmap", "data": mi.TensorXf(material.color), "raw": True}
+    if material.surface == "diffuse":
+        return {"type": "diffuse", "reflectance": texture}
+    metallic = 1.0 if material.surface == "metal" else 0.0
+    roughness = material.roughness
+    return {"type": "principled", "base_color": texture, "roughness": roughness, "metallic": metallic}
+
+
+def _flat(values: npt.NDArray[np.floating]) -> npt.NDArray[np.float32]:
+    return np.ascontiguousarray(values, np.float32).ravel()

@@ -1,0 +1,64 @@
+"""Rigid transforms and tracks: where something is at a time.
+
+Matrices are 4×4 float64 on column vectors, object → world. The world has y up. Times are in frames and may
+be fractional or negative: motion needs the frames before the first and after the last, motion blur the
+times in between.
+"""
+
+from collections.abc import Callable
+
+import numpy as np
+import numpy.typing as npt
+
+Floats = npt.NDArray[np.float64]
+Track = Callable[[float], Floats]  # time in frames → 4×4, object → world
+Path3 = Callable[[float], Floats]  # time in frames → point (3,)
+
+
+def translation(offset: npt.ArrayLike) -> Floats:
+    """4×4 that moves by `offset` (3,)."""
+    matrix = np.eye(4)
+    matrix[:3, 3] = offset
+    return matrix
+
+
+def rotation(axis: npt.ArrayLike, angle: float) -> Floats:
+    """4×4 that turns by `angle` radians about `axis` (3,), counter-clockwise seen against the axis."""
+    x, y, z = np.asarray(axis, float) / np.linalg.norm(axis)
+    cross = np.array([[0, -z, y], [z, 0, -x], [-y, x, 0]])
+    matrix = np.eye(4)
+    matrix[:3, :3] += np.sin(angle) * cross + (1 - np.cos(angle)) * cross @ cross
+    return matrix
+
+
+def look_at(eye: npt.ArrayLike, target: npt.ArrayLike) -> Floats:
+    """Camera → world in Mitsuba's convention: the camera looks along +z, +x is to its left, +y up."""
+    origin = np.asarray(eye, float)
+    forward = np.asarray(target, float) - origin
+    forward /= np.linalg.norm(forward)
+    left = np.cross([0.0, 1.0, 0.0], forward)
+    left /= np.linalg.norm(left)
+    matrix = np.eye(4)
+    matrix[:3] = np.stack([left, np.cross(forward, left), forward, origin], axis=1)
+    return matrix
+
+
+def still(matrix: Floats | None = None) -> Track:
+    """A track that does not move."""
+    fixed = np.eye(4) if matrix is None else matrix
+    return lambda time: fixed
+
+
+def moving(path: Path3, axis: npt.ArrayLike, spin: float, phase: float = 0.0) -> Track:
+    """A track along a path, turning about `axis` by `spin` radians per frame."""
+    return lambda time: translation(path(time)) @ rotation(axis, phase + spin * time)
+
+
+def transform_points(matrix: Floats, points: npt.NDArray[np.floating]) -> Floats:
+    """Apply a rigid 4×4 to points (N, 3)."""
+    return points @ matrix[:3, :3].T + matrix[:3, 3]
+
+
+def transform_directions(matrix: Floats, directions: npt.NDArray[np.floating]) -> Floats:
+    """Apply the rotation of a rigid 4×4 to directions (N, 3)."""
+    return directions @ matrix[:3, :3].T
