@@ -23,7 +23,7 @@ NASTY = "</script><b>x&y"
 def evaluation(tmp_path_factory: pytest.TempPathFactory) -> Evaluation:
     folder = tmp_path_factory.mktemp("report")
     clips = [write_clip(folder / name, noisy_frames(3, seed)) for seed, name in enumerate(("one", "two & <b>"))]
-    return evaluate(clips, ["noisy", "taa"], folder / "out")
+    return evaluate(clips, ["taa", "noisy"], folder / "out")
 
 
 class Page(HTMLParser):
@@ -83,12 +83,12 @@ def test_tables_state_the_numbers_of_metrics_json(evaluation: Evaluation) -> Non
 def test_the_script_gets_all_rows_and_pictures(evaluation: Evaluation) -> None:
     data = blob(render_report(evaluation))
     assert data["rows"] == evaluation.metrics["rows"]
-    assert list(data["means"]) == ["noisy", "taa"]  # as typed, not sorted
+    assert list(data["means"]) == ["taa", "noisy"]  # as typed, not sorted
     assert [shown["clip"] for shown in data["shown"]] == ["one", "two & <b>"]
     encoded = data["shown"][0]["images"]["taa"].removeprefix("data:image/png;base64,")
     pixels = np.asarray(Image.open(io.BytesIO(base64.b64decode(encoded))))
     np.testing.assert_array_equal(pixels, evaluation.shown[0].images["taa"])
-    assert list(data["shown"][0]["flip"]) == ["noisy", "taa"]
+    assert list(data["shown"][0]["flip"]) == ["taa", "noisy"]
 
 
 def test_names_cannot_break_the_page(evaluation: Evaluation) -> None:

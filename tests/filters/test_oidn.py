@@ -9,7 +9,7 @@ import torch
 
 from nte import Denoiser, Frame, NteError
 
-pytest.importorskip("pyoidn")
+pyoidn = pytest.importorskip("pyoidn")
 from nte.filters.oidn import QUALITIES, Oidn
 
 
@@ -52,8 +52,12 @@ def test_albedo_and_normal_guide_it() -> None:
     up = np.zeros_like(texture)
     up[:, 2] = 1
     blind = np.square(denoise(Oidn(), color=noisy) - texture).mean()
-    guided = np.square(denoise(Oidn(), color=noisy, albedo=texture, normal=up) - texture).mean()
-    assert guided < 0.5 * blind
+    image = denoise(Oidn(), color=noisy, albedo=texture, normal=up)
+    assert np.square(image - texture).mean() < 0.5 * blind
+    as_images = [np.ascontiguousarray(a[0].transpose(1, 2, 0)) for a in (noisy, texture, up)]
+    theirs = pyoidn.denoise(*as_images, hdr=True, clean_aux=True, quality="high")
+    np.testing.assert_array_equal(image[0].transpose(1, 2, 0), theirs)
+    assert not np.array_equal(theirs, pyoidn.denoise(*as_images, hdr=True, clean_aux=False, quality="high"))
 
 
 def test_batch_elements_are_independent_and_sizes_may_change() -> None:
