@@ -8,9 +8,9 @@ import pytest
 import torch
 
 from nte import Denoiser, Frame, NteError
+from nte.filters.oidn import QUALITIES, Oidn
 
 pyoidn = pytest.importorskip("pyoidn")
-from nte.filters.oidn import QUALITIES, Oidn
 
 
 def noisy_gradient(height: int = 45, width: int = 61, batch: int = 1) -> tuple[np.ndarray, np.ndarray]:
