@@ -21,10 +21,17 @@ class Result:
     extras: Mapping[str, Array] = field(default_factory=dict)
 
     def like(self, frame: Frame) -> "Result":
-        """The result with NumPy arrays if `frame` has them: a denoiser returns the kind it was given."""
-        if not isinstance(frame[next(iter(frame.channels))], np.ndarray):
+        """The result with the kind of arrays that `frame` has: a denoiser returns what it was given."""
+        given = frame[next(iter(frame.channels))]
+        if isinstance(given, np.ndarray) == isinstance(self.image, np.ndarray):
             return self
-        return Result(_to_numpy(self.image), {name: _to_numpy(a) for name, a in self.extras.items()})
+
+        def convert(array: Array) -> Array:
+            if isinstance(given, np.ndarray):
+                return array.detach().cpu().numpy()
+            return given.new_tensor(array)
+
+        return Result(convert(self.image), {name: convert(array) for name, array in self.extras.items()})
 
 
 @runtime_checkable
@@ -92,7 +99,3 @@ class Session:
         self._bad.look(frame)
         result, self._state = self.denoiser.step(frame, self._state, extras)
         return result
-
-
-def _to_numpy(array: Any) -> Any:
-    return array if isinstance(array, np.ndarray) else array.detach().cpu().numpy()

@@ -1,5 +1,6 @@
 """Applying predicted kernels, and combining scales with them."""
 
+import math
 from typing import Literal
 
 import torch
@@ -15,7 +16,7 @@ def apply_kernels(image: Tensor, kernels: Tensor) -> Tensor:
     The border repeats, so kernels that sum to one keep a constant constant. A loop over the K² taps: an
     unfold would hold K²·C images at once.
     """
-    size = round(kernels.shape[1] ** 0.5)
+    size = math.isqrt(int(kernels.shape[1]))
     height, width = image.shape[-2:]
     padded = F.pad(image, [size // 2] * 4, mode="replicate")
     filtered = torch.zeros_like(image)

@@ -44,9 +44,8 @@ def warp(image: Tensor, motion: Tensor) -> Warped:
     position = pixel_centres(image) + motion
     valid = inside(position)
     # A position far outside or NaN would overflow the integer pixel index.
-    size = torch.tensor([width, height], dtype=position.dtype, device=position.device).view(1, 2, 1, 1)
     position = torch.where(valid, position, 0.0)
-    grid = (position / size * 2 - 1).permute(0, 2, 3, 1)
+    grid = torch.stack([position[:, 0] / width, position[:, 1] / height], 3) * 2 - 1
     fetched = F.grid_sample(image, grid, mode="bilinear", padding_mode="border", align_corners=False)
     return Warped(fetched, valid)
 

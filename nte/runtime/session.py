@@ -1,0 +1,153 @@
+"""Running an exported model without PyTorch: OnnxDenoiser("model.onnx") is a denoiser like any other."""
+
+import json
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import numpy as np
+import numpy.typing as npt
+import onnxruntime
+
+from nte.denoiser import Result
+from nte.errors import NteError
+from nte.frames.channels import CHANNELS
+from nte.frames.frame import Frame
+from nte.frames.scalars import sequence_scalars
+
+FORMAT = "nte-onnx/1"
+METADATA_KEY = "nte"
+Pixels = npt.NDArray[np.float32]
+
+
+class OnnxState(NamedTuple):
+    """The recurrent inputs of the next frame, and the sequence's scalars."""
+
+    tensors: dict[str, Pixels]
+    exposure: Pixels
+    depth_scale: Pixels
+
+
+class OnnxDenoiser:
+    """An exported model with its state handling. Takes and returns NumPy (or what the frame has).
+
+    providers: ONNX Runtime execution providers, best first (None: the CPU). threads: 0 lets ONNX Runtime
+    choose. Raises NteError for a file that is missing, no ONNX model, or not exported by nte.
+    """
+
+    def __init__(self, path: Path | str, providers: Sequence[str] | None = None, threads: int = 0) -> None:
+        self.path = Path(path)
+        if not self.path.is_file():
+            raise NteError(f"{path}: does not exist; expected an .onnx file made by nte export")
+        options = onnxruntime.SessionOptions()
+        options.intra_op_num_threads = threads
+        options.log_severity_level = 3  # warnings of the runtime about its own graph rewriting
+        chosen = list(providers or ["CPUExecutionProvider"])
+        available = onnxruntime.get_available_providers()
+        unknown = [name for name in chosen if name not in available]
+        if unknown:
+            raise NteError(f"provider '{unknown[0]}' is not available; there are {', '.join(available)}")
+        try:
+            self._session = onnxruntime.InferenceSession(str(self.path), options, providers=chosen)
+        except Exception as error:  # ONNX Runtime raises classes of its own that share no public base
+            raise NteError(f"{path}: not a readable ONNX model: {str(error).splitlines()[0]}") from error
+        self.info = self._read_info()
+        self.needs: tuple[str, ...] = tuple(self.info["needs"])
+        self.optional: tuple[str, ...] = tuple(self.info["optional"])
+        self.target: str = self.info["target"]
+        self._inputs = {i.name: i for i in self._session.get_inputs()}
+        self._outputs = [o.name for o in self._session.get_outputs()]
+
+    def step(
+        self, frame: Frame, state: OnnxState | None, extras: tuple[str, ...] = ()
+    ) -> tuple[Result, OnnxState]:
+        """Denoise one frame; None starts a sequence. extras: further outputs of the graph.
+
+        Raises NteError for a channel that is missing or has the wrong type or shape, and for a size that
+        changes within a sequence.
+        """
+        unknown = [name for name in extras if name not in self._outputs]
+        if unknown:
+            raise NteError(f"{self.path}: no output '{unknown[0]}'; there are {', '.join(self._outputs)}")
+        arrays = frame.numpy()
+        feed = {name: self._checked(arrays, name) for name in self.needs}
+        if "previous_forward_motion" in self._inputs:
+            forward = arrays.get("previous_forward_motion")
+            if forward is None:
+                forward = scatter_forward_motion(feed["motion"], feed["depth"])
+            feed["previous_forward_motion"] = forward
+        if state is None:
+            state = self._begin(arrays)
+            reset = np.ones(frame.batch, np.float32)
+        else:
+            self._check_size(frame, state)
+            reset = np.asarray(np.zeros(frame.batch) if arrays.reset is None else arrays.reset, np.float32)
+        feed |= {"reset": reset, "exposure": state.exposure, "depth_scale": state.depth_scale, **state.tensors}
+        kept: dict[str, str] = self.info["state"]
+        wanted = list(dict.fromkeys(["image", *(n for n in kept.values() if n in self._outputs), *extras]))
+        outputs = dict(zip(wanted, self._session.run(wanted, self._only_inputs(feed)), strict=True))
+        following = {name: outputs[source] if source in outputs else feed[source] for name, source in kept.items()}
+        result = Result(outputs["image"], {name: outputs[name] for name in extras}).like(frame)
+        return result, OnnxState(following, state.exposure, state.depth_scale)
+
+    def _only_inputs(self, feed: dict[str, Pixels]) -> dict[str, Pixels]:
+        """What the graph still has as an input: the exporter drops those that a network does not use."""
+        return {name: array for name, array in feed.items() if name in self._inputs}
+
+    def _begin(self, frame: Frame) -> OnnxState:
+        exposure, depth_scale = sequence_scalars(frame)
+        shapes = {"history": 3, "previous_depth": 1}
+        zeros = {name: np.zeros((frame.batch, c, *frame.size), np.float32) for name, c in shapes.items()}
+        return OnnxState(zeros, exposure, depth_scale)
+
+    def _checked(self, frame: Frame, name: str) -> Pixels:
+        array = frame[name]
+        if array.dtype != np.float32:
+            raise NteError(f"frame {frame.index}: channel '{name}' is {array.dtype}, expected float32")
+        expected = len(CHANNELS[name].components)
+        if array.shape[1] != expected:
+            raise NteError(f"frame {frame.index}: channel '{name}' is {array.shape}, expected (N, {expected}, H, W)")
+        if min(frame.size) < self.info["smallest"]:
+            raise NteError(f"frame {frame.index}: size {frame.size}, expected at least {self.info['smallest']} pixels")
+        return np.ascontiguousarray(array)
+
+    def _check_size(self, frame: Frame, state: OnnxState) -> None:
+        shape = state.tensors["history"].shape
+        was, now = (shape[0], *shape[2:]), (frame.batch, *frame.size)
+        if was != now:
+            raise NteError(
+                f"frame {frame.index}: (batch, height, width) is {now} after {was}: start a new sequence (state None) "
+                "for another size"
+            )
+
+    def _read_info(self) -> dict[str, Any]:
+        text = self._session.get_modelmeta().custom_metadata_map.get(METADATA_KEY)
+        try:
+            info = json.loads(text) if text else {}
+        except ValueError:
+            info = {}
+        if info.get("format") != FORMAT:
+            found = info.get("format", "no description of ours")
+            raise NteError(f"{self.path}: {found} in the model's metadata, expected '{FORMAT}': use nte export")
+        return dict(info)
+
+
+def scatter_forward_motion(motion: Pixels, depth: Pixels) -> Pixels:
+    """previous_forward_motion (N, 2, H, W) from −motion scattered to x + motion; NaN where nobody arrives.
+
+    depth (N, 1, H, W), 0 = infinitely far: the nearest surface wins, of equally near ones the last pixel.
+    The same as nte.motion.geometric.scatter_forward_motion, which needs PyTorch.
+    """
+    batch, _, height, width = motion.shape
+    y, x = np.indices((height, width), np.float32) + np.float32(0.5)
+    forward = np.full((batch, 2, height * width), np.nan, np.float32)
+    for n in range(batch):
+        px, py = x + motion[n, 0], y + motion[n, 1]
+        valid = (px >= 0) & (px <= width) & (py >= 0) & (py <= height)
+        column = np.minimum(px[valid].astype(np.int64), width - 1)
+        row = np.minimum(py[valid].astype(np.int64), height - 1)
+        far = np.where(depth[n, 0][valid] > 0, depth[n, 0][valid], np.inf)
+        # NumPy assigns in order, so the last of several writes to a pixel stays: nearest last.
+        order = np.argsort(-far, kind="stable")
+        forward[n][:, (row * width + column)[order]] = -motion[n][:, valid][:, order]
+    return forward.reshape(motion.shape)
