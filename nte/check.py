@@ -81,6 +81,7 @@ class CheckReport:
     statistics: dict[str, Statistics]
     disoccluded: float  # shares of all pixels
     invalid: float
+    telling_frame: int  # the one with the most disoccluded pixels, for the picture
 
     @property
     def ratio(self) -> float:
@@ -101,12 +102,15 @@ def check_clip(clip: Clip) -> CheckReport:
     statistics: dict[str, Statistics] = defaultdict(Statistics)
     disoccluded, invalid = Mean(), Mean()
     previous: Frame | None = None
+    telling, most = min(1, len(clip) - 1), 0
     for frame in clip:
         current = frame.torch()
         _add_statistics(statistics, current)
         if previous is not None:
             dual = clip_vectors(previous, current)
             everywhere = torch.ones_like(dual.valid)
+            hidden = int(dual.disoccluded.sum())
+            telling, most = (frame.index, hidden) if hidden > most else (telling, most)
             disoccluded.add(dual.disoccluded.float(), everywhere)
             invalid.add((~dual.valid).float(), everywhere)
             _add_fits(fits, previous, current)
@@ -115,7 +119,7 @@ def check_clip(clip: Clip) -> CheckReport:
     verdict, reason = _judge(fits, statistics)
     return CheckReport(
         clip.name, len(clip), verdict, reason, dict(fits), dict(errors), dict(statistics),
-        disoccluded.value, invalid.value,
+        disoccluded.value, invalid.value, telling,
     )  # fmt: skip
 
 

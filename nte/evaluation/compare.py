@@ -11,7 +11,7 @@ from nte.denoiser import Denoiser, check_needs
 from nte.errors import NteError
 from nte.evaluation.run import ClipRun, Shown, mean, reference_of
 from nte.evaluation.table import METRICS
-from nte.frames.clip import Clip
+from nte.frames.clip import Clip, find_clips
 from nte.frames.exr import write_whole
 from nte.registry import load_denoiser
 
@@ -67,23 +67,6 @@ def evaluate(
     text = json.dumps(metrics, indent=1, allow_nan=False) + "\n"
     write_whole(out / "metrics.json", lambda temporary: temporary.write_text(text, encoding="utf-8") and None)
     return Evaluation(metrics, shown)
-
-
-def find_clips(paths: Iterable[Path]) -> list[Path]:
-    """Every clip at or below the paths, once: those of a folder of clips in the order of their names."""
-    found: dict[Path, Path] = {}
-    for path in map(Path, paths):
-        if not path.is_dir():
-            what = "is a file" if path.exists() else "does not exist"
-            raise NteError(f"{path}: {what}: expected a clip (a folder with clip.json) or a folder of clips")
-        below = sorted(info.parent for info in path.rglob("clip.json"))
-        if not below:
-            raise NteError(f"{path}: no clip in it: expected clip.json in the folder or below it")
-        for folder in below:
-            found.setdefault(folder.resolve(), folder)
-    if not found:
-        raise NteError("no clips to evaluate: name at least one clip or folder of clips")
-    return list(found.values())
 
 
 def clip_labels(folders: Sequence[Path]) -> list[str]:

@@ -184,16 +184,21 @@ def _read_info(folder: Path) -> dict[str, Any]:
     return info
 
 
-def find_clips(folders: Iterable[Path]) -> list[Path]:
-    """The clip folders among and below `folders`, sorted by path; raises NteError where there is none."""
-    found: list[Path] = []
-    for folder in folders:
-        if (folder / "clip.json").is_file():
-            found.append(folder)
-            continue
-        below = sorted(path.parent for path in folder.rglob("clip.json"))
+def find_clips(paths: Iterable[Path]) -> list[Path]:
+    """Every clip at or below the paths, once: those of a folder of clips in the order of their names.
+
+    Raises NteError for a path that does not exist or has no clip in it.
+    """
+    found: dict[Path, Path] = {}
+    for path in map(Path, paths):
+        if not path.is_dir():
+            what = "is a file" if path.exists() else "does not exist"
+            raise NteError(f"{path}: {what}: expected a clip (a folder with clip.json) or a folder of clips")
+        below = sorted(info.parent for info in path.rglob("clip.json"))
         if not below:
-            state = "has no clip (clip.json) in it" if folder.is_dir() else "does not exist"
-            raise NteError(f"{folder}: {state}; expected a clip or a folder of clips")
-        found += below
-    return found
+            raise NteError(f"{path}: no clip in it: expected clip.json in the folder or below it")
+        for folder in below:
+            found.setdefault(folder.resolve(), folder)
+    if not found:
+        raise NteError("no clips are named: give at least one clip or folder of clips")
+    return list(found.values())

@@ -1,0 +1,71 @@
+"""What `nte check` prints and draws of a CheckReport."""
+
+import math
+from dataclasses import replace
+
+import numpy as np
+import numpy.typing as npt
+from torch import Tensor
+
+from nte.check import COMPARED, CheckReport, clip_vectors, visible_in_both
+from nte.frames.clip import Clip
+from nte.frames.show import RGB, Picture, grid, heat, quantise, show
+from nte.motion.geometric import traditional_motion
+from nte.motion.warp import warp
+
+
+def describe(report: CheckReport) -> str:
+    """The report as text: the verdict first, then what it rests on."""
+    lines = [
+        f"{report.clip}: {report.verdict}: {report.reason}",
+        f"  {report.frames} frames, {report.disoccluded:.2%} disoccluded, {report.invalid:.2%} from outside the image",
+        "  mean |difference| to the frame before   unwarped  traditional       dual",
+    ]
+    for region in ("visible", "disoccluded"):
+        for name in COMPARED:
+            errors = [report.errors.get((name, vectors, region)) for vectors in ("none", "traditional", "dual")]
+            if any(error and error.count for error in errors):
+                values = "".join(f"{error.value:11.4f}" if error else f"{'':11}" for error in errors)
+                lines.append(f"  {name + ', ' + region:37}{values}")
+    lines.append("  channel                          minimum       mean    maximum  bad pixels")
+    for name, s in report.statistics.items():
+        low, high = (math.nan, math.nan) if s.low > s.high else (s.low, s.high)
+        lines.append(f"  {name:28}{low:12.4g}{s.mean.value:11.4g}{high:11.4g}{s.bad:12d}")
+    return "\n".join(lines)
+
+
+def draw(clip: Clip, index: int) -> RGB:
+    """Motion, masks and residuals of frame `index` (from 1), side by side."""
+    previous, current = clip.frame(index - 1).torch(), clip.frame(index).torch()
+    dual = clip_vectors(previous, current)
+    traditional = traditional_motion(current["motion"])
+    visible = visible_in_both(previous, current, dual)
+    length = max(1.0, float(current["motion"].nan_to_num().square().sum(1).sqrt().quantile(0.99)))
+    warped = {
+        "unwarped": previous["albedo"],
+        "traditional vectors": warp(previous["albedo"], traditional.motion).image,
+        "dual vectors": warp(previous["albedo"], dual.motion).image,
+    }
+    pictures = [
+        show("albedo", _pixels(current["albedo"])),
+        show("motion", _pixels(current["motion"]), scale=length),
+        replace(show("motion", _pixels(dual.motion), scale=length), title="dual motion"),
+        _mask("visible in both frames", visible),
+        _mask("disoccluded", dual.disoccluded),
+        _mask("from outside the image", ~dual.valid),
+        *(replace(show("albedo", _pixels(image)), title=f"albedo, {name}") for name, image in warped.items()),
+        *(_residual(f"|residual|, {name}", current["albedo"] - image) for name, image in warped.items()),
+    ]
+    return grid(pictures, columns=3)
+
+
+def _pixels(tensor: Tensor) -> npt.NDArray[np.float32]:
+    return tensor[0].numpy()
+
+
+def _mask(title: str, mask: Tensor) -> Picture:
+    return Picture(title, quantise(_pixels(mask.float())), f"{mask.float().mean():.2%}")
+
+
+def _residual(title: str, difference: Tensor) -> Picture:
+    return Picture(title, quantise(heat(difference[0].abs().mean(0).numpy(), "magma")), "0 to 1")

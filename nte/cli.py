@@ -1,0 +1,187 @@
+"""The `nte` command. Every subcommand imports what it needs when it runs, so that `nte --help` is instant.
+
+Exit status: 0 done; 2 wrong usage or input, told in one line; 1 a fault of ours; 130 interrupted.
+"""
+
+import argparse
+import os
+import sys
+import warnings
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+from nte.errors import NteError, needs_extra
+
+_EXTRA_OF = {"render": "render", "train": "train", "export": "train", "evaluate": "eval", "check": "eval"}
+
+
+def main(argv: Sequence[str] | None = None) -> int:
+    """Run the command line; returns the exit status."""
+    options = _parser().parse_args(argv)
+    warnings.showwarning = _tell_warning
+    try:
+        return int(options.run(options) or 0)
+    except NteError as error:
+        print(f"nte: {error}", file=sys.stderr)
+        return 2
+    except ImportError as error:
+        extra = _EXTRA_OF.get(options.command)
+        if extra is None or (error.name or "").startswith("nte"):
+            raise
+        print(f"nte: {needs_extra(extra, f'nte {options.command}', error)}", file=sys.stderr)
+        return 2
+    except BrokenPipeError:  # nte check … | head: nobody reads on
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+        return 0
+    except KeyboardInterrupt:
+        print("nte: interrupted; nothing half-written is left, the same command goes on", file=sys.stderr)
+        return 130
+
+
+def _parser() -> argparse.ArgumentParser:
+    from nte import __version__
+
+    parser = argparse.ArgumentParser(prog="nte", description="Neural temporal denoising of path-traced sequences")
+    parser.add_argument("--version", action="version", version=f"nte {__version__}")
+    commands = parser.add_subparsers(dest="command", metavar="COMMAND", required=True)
+
+    render = _command(commands, "render", _render, "render the clips of a recipe with Mitsuba; resumes")
+    render.add_argument("recipe", type=Path, metavar="RECIPE.yaml")
+    render.add_argument("--out", type=Path, required=True, help="folder for the clips")
+    render.add_argument("--jobs", type=int, default=1, help="processes (one uses every core already)")
+    _force(render)
+
+    train = _command(commands, "train", _train, "train a network; writes runs/<name>/")
+    train.add_argument("config", type=Path, metavar="CONFIG.yaml")
+    train.add_argument("overrides", nargs="*", metavar="key=value", help="for example resume=true")
+    _device(train, "auto")
+    _force(train)
+
+    evaluate = _command(commands, "evaluate", _evaluate, "compare denoisers on clips; writes metrics and a report")
+    evaluate.add_argument("--clips", type=Path, nargs="+", required=True, help="clips, or folders of clips")
+    evaluate.add_argument("--denoisers", nargs="+", required=True, metavar="SPEC", help="run, .onnx, or name:key=value")
+    evaluate.add_argument("--out", type=Path, required=True, help="folder for metrics.json and index.html")
+    evaluate.add_argument("--first-frame", action="store_true", help="score the first frame too")
+    _device(evaluate, "cpu")
+    _force(evaluate)
+
+    export = _command(commands, "export", _export, "export a run as one ONNX file, checked against PyTorch")
+    export.add_argument("source", type=Path, metavar="RUN")
+    export.add_argument("--out", type=Path, required=True, metavar="MODEL.onnx")
+    _force(export)
+
+    denoise = _command(commands, "denoise", _denoise, "denoise a clip or frames; writes linear OpenEXR")
+    denoise.add_argument("sources", type=Path, nargs="+", metavar="CLIP_OR_FILES")
+    denoise.add_argument("--denoiser", required=True, metavar="SPEC", help="run, .onnx, or name:key=value")
+    denoise.add_argument("--out", type=Path, required=True, help="folder for the frames")
+    denoise.add_argument("--exposure", type=float, help="linear factor of the sequence (default: estimated once)")
+    denoise.add_argument("--png", action="store_true", help="a tonemapped picture beside each frame")
+    _device(denoise, "cpu")
+    _force(denoise)
+
+    check = _command(commands, "check", _check, "are the vectors and values of clips plausible? (exit 2: not)")
+    check.add_argument("clips", type=Path, nargs="+", metavar="CLIP", help="clips, or folders of clips")
+    check.add_argument("--picture", type=Path, metavar="FOLDER", help="draw motion, masks and residuals, a PNG a clip")
+    _force(check)
+
+    info = _command(commands, "info", _info, "describe a clip, a model or a run")
+    info.add_argument("source", type=Path, metavar="CLIP|MODEL|RUN")
+    return parser
+
+
+def _command(commands: Any, name: str, run: Any, text: str) -> argparse.ArgumentParser:
+    parser: argparse.ArgumentParser = commands.add_parser(name, help=text, description=text)
+    parser.set_defaults(run=run)
+    return parser
+
+
+def _force(parser: argparse.ArgumentParser) -> None:
+    parser.add_argument("--force", action="store_true", help="overwrite what exists")
+
+
+def _device(parser: argparse.ArgumentParser, default: str) -> None:
+    parser.add_argument("--device", default=default, help=f"cpu, cuda, … (default: {default})")
+
+
+def _render(options: argparse.Namespace) -> None:
+    from nte.render.clips import render_recipe
+
+    folders = render_recipe(options.recipe, options.out, options.jobs, options.force)
+    print(f"{len(folders)} clips in {options.out}")
+
+
+def _train(options: argparse.Namespace) -> None:
+    from nte.training.config import load_train_config
+    from nte.training.loop import train
+
+    print(train(load_train_config(options.config, options.overrides), options.force, options.device))
+
+
+def _evaluate(options: argparse.Namespace) -> None:
+    from nte.evaluation.compare import evaluate
+    from nte.evaluation.report import write_report
+    from nte.evaluation.table import format_table
+    from nte.progress import Progress
+
+    with Progress("evaluate", 0, "frame") as progress:
+        found = evaluate(
+            options.clips, options.denoisers, options.out, options.first_frame, options.force, options.device,
+            progress.reach,
+        )  # fmt: skip
+    page = write_report(found, options.out)
+    print(format_table(found.metrics))
+    print(f"report: {page}")
+
+
+def _export(options: argparse.Namespace) -> None:
+    from nte.runtime.export import export_onnx
+    from nte.training.run import load_run
+
+    if options.out.exists() and not options.force:
+        raise NteError(f"{options.out}: exists: choose another name, or overwrite it with --force")
+    export_onnx(load_run(options.source), options.out)
+    print(options.out)
+
+
+def _denoise(options: argparse.Namespace) -> None:
+    from nte.registry import load_denoiser
+    from nte.sequences import denoise_files
+
+    denoiser = load_denoiser(options.denoiser, options.device)
+    written = denoise_files(options.sources, denoiser, options.out, options.exposure, options.png, options.force)
+    print(f"{len(written)} frames in {options.out}")
+
+
+def _check(options: argparse.Namespace) -> int:
+    from nte.check import check_clip
+    from nte.check_output import describe, draw
+    from nte.frames.clip import Clip, find_clips
+    from nte.frames.show import write_png
+
+    implausible = 0
+    for folder in find_clips(options.clips):
+        clip = Clip(folder)
+        report = check_clip(clip)
+        implausible += report.verdict == "implausible"
+        print(describe(report))
+        if options.picture and len(clip) > 1:
+            path = options.picture / f"{'_'.join(folder.parts[-2:])}.png"
+            if path.exists() and not options.force:
+                raise NteError(f"{path}: exists: choose another folder, or overwrite it with --force")
+            path.parent.mkdir(parents=True, exist_ok=True)
+            write_png(path, draw(clip, report.telling_frame))
+            print(f"  picture of frame {report.telling_frame}: {path}")
+    return 2 if implausible else 0
+
+
+def _info(options: argparse.Namespace) -> None:
+    from nte.info import describe
+
+    print(describe(options.source))
+
+
+def _tell_warning(message: Warning | str, category: type[Warning], *_: object, **__: object) -> None:
+    print(f"nte: warning: {message}", file=sys.stderr)
+
+

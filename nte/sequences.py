@@ -1,0 +1,88 @@
+"""Denoising files: a clip or loose frames in, linear OpenEXR out, the other layers kept."""
+
+import re
+from collections.abc import Iterator, Sequence
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+
+from nte.denoiser import Denoiser, Session
+from nte.errors import NteError
+from nte.frames.clip import Clip, frame_path, read_frame, write_clip_info, write_frame
+from nte.frames.frame import Frame
+from nte.frames.scalars import sequence_scalars
+from nte.frames.show import show, write_png
+from nte.progress import Progress
+
+_NOT_KEPT = ("reference", "previous_forward_motion")  # derived: the first from its halves, where they are stored
+
+
+def denoise_files(
+    sources: Sequence[Path], denoiser: Denoiser, out: Path, exposure: float | None = None, png: bool = False,
+    force: bool = False,
+) -> list[Path]:  # fmt: skip
+    """Denoise a clip, or frames in the order of their numbers, into the folder `out`; returns what was written.
+
+    A frame keeps its name and its layers; only the denoiser's target is replaced by the denoised image. A
+    clip stays a clip. exposure: linear factor for the sequence (None: the clip's own, or estimated from the
+    first frame). png: a tonemapped picture beside each frame. Raises NteError for input that does not fit
+    and for files that exist, unless `force`.
+    """
+    clip = Clip(sources[0]) if len(sources) == 1 and sources[0].is_dir() else None
+    paths = [frame_path(clip.folder, i) for i in range(len(clip))] if clip else _in_order(sources)
+    written = [out / path.name for path in paths]
+    for path, source in zip(written, paths, strict=True):
+        if path.exists() and path.samefile(source):
+            raise NteError(f"{out}: holds the noisy frames themselves: choose another folder")
+        if path.exists() and not force:
+            raise NteError(f"{path}: exists: choose another folder, or overwrite it with --force")
+    out.mkdir(parents=True, exist_ok=True)
+    (out / "clip.json").unlink(missing_ok=True)  # until its frames are all there
+
+    session = Session(denoiser)
+    scale = None if exposure is None else np.array([exposure], np.float32)
+    with Progress("denoise", len(paths), "frame") as progress:
+        for path, frame in zip(written, clip or _loose_frames(paths), strict=True):
+            scale = sequence_scalars(frame)[0] if scale is None else scale
+            image = session.denoise(replace(frame, exposure=scale))[0]
+            kept = {name: values[0] for name, values in frame.channels.items() if name not in _NOT_KEPT}
+            write_frame(path, kept | {denoiser.target: image})
+            if png:
+                write_png(path.with_suffix(".png"), show(denoiser.target, image, float(scale[0])).pixels)
+            progress.advance(1)
+    if clip and scale is not None:
+        write_clip_info(out, {**clip.info, "seeds": 1, "exposure": float(scale[0])})
+    return written
+
+
+def _loose_frames(paths: Sequence[Path]) -> Iterator[Frame]:
+    """Frames of files that are no clip; the forward motion of a file is handed over with the next one."""
+    forward, size = None, None
+    for index, path in enumerate(paths):
+        stored = read_frame(path)
+        if not stored:
+            raise NteError(f"{path}: has no channel of ours (see datasets/README.md), such as color.R")
+        channels = {name: values[None] for name, values in stored.items()}
+        shape = next(iter(stored.values())).shape[1:]
+        if size not in (None, shape):
+            raise NteError(f"{path}: {shape[1]}x{shape[0]} after {size[1]}x{size[0]}: frames must have one size")
+        size = shape
+        if "forward_motion" in channels:
+            unknown = np.full_like(channels["forward_motion"], np.nan)
+            channels["previous_forward_motion"] = unknown if forward is None else forward
+            forward = channels["forward_motion"]
+        yield Frame(channels, index)
+
+
+def _in_order(sources: Sequence[Path]) -> list[Path]:
+    """Files by the number at the end of their names; raises NteError for a gap in the numbering."""
+    numbers = {path: re.search(r"(\d+)$", path.stem) for path in sources}
+    if not all(numbers.values()):
+        return list(sources)
+    ordered = sorted(sources, key=lambda path: int(numbers[path][0]))  # type: ignore[index]
+    values = [int(numbers[path][0]) for path in ordered]  # type: ignore[index]
+    for before, after, path in zip(values, values[1:], ordered[1:], strict=False):
+        if after != before + 1:
+            raise NteError(f"{path}: follows number {before}: frame {before + 1} is missing, or named twice")
+    return ordered
