@@ -43,9 +43,10 @@ def warp(image: Tensor, motion: Tensor) -> Warped:
     height, width = image.shape[-2:]
     position = pixel_centres(image) + motion
     valid = inside(position)
-    # A position far outside or NaN would overflow the integer pixel index.
-    position = torch.where(valid, position, 0.0)
-    grid = torch.stack([position[:, 0] / width, position[:, 1] / height], 3) * 2 - 1
+    # Clamped here too: a position far outside, or NaN, would overflow the integer pixel index.
+    x = position[:, 0].nan_to_num().clamp(0, width) / width
+    y = position[:, 1].nan_to_num().clamp(0, height) / height
+    grid = torch.stack([x, y], 3) * 2 - 1
     fetched = F.grid_sample(image, grid, mode="bilinear", padding_mode="border", align_corners=False)
     return Warped(fetched, valid)
 

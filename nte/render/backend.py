@@ -55,11 +55,21 @@ def load_mitsuba() -> Any:
     return mitsuba
 
 
+def load_drjit() -> Any:
+    """The drjit module, after load_mitsuba has chosen its LLVM."""
+    load_mitsuba()
+    return importlib.import_module("drjit")
+
+
+def is_scalar() -> bool:
+    """Whether Mitsuba handles one ray at a time instead of whole arrays of them."""
+    return str(load_mitsuba().variant()).startswith("scalar")
+
+
 def share_cores(jobs: int) -> None:
     """Leave the other jobs their share of the cores; for processes that render side by side."""
-    mitsuba = load_mitsuba()
-    if not mitsuba.variant().startswith("scalar"):
-        importlib.import_module("drjit").set_thread_count(max(1, (os.cpu_count() or 1) // jobs))
+    if not is_scalar():
+        load_drjit().set_thread_count(max(1, (os.cpu_count() or 1) // jobs))
 
 
 def choose_llvm(given: str | None) -> Path | None:

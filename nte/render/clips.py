@@ -8,10 +8,10 @@ from typing import Any
 
 import nte
 from nte.frames.clip import write_clip_info, write_frame
+from nte.progress import Progress
 from nte.render.backend import load_mitsuba, share_cores
 from nte.render.integrator import guides, radiance
 from nte.render.output import claim, files_of, is_whole
-from nte.render.progress import Progress
 from nte.render.recipe import ClipPlan, plan, read_recipe
 from nte.render.scene import Pixels
 from nte.render.scenes import FAMILIES
@@ -25,7 +25,9 @@ GUIDES = (
 CHANNELS_OF_FRAME = (*GUIDES, "color", "reference_a", "reference_b")
 
 
-def render_recipe(recipe_path: Path | str, out: Path | str, jobs: int = 1, force: bool = False, progress: bool = True) -> list[Path]:
+def render_recipe(
+    recipe_path: Path | str, out: Path | str, jobs: int = 1, force: bool = False, progress: bool = True
+) -> list[Path]:
     """Render every clip of a recipe below `out`; returns the clips' folders.
 
     Continues where an earlier run stopped: whole frames are kept, and the result has the same bytes for any

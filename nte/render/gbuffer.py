@@ -5,7 +5,11 @@ because averages across an edge mean nothing. Surface (albedo, normal, roughness
 the pixel, like the colour that it guides.
 """
 
+from collections.abc import Sequence
+from typing import Any
+
 import numpy as np
+import numpy.typing as npt
 import torch
 
 from nte.motion.camera import project
@@ -25,19 +29,17 @@ def geometry(stage: Stage, time: float) -> dict[str, Pixels]:
     at infinity: only the camera's rotation moves it. `stage` must be set to the same time.
     """
     hits = trace_centres(stage)
-    now = _points(stage, hits, time)
-    here = _project(stage, hits, now, time)
-    motion, forward = (
-        _project(stage, hits, _points(stage, hits, then), then) - here for then in (time - 1, time + 1)
-    )
     hit = hits.instance > 0
-    view = stage.scene.camera.view(time)
+    times = (time - 1, time, time + 1)
+    points = np.stack([_points(stage, hits, then) for then in times])
+    before, here, after = _project(stage, hit, points, times)
+    now, view = points[1], stage.scene.camera.view(time)
     return {
         "depth": _image(stage, np.where(hit, now @ view[2, :3] + view[2, 3], 0)),
         "position": _image(stage, np.where(hit[:, None], now, 0)),
         "instance": _image(stage, hits.instance),
-        "motion": _image(stage, motion),
-        "forward_motion": _image(stage, forward),
+        "motion": _image(stage, before - here),
+        "forward_motion": _image(stage, after - here),
     }
 
 
@@ -49,14 +51,12 @@ def surface(stage: Stage) -> dict[str, Pixels]:
     a pixel of misses has normal 0 and roughness 1.
     """
     seen = trace_surfaces(stage, _pattern(SAMPLES))
-    hits = seen.hit.sum(1)
-    normal = seen.normal.sum(1)
-    length = np.linalg.norm(normal, axis=1, keepdims=True)
+    length = np.linalg.norm(seen.normal, axis=1, keepdims=True)
     return {
-        "albedo": _image(stage, np.clip(seen.albedo.mean(1), 0, 1)),
-        "normal": _image(stage, np.divide(normal, length, where=length > 0, out=np.zeros_like(normal))),
-        "roughness": _image(stage, np.where(hits > 0, seen.roughness.sum(1) / np.maximum(hits, 1), 1)),
-        "emission": _image(stage, seen.emission.mean(1)),
+        "albedo": _image(stage, np.clip(seen.albedo / SAMPLES, 0, 1)),
+        "normal": _image(stage, np.divide(seen.normal, length, where=length > 0, out=np.zeros_like(seen.normal))),
+        "roughness": _image(stage, np.where(seen.hit > 0, seen.roughness / np.maximum(seen.hit, 1), 1)),
+        "emission": _image(stage, seen.emission / SAMPLES),
     }
 
 
@@ -77,15 +77,18 @@ def _points(stage: Stage, hits: Hits, time: float) -> Floats:
     return points
 
 
-def _project(stage: Stage, hits: Hits, points: Floats, time: float) -> Floats:
-    """Pixel positions (P, 2) of `points` as the camera sees them at a time; far outside if behind it."""
+def _project(stage: Stage, hit: npt.NDArray[np.bool_], points: Floats, times: Sequence[float]) -> Floats:
+    """Pixel positions (T, P, 2) of `points` (T, P, 3) as the camera sees them at `times`.
+
+    What lies behind the camera counts as far outside the image: motion vectors are always finite.
+    """
     camera, size = stage.scene.camera, (stage.height, stage.width)
-    grid = torch.from_numpy(points.T.copy()).view(1, 3, *size)
-    view = torch.from_numpy(camera.view(time))[None]
-    projection = torch.from_numpy(camera.projection(stage.width, stage.height))[None]
-    hit = torch.from_numpy(hits.instance > 0).view(1, 1, *size)
-    positions = project(grid, view, projection, hit).view(2, -1).numpy().T
-    return np.nan_to_num(positions, nan=-2.0 * max(size))
+    grid = torch.from_numpy(points.transpose(0, 2, 1).copy()).view(-1, 3, *size)
+    view = torch.from_numpy(np.stack([camera.view(time) for time in times]))
+    projection = torch.from_numpy(camera.projection(stage.width, stage.height)).expand_as(view)
+    is_point = torch.from_numpy(hit).view(1, 1, *size).expand(len(times), -1, -1, -1)
+    positions = project(grid, view, projection, is_point).flatten(2).numpy().transpose(0, 2, 1)
+    return np.asarray(np.nan_to_num(positions, nan=-2.0 * max(size)))
 
 
 def _pattern(count: int) -> Floats:
@@ -98,6 +101,6 @@ def _pattern(count: int) -> Floats:
     return (np.stack([np.arange(count), mirrored], axis=1) + 0.5) / count
 
 
-def _image(stage: Stage, rows: np.ndarray) -> Pixels:
+def _image(stage: Stage, rows: npt.NDArray[Any]) -> Pixels:
     """One row per pixel, (P,) or (P, C) → (C, H, W) float32."""
     return np.ascontiguousarray(rows.reshape(stage.height, stage.width, -1).transpose(2, 0, 1), np.float32)

@@ -33,13 +33,16 @@ def radiance(stage: Stage, spp: int, seed: int) -> Pixels:
 
 
 def launches(spp: int, pixels: int) -> Iterator[int]:
-    """Split samples per pixel into as few renderings as memory allows, each a power of two.
+    """Split samples per pixel into as few renderings as memory allows, each a power of four.
 
-    Only then does each pixel's sum stay within one thread: renderings with 100 spp differ in the last bit
-    from run to run, those with 128 do not.
+    A square, because the samples of a rendering are stratified over the pixel; and a power of two, because
+    only then does each pixel's sum stay within one thread: renderings with 100 spp differ in the last bit
+    from run to run, those with 64 do not.
     """
-    most = 1 << max(0, (_SAMPLES // pixels).bit_length() - 1)
+    most = max(1, _SAMPLES // pixels)
     while spp:
-        count = min(most, 1 << (spp.bit_length() - 1))
+        count = 1
+        while 4 * count <= min(spp, most):
+            count *= 4
         yield count
         spp -= count

@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from nte.render.backend import load_mitsuba
+from nte.render.backend import is_scalar, load_drjit, load_mitsuba
 from nte.render.stage import Stage
 from nte.render.transforms import Floats
 
@@ -27,7 +27,7 @@ class Hits:
 
 @dataclass(frozen=True)
 class Surfaces:
-    """What samples inside the pixels see: (P, S, components), 0 where they miss."""
+    """Sums (P, components) over the samples in each pixel, to which a sample that misses adds 0."""
 
     albedo: Floats
     normal: Floats
@@ -39,7 +39,7 @@ class Surfaces:
 def trace_centres(stage: Stage) -> Hits:
     """Hits of the rays through the pixel centres, at the time that `stage` is set to."""
     centre = np.full((1, 2), 0.5)
-    shape, triangle, barycentric, direction = np.split(_trace(stage, centre, _intersect)[:, 0], [1, 2, 4], axis=1)
+    shape, triangle, barycentric, direction = np.split(_trace(stage, centre, _intersect), [1, 2, 4], axis=1)
     return Hits(
         _instances(stage)[shape[:, 0].astype(np.int64)], triangle[:, 0].astype(np.int64), barycentric, direction
     )
@@ -47,14 +47,13 @@ def trace_centres(stage: Stage) -> Hits:
 
 def trace_surfaces(stage: Stage, offsets: Floats) -> Surfaces:
     """What is seen at `offsets` (S, 2) in every pixel, in [0, 1), at the time that `stage` is set to."""
-    return Surfaces(*np.split(_trace(stage, offsets, _look), [3, 6, 7, 10], axis=2))
+    return Surfaces(*np.split(_trace(stage, offsets, _look), [3, 6, 7, 10], axis=1))
 
 
 def _trace(stage: Stage, offsets: Floats, look: Callable[[Any, Any, Any], list[Any]]) -> Floats:
-    """Values (P, S, K) of look(mi, scene, ray) for the rays at `offsets` (S, 2) in every pixel."""
+    """Values (P, K) of look(mi, scene, ray), summed over the rays at `offsets` (S, 2) in every pixel."""
     mi = load_mitsuba()
     pixels, samples = stage.width * stage.height, len(offsets)
-    scalar = mi.variant().startswith("scalar")
 
     def values(x: Any, y: Any) -> list[Any]:
         ray, _ = stage.sensor.sample_ray(0.0, 0.5, mi.Point2f(x, y), mi.Point2f(0.5))
@@ -66,12 +65,15 @@ def _trace(stage: Stage, offsets: Floats, look: Callable[[Any, Any, Any], list[A
         index = np.arange(start, min(start + step, pixels))
         corner = np.stack([index % stage.width, index // stage.width], axis=1)
         film = (corner[:, None] + offsets).reshape(-1, 2) / (stage.width, stage.height)
-        if scalar:
+        if is_scalar():
             table = np.array([values(x, y) for x, y in film.tolist()], float)
+            rows.append(table.reshape(len(index), samples, -1).sum(1))
         else:
             columns = values(*(mi.Float(np.ascontiguousarray(column, np.float32)) for column in film.T))
-            table = np.stack([np.array(column, float) for column in columns], axis=1)
-        rows.append(table.reshape(len(index), samples, -1))
+            dr = load_drjit()
+            dr.eval(columns)  # one kernel instead of one per column
+            sums = columns if samples == 1 else [dr.block_sum(column, samples) for column in columns]
+            rows.append(np.stack([np.array(column, float) for column in sums], axis=1))
     return np.concatenate(rows)
 
 
@@ -85,37 +87,33 @@ def _look(mi: Any, scene: Any, ray: Any) -> list[Any]:
     """albedo (3), normal (3), roughness, emission (3), hit: 0 where the ray misses."""
     si = scene.ray_intersect(ray)
     bsdf, emitter, hit = si.bsdf(), si.emitter(scene), si.is_valid()
-    if mi.variant().startswith("scalar"):
+    if is_scalar():
         emission = emitter.eval(si) if emitter else mi.Color3f(0)
         if not hit:
             return [0.0] * 7 + [*emission, 0.0]
         rough = bsdf.eval_attribute_1("roughness", si) if bsdf.has_attribute("roughness") else 1.0
         normal = si.sh_frame.n * (1 if si.wi.z >= 0 else -1)
         return [*bsdf.eval_diffuse_reflectance(si), *normal, rough, *emission, 1.0]
-    import drjit as dr
-
+    dr = load_drjit()
     known = bsdf.has_attribute("roughness", hit)
     rough = dr.select(known, bsdf.eval_attribute_1("roughness", si, hit & known), 1)
     normal = dr.select(hit, si.sh_frame.n * dr.select(si.wi.z >= 0, 1, -1), 0)
     albedo = bsdf.eval_diffuse_reflectance(si, hit)  # the metals' specular colour too, in `principled`
-    columns = [*albedo, *normal, dr.select(hit, rough, 0), *emitter.eval(si), dr.select(hit, mi.Float(1), 0)]
-    dr.eval(columns)  # one kernel instead of one per column
-    return columns
+    return [*albedo, *normal, dr.select(hit, rough, 0), *emitter.eval(si), dr.select(hit, mi.Float(1), 0)]
 
 
 def _key(mi: Any, shape: Any) -> Any:
     """A whole number per shape: Dr.Jit's registry id, which is 1-based, in no fixed order; 0 for none."""
-    if mi.variant().startswith("scalar"):
+    if is_scalar():
         return int(shape.id().rsplit("_", 1)[1]) + 1 if shape else 0
-    import drjit as dr
-
+    dr = load_drjit()
     return dr.reinterpret_array(mi.UInt32, shape)
 
 
 def _instances(stage: Stage) -> Indices:
     """Table from keys of shapes to instance numbers: index in scene.objects + 1."""
     mi = load_mitsuba()
-    scalar = mi.variant().startswith("scalar")
+    scalar = is_scalar()
     keys = [int(_key(mi, m) if scalar else _key(mi, mi.ShapePtr(m))[0]) for m in stage.meshes.values()]
     table = np.zeros(max(keys) + 1, np.int64)
     table[keys] = np.arange(len(keys)) + 1

@@ -46,7 +46,8 @@ class Stage:
 def _sensor(scene: Scene, width: int, height: int) -> dict[str, Any]:
     return {
         "type": "perspective", "fov": scene.camera.fov, "fov_axis": "x", "near_clip": NEAR, "far_clip": FAR,
-        "sampler": {"type": "independent"},
+        # As dear as independent samples, and the same as them at 1 spp, but references have half the noise.
+        "sampler": {"type": "stratified"},
         # Only the box filter keeps the noise of neighbouring pixels independent, and repeats bit for bit.
         "film": {"type": "hdrfilm", "width": width, "height": height, "pixel_format": "rgb",
                  "component_format": "float32", "rfilter": {"type": "box"}},

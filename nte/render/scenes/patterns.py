@@ -78,7 +78,7 @@ def dots(rng: np.random.Generator) -> Floats:
 
 def marble(rng: np.random.Generator) -> Floats:
     """Wavy veins."""
-    x, y = _grid()
+    x, _ = _grid()
     return _mix(_wave(x + 0.8 * _clouds(rng, 0.7)), _smooth(_clouds(rng, 0.5) + 0.3))
 
 

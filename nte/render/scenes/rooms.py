@@ -13,9 +13,10 @@ import numpy as np
 from nte.render.scene import Camera, Colour, Material, Mesh, Scene, SceneObject
 from nte.render.scenes import shapes
 from nte.render.scenes.patterns import plain, random_texture
-from nte.render.transforms import Floats, Path3, Track, look_at, moving, still
+from nte.render.transforms import Floats, Path3, Track, look_at, moving, rotation, still, translation
 
 _LIGHT_ALBEDO = np.full((1, 1, 3), 0.8, np.float32)  # so that dividing by albedo does nothing odd to lights
+_OBJECTS = 15  # the same in every room: Dr.Jit's kernels depend on the number, and compiling takes 0.6 s
 _UP = (0.0, 1.0, 0.0)
 
 
@@ -29,7 +30,8 @@ class _Room:
 def make_room(rng: np.random.Generator) -> Scene:
     """A random room with everything in it."""
     room = _Room(rng.uniform(5.0, 7.0), rng.uniform(3.2, 4.2), rng.uniform(6.0, 8.0))
-    objects = [*_walls(room, rng), *_furniture(room, rng), *_movers(room, rng), *_lights(room, rng)]
+    objects = [*_walls(room, rng), *_lights(room, rng), *_movers(room, rng)]
+    objects += _furniture(room, rng, _OBJECTS - len(objects))
     return Scene(tuple(objects), _camera(room, rng))
 
 
@@ -59,11 +61,11 @@ def _walls(room: _Room, rng: np.random.Generator) -> list[SceneObject]:
     return walls
 
 
-def _furniture(room: _Room, rng: np.random.Generator) -> list[SceneObject]:
+def _furniture(room: _Room, rng: np.random.Generator, count: int) -> list[SceneObject]:
     """Things that stand still, for parallax."""
     return [
-        _object(rng, moving(_fixed(_place(room, rng, size)), _UP, 0.0, rng.uniform(0, 6)), size)
-        for size in rng.uniform(0.4, 0.8, rng.integers(1, 4))
+        _object(rng, still(translation(_place(room, rng, size)) @ rotation(_UP, rng.uniform(0, 6))), size)
+        for size in rng.uniform(0.4, 0.8, count)
     ]
 
 
@@ -107,7 +109,7 @@ def _sweep(room: _Room, rng: np.random.Generator, size: float) -> Path3:
     middle = _place(room, rng, size) * (0.2, 1, 1)
     reach = room.width / 2 - size - 0.2 * abs(middle[0]) - 0.1
     rate, phase = rng.uniform(0.15, 0.35) / reach, rng.uniform(0, 2 * np.pi)
-    return lambda time: middle + (reach * np.sin(rate * time + phase), 0, 0)
+    return lambda time: middle + np.array([reach * np.sin(rate * time + phase), 0, 0])
 
 
 def _circle(room: _Room, rng: np.random.Generator, size: float) -> Path3:
@@ -123,7 +125,7 @@ def _bounce(room: _Room, rng: np.random.Generator, size: float) -> Path3:
     ground = _place(room, rng, size) * (0.6, 0, 1) + (0, size, 0)
     jump = min(room.height - 2 * size - 0.3, 2.0)
     rate, drift, phase = rng.uniform(0.12, 0.22), rng.uniform(-0.06, 0.06), rng.uniform(0, np.pi)
-    return lambda time: ground + (drift * time, jump * abs(np.sin(rate * time + phase)), 0)
+    return lambda time: ground + np.array([drift * time, jump * abs(np.sin(rate * time + phase)), 0])
 
 
 def _lights(room: _Room, rng: np.random.Generator) -> list[SceneObject]:
@@ -142,26 +144,33 @@ def _ceiling_panel(room: _Room, rng: np.random.Generator) -> SceneObject:
     mesh = shapes.rectangle((-width / 2, 0, -length / 2), (width, 0, 0), (0, 0, length))
     middle = np.array([rng.uniform(-1, 1), room.height - 0.06, rng.uniform(2.2, room.depth - 2.0)])
     swing, rate = rng.choice([0.0, 0.0, 0.8]), rng.uniform(0.1, 0.25)
-    path: Path3 = lambda time: middle + (swing * np.sin(rate * time), 0, 0)
-    return _light(mesh, moving(path, _UP, 0.0), rng, 30.0 / (width * length))
+
+    def glide(time: float) -> Floats:
+        return np.asarray(middle + np.array([swing * np.sin(rate * time), 0, 0]))
+
+    return _light(mesh, moving(glide, _UP, 0.0), rng, 30.0 / (width * length))
 
 
 def _side_panel(room: _Room, rng: np.random.Generator) -> SceneObject:
     """A window-like panel on the left or right wall."""
     width, height = rng.uniform(1.0, 2.0), rng.uniform(0.8, 1.5)
     side = rng.choice([-1.0, 1.0])
-    x, y, z = side * (room.width / 2 - 0.05), rng.uniform(0.8, room.height - height - 0.2), rng.uniform(1.5, room.depth - 2.5)
+    x = side * (room.width / 2 - 0.05)
+    y, z = rng.uniform(0.8, room.height - height - 0.2), rng.uniform(1.5, room.depth - 2.5)
     mesh = shapes.rectangle((x, y, z + (side < 0) * width), (0, 0, side * width), (0, height, 0))
     return _light(mesh, still(), rng, 12.0 / (width * height))
 
 
 def _lamp(room: _Room, rng: np.random.Generator) -> SceneObject:
     """A glowing ball or ring that travels high through the room."""
-    path = _circle(room, rng, 0.5)
-    lift = np.array([0, room.height - 0.8, 0])
-    kind = [lambda: shapes.sphere(), lambda: shapes.torus(rng)][rng.integers(2)]
-    lamp: Path3 = lambda time: path(time) * (1, 0, 1) + lift
-    return _light(_scaled(kind(), rng.uniform(0.25, 0.4)), moving(lamp, rng.normal(size=3), 0.1), rng, 14.0)
+    circle = _circle(room, rng, 0.5)
+    mesh = _scaled(shapes.sphere() if rng.uniform() < 0.5 else shapes.torus(rng), rng.uniform(0.28, 0.4))
+
+    def travel(time: float) -> Floats:
+        x, _, z = circle(time)
+        return np.array([x, room.height - 0.8, z])
+
+    return _light(mesh, moving(travel, rng.normal(size=3), 0.1), rng, 7.0)
 
 
 def _light(mesh: Mesh, track: Track, rng: np.random.Generator, radiance: float) -> SceneObject:
@@ -173,21 +182,18 @@ def _light(mesh: Mesh, track: Track, rng: np.random.Generator, radiance: float) 
 
 def _camera(room: _Room, rng: np.random.Generator) -> Camera:
     """A camera that dollies sideways, moves in or out, circles the middle or pans; most do several at once."""
-    eye = np.array([rng.uniform(-0.8, 0.8), rng.uniform(1.2, 2.2), rng.uniform(0.5, 1.0)])
+    eye = np.array([rng.uniform(-0.7, 0.7), rng.uniform(1.2, 2.2), rng.uniform(0.6, 1.0)])
     target = np.array([rng.uniform(-0.6, 0.6), rng.uniform(1.0, 1.6), room.depth * 0.65])
-    sway = np.array([rng.uniform(0.5, 1.0), rng.uniform(0.0, 0.25), rng.uniform(0.0, 0.35)])
-    gaze = np.array([rng.uniform(0.2, 1.0), rng.uniform(0.0, 0.2), 0.0])
-    rate, gaze_rate = rng.uniform(0.08, 0.16), rng.uniform(0.08, 0.16)
-    phase, gaze_phase = rng.uniform(0, 2 * np.pi, 3), rng.uniform(0, 2 * np.pi, 3)
+    sway = np.array([rng.uniform(0.4, 1.1), rng.uniform(0.0, 0.3), rng.uniform(0.0, 0.4)])
+    gaze = np.array([rng.uniform(0.3, 1.3), rng.uniform(0.0, 0.3), 0.0])
+    rate, gaze_rate = rng.uniform(0.1, 0.18, 2) * rng.choice([-1, 1], 2)
+    # Near a phase of 0 the movement is at its fastest; a clip that begins at a turning point hardly moves.
+    phase, gaze_phase = rng.uniform(-0.8, 0.2, (2, 3)) * np.sign([[rate], [gaze_rate]])
 
     def track(time: float) -> Floats:
         return look_at(eye + sway * np.sin(rate * time + phase), target + gaze * np.sin(gaze_rate * time + gaze_phase))
 
     return Camera(track, rng.uniform(58, 74))
-
-
-def _fixed(point: Floats) -> Path3:
-    return lambda time: point
 
 
 def _scaled(mesh: Mesh, size: float) -> Mesh:

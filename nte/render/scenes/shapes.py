@@ -52,7 +52,9 @@ def rectangle(corner: npt.ArrayLike, right: npt.ArrayLike, up: npt.ArrayLike, te
     return _mesh(positions, np.tile(np.cross(r, u), (4, 1)), uv, np.array([[0, 1, 2], [0, 2, 3]]))
 
 
-def revolved(radius: Callable[[Floats], Floats], height: Callable[[Floats], Floats], columns: int = 48, rows: int = 32) -> Mesh:
+def revolved(
+    radius: Callable[[Floats], Floats], height: Callable[[Floats], Floats], columns: int = 40, rows: int = 24
+) -> Mesh:
     """A lathe: the profile (radius(v), height(v)) turned about the y axis, from the bottom up."""
 
     def surface(u: Floats, v: Floats) -> Floats:
@@ -69,7 +71,7 @@ def sphere() -> Mesh:
 
 def cylinder() -> Mesh:
     """A closed cylinder of radius 0.7 and height 2, its rims a little rounded."""
-    return revolved(lambda v: 0.7 * _squared(np.sin(np.pi * v)), lambda v: -_squared(np.cos(np.pi * v)), rows=48)
+    return revolved(lambda v: 0.7 * _squared(np.sin(np.pi * v)), lambda v: -_squared(np.cos(np.pi * v)), rows=40)
 
 
 def vase(rng: np.random.Generator) -> Mesh:
@@ -77,7 +79,8 @@ def vase(rng: np.random.Generator) -> Mesh:
     waves, phase, depth = rng.uniform(0.8, 2.0), rng.uniform(0, 2 * np.pi), rng.uniform(0.15, 0.3)
 
     def radius(v: Floats) -> Floats:
-        return np.sqrt(np.sin(np.pi * v).clip(0)) * (0.6 + depth * np.sin(2 * np.pi * waves * v + phase))
+        wavy = 0.6 + depth * np.sin(2 * np.pi * waves * v + phase)
+        return np.asarray(np.sqrt(np.sin(np.pi * v).clip(0)) * wavy)
 
     return revolved(radius, lambda v: 2 * v - 1)
 
@@ -96,10 +99,10 @@ def knot(rng: np.random.Generator) -> Mesh:
         ring = 0.62 + 0.25 * np.cos(loops * angle)
         return np.stack([ring * np.cos(turns * angle), 0.3 * np.sin(loops * angle), ring * np.sin(turns * angle)], 1)
 
-    return tube(curve, 0.17, columns=160, rows=16)
+    return tube(curve, 0.17, columns=128, rows=12)
 
 
-def tube(curve: Callable[[Floats], Floats], radius: float, columns: int = 64, rows: int = 24) -> Mesh:
+def tube(curve: Callable[[Floats], Floats], radius: float, columns: int = 48, rows: int = 20) -> Mesh:
     """A tube about a closed curve(u) whose tangent is never vertical."""
 
     def surface(u: Floats, v: Floats) -> Floats:
@@ -121,9 +124,9 @@ def boulder(rng: np.random.Generator) -> Mesh:
         angle, polar = -2 * np.pi * u, np.pi * v
         point = np.stack([np.sin(polar) * np.cos(angle), -np.cos(polar), np.sin(polar) * np.sin(angle)], 1)
         waves = np.sin(point @ directions.T + phases).mean(1, keepdims=True)
-        return point * (0.85 + 0.35 * waves)
+        return np.asarray(point * (0.85 + 0.35 * waves))
 
-    return parametric(surface, 56, 36)
+    return parametric(surface, 40, 26)
 
 
 def box(rng: np.random.Generator) -> Mesh:
@@ -143,11 +146,11 @@ def _circle(u: Floats, radius: float) -> Floats:
 
 def _squared(x: Floats) -> Floats:
     """Pushes a sine towards a square wave: a circle becomes a rounded square."""
-    return np.tanh(4 * x) / np.tanh(4.0)
+    return np.asarray(np.tanh(4 * x) / np.tanh(4.0))
 
 
 def _unit(vectors: Floats) -> Floats:
-    return vectors / np.linalg.norm(vectors, axis=-1, keepdims=True)
+    return np.asarray(vectors / np.linalg.norm(vectors, axis=-1, keepdims=True))
 
 
 def _mesh(positions: Floats, normals: Floats, uv: Floats, faces: npt.NDArray[np.integer]) -> Mesh:
