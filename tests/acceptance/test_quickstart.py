@@ -1,0 +1,73 @@
+"""What `make demo` must have reached. Not collected by `make test`: run it with `make acceptance` afterwards."""
+
+import json
+import math
+from pathlib import Path
+
+import pytest
+
+from nte.check import CheckReport, Mean, check_clip
+from nte.frames.clip import Clip, find_clips
+from nte.motion.conventions import Convention
+
+DATA, MODEL = Path("data/quickstart"), "demo/quickstart.onnx"
+BASELINES = ("noisy", "taa:clamp=none", "taa", "taa:clamp=clip")
+
+
+@pytest.fixture(scope="module")
+def reports() -> list[CheckReport]:
+    return [check_clip(Clip(folder)) for folder in find_clips([DATA])]
+
+
+def pooled(means: list[Mean]) -> float:
+    return sum(m.total for m in means) / sum(m.count for m in means)
+
+
+def test_every_clip_passes_the_check(reports: list[CheckReport]) -> None:
+    assert [r.reason for r in reports if r.verdict != "plausible"] == []
+
+
+def test_motion_explains_the_albedo_five_times_better(reports: list[CheckReport]) -> None:
+    fits = [r.fits[Convention()] for r in reports]
+    unwarped, warped = pooled([f.unwarped for f in fits]), pooled([f.warped for f in fits])
+    print(f"\nalbedo error on {sum(f.warped.count for f in fits)} pixels of {len(fits)} clips: "
+          f"unwarped {unwarped:.4f}, warped {warped:.4f}: {unwarped / warped:.1f} times smaller")  # fmt: skip
+    assert unwarped / warped >= 5
+
+
+def test_dual_vectors_serve_disoccluded_pixels_better(reports: list[CheckReport]) -> None:
+    error = {
+        vectors: pooled([r.errors["reference", vectors, "disoccluded"] for r in reports])
+        for vectors in ("none", "traditional", "dual")
+    }
+    share = sum(r.disoccluded for r in reports) / len(reports)
+    print(f"\nreference error in disoccluded pixels ({share:.1%} of all): {error}")
+    assert error["dual"] < error["traditional"]
+
+
+def test_the_exported_model_beats_every_baseline() -> None:
+    metrics = json.loads(Path("demo/report/metrics.json").read_text())
+    clips = {row["clip"]: row["frames"] for row in metrics["rows"] if row["region"] == "all"}
+    assert len(clips) >= 4
+    assert min(clips.values()) >= 11  # 12 frames, the first one is not scored
+    ours = metrics["means"][MODEL]
+    for baseline in BASELINES:
+        theirs = metrics["means"][baseline]
+        assert ours["psnr"] > theirs["psnr"]
+        assert ours["ssim"] > theirs["ssim"]
+        assert ours["flip"] < theirs["flip"]
+        assert ours["temporal_l1"] < theirs["temporal_l1"]
+
+
+def test_training_hardly_waited_for_data() -> None:
+    lines = [json.loads(line) for line in Path("runs/quickstart/metrics.jsonl").read_text().splitlines()]
+    waits = [line["loader_wait"] for line in lines if "loader_wait" in line]
+    mean = math.fsum(waits) / len(waits)
+    print(f"\nwaiting for data: {mean:.1%} of a step, {lines[0]['frames_per_second']:.0f} frames/s at the start")
+    assert mean < 0.05
+
+
+def test_the_denoised_clip_is_a_clip() -> None:
+    source, denoised = Clip(DATA / "test" / "rooms_000"), Clip("demo/denoised")
+    assert len(denoised) == len(source)
+    assert set(source.channels) <= {*denoised.channels}
