@@ -8,6 +8,7 @@ is loaded, and DRJIT_LIBLLVM_PATH always names a library that we have looked at.
 import importlib
 import importlib.metadata
 import mmap
+import multiprocessing
 import os
 import re
 import sys
@@ -32,27 +33,36 @@ _SYSTEM_FOLDERS = (
 def load_mitsuba() -> Any:
     """The mitsuba module with its variant set: llvm_ad_rgb, or scalar_rgb where no usable LLVM is found.
 
-    Says so in one line on stderr in the second case, which is several times slower. Raises NteError where
-    Mitsuba is not installed, and where the user's own DRJIT_LIBLLVM_PATH would crash.
+    Says so in one line on stderr in the second case, which is many times slower. Raises NteError where Mitsuba
+    is not installed, and where an LLVM that crashes is wanted (DRJIT_LIBLLVM_PATH) or already loaded.
     """
     library = choose_llvm(os.environ.get(_VARIABLE))
     if library is not None:
         os.environ[_VARIABLE] = str(library)
     try:
-        mitsuba = importlib.import_module("mitsuba")
         drjit = importlib.import_module("drjit")
+        mitsuba = importlib.import_module("mitsuba")
     except ImportError as error:
         raise needs_extra("render", "rendering", error) from error
     if library is not None and drjit.has_backend(drjit.JitBackend.LLVM):
+        _check_loaded(drjit.detail.llvm_version(), library)
         mitsuba.set_variant("llvm_ad_rgb")
-    else:
+        return mitsuba
+    if multiprocessing.parent_process() is None:  # said once, not by every job
         why = f"{library} cannot be loaded" if library else f"no LLVM {OLDEST_LLVM} or newer is found"
-        print(
-            f"nte: {why}: rendering with scalar_rgb, many times slower; to speed it up: pip install {_WHEEL}",
-            file=sys.stderr,
-        )
-        mitsuba.set_variant("scalar_rgb")
+        hint = f"to speed it up: pip install {_WHEEL}"
+        print(f"nte: {why}: rendering with scalar_rgb, many times slower; {hint}", file=sys.stderr)
+    mitsuba.set_variant("scalar_rgb")
     return mitsuba
+
+
+def _check_loaded(version: tuple[int, int, int], library: Path) -> None:
+    """Refuse an LLVM that Dr.Jit has chosen by itself, as it does when it is imported before nte.render."""
+    if version[0] < OLDEST_LLVM:
+        raise NteError(
+            f"LLVM {version[0]}, which crashes Mitsuba, is already loaded: mitsuba was imported before nte.render; "
+            f"set {_VARIABLE}={library} first"
+        )
 
 
 def load_drjit() -> Any:
@@ -109,10 +119,10 @@ def llvm_version(path: Path) -> int | None:
             return int(found[1])
     try:
         with path.open("rb") as file, mmap.mmap(file.fileno(), 0, access=mmap.ACCESS_READ) as content:
-            found_bytes = re.search(rb"\0LLVM_(\d+)(?:\.\d+)?\0", content)  # the version node of its symbols
+            node = re.search(rb"\0LLVM_(\d+)(?:\.\d+)?\0", content)  # the version of its symbols
+            return int(node[1]) if node else None
     except (OSError, ValueError):
         return None
-    return int(found_bytes[1]) if found_bytes else None
 
 
 def _wheel_libraries() -> list[Path]:

@@ -36,13 +36,13 @@ def render_recipe(
     """
     out = Path(out)
     recipe = read_recipe(Path(recipe_path))
+    load_mitsuba()  # before anything is written: it may be missing
     claim(out, recipe, force)
     plans = plan(recipe)
     with Progress("render", sum(p.group.frames for p in plans), "frame", progress) as told:
         if jobs > 1:
             _render_parallel(plans, out, jobs, told)
         else:
-            load_mitsuba()
             for unit in plans:
                 render_clip(unit, out, told.advance)
                 told.say(unit.name)

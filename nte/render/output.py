@@ -55,7 +55,7 @@ def _remove_clips(out: Path) -> None:
     """Delete the clips below `out`: only files and folders with the names that nte render gives them."""
     for split in SPLITS:
         for family in FAMILIES:
-            for clip in sorted((out / split).glob(f"{family}_[0-9][0-9][0-9]")):
+            for clip in sorted((out / split).glob(f"{family}_[0-9][0-9][0-9]*")):
                 for path in sorted(clip.rglob("*"), reverse=True):
                     if path.is_file() and _OURS.fullmatch(path.relative_to(clip).as_posix()):
                         path.unlink()

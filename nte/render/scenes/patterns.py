@@ -79,7 +79,8 @@ def dots(rng: np.random.Generator) -> Floats:
 def marble(rng: np.random.Generator) -> Floats:
     """Wavy veins."""
     x, _ = _grid()
-    return _mix(_wave(x + 0.8 * _clouds(rng, 0.7)), _smooth(_clouds(rng, 0.5) + 0.3))
+    veins = 0.5 + 0.5 * np.sin(2 * np.pi * (x + 0.6 * _clouds(rng, 0.9)))
+    return _mix(veins, _smooth(_clouds(rng, 0.6) + 0.3))
 
 
 PATTERNS: tuple[Pattern, ...] = (stripes, checker, bricks, noise, dots, marble)

@@ -1,0 +1,35 @@
+"""One rendering that the tests of this folder share."""
+
+import importlib.util
+from pathlib import Path
+
+import pytest
+
+if importlib.util.find_spec("mitsuba") is None:  # found, not imported: nte.render must choose the LLVM first
+    collect_ignore = ["test_clips.py", "test_gbuffer.py", "test_mitsuba.py"]
+
+RECIPE = """\
+name: tiny
+seed: 7
+train:
+  - {scene: rooms, clips: 1, width: 48, height: 40, frames: 4, seeds: 2, reference_spp: 32}
+test:
+  - {scene: rooms, clips: 1, width: 40, height: 32, frames: 1, reference_spp: 8}
+"""
+
+
+@pytest.fixture(scope="session")
+def recipe(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    path = tmp_path_factory.mktemp("recipe") / "tiny.yaml"
+    path.write_text(RECIPE)
+    return path
+
+
+@pytest.fixture(scope="session")
+def rendered(recipe: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """The folder that the tiny recipe is rendered into; not to be written to."""
+    from nte.render.clips import render_recipe
+
+    out = tmp_path_factory.mktemp("rendered")
+    render_recipe(recipe, out, progress=False)
+    return out

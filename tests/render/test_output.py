@@ -1,0 +1,64 @@
+"""Whose folder it is: resuming, refusing, and never deleting what is not ours."""
+
+from pathlib import Path
+
+import pytest
+
+from nte.errors import NteError
+from nte.render.output import claim
+from nte.render.recipe import Group, Recipe
+
+FIRST = Recipe("first", 1, [Group(clips=1)], [])
+SECOND = Recipe("second", 1, [Group(clips=1)], [])
+
+
+def test_an_own_folder_is_claimed_again(tmp_path: Path):
+    out = tmp_path / "a" / "out"
+    claim(out, FIRST, force=False)
+    copy = (out / "recipe.yaml").read_bytes()
+    claim(out, FIRST, force=False)
+    assert (out / "recipe.yaml").read_bytes() == copy
+
+
+def test_an_empty_folder_is_claimed(tmp_path: Path):
+    claim(tmp_path, FIRST, force=False)
+    assert (tmp_path / "recipe.yaml").is_file()
+
+
+def test_a_foreign_folder_is_refused(tmp_path: Path):
+    (tmp_path / "thesis.tex").write_text("x")
+    with pytest.raises(NteError, match=r"not empty.*--force"):
+        claim(tmp_path, FIRST, force=False)
+    assert [p.name for p in tmp_path.iterdir()] == ["thesis.tex"]
+
+
+def test_a_file_is_refused(tmp_path: Path):
+    path = tmp_path / "out"
+    path.write_text("x")
+    with pytest.raises(NteError, match="is a file"):
+        claim(path, FIRST, force=True)
+
+
+def test_another_recipe_is_refused_unless_forced(tmp_path: Path):
+    claim(tmp_path, FIRST, force=False)
+    clip = tmp_path / "train" / "rooms_000"
+    (clip / "seed_01").mkdir(parents=True)
+    for name in ("frame_0000.exr", "seed_01/frame_0000.exr", "clip.json", "notes.txt"):
+        (clip / name).write_text("x")
+    (tmp_path / "train" / "mine.exr").write_text("x")
+    with pytest.raises(NteError, match=r"another recipe.*--force"):
+        claim(tmp_path, SECOND, force=False)
+    assert (clip / "clip.json").is_file()
+    claim(tmp_path, SECOND, force=True)
+    left = sorted(p.relative_to(tmp_path).as_posix() for p in tmp_path.rglob("*") if p.is_file())
+    assert left == ["recipe.yaml", "train/mine.exr", "train/rooms_000/notes.txt"]
+    assert "second" in (tmp_path / "recipe.yaml").read_text()
+
+
+def test_the_same_recipe_keeps_its_clips_even_if_forced(tmp_path: Path):
+    claim(tmp_path, FIRST, force=False)
+    frame = tmp_path / "train" / "rooms_000" / "frame_0000.exr"
+    frame.parent.mkdir(parents=True)
+    frame.write_text("x")
+    claim(tmp_path, FIRST, force=True)
+    assert frame.is_file()
