@@ -11,6 +11,7 @@ from nte.frames.frame import Array, Frame
 
 MIDDLE_GREY = 0.18
 _BLOCK = 8
+_BRIGHTEST = 1e30  # what `sanitise` leaves of a sample; the sum of a block is still finite
 _REC709 = np.array([0.2126, 0.7152, 0.0722], np.float32)
 
 
@@ -33,7 +34,7 @@ def estimate_exposure(color: npt.NDArray[np.float32]) -> npt.NDArray[np.float32]
     black, and the logarithm would measure the noise instead of the light. Bad pixels count as 0.
     1 for a frame without any light.
     """
-    usable = np.where((color >= 0) & np.isfinite(color), color, 0)
+    usable = np.where((color >= 0) & np.isfinite(color), color, 0).clip(max=_BRIGHTEST)
     luminance = np.einsum("nchw,c->nhw", usable, _REC709)
     height, width = (max(1, size // _BLOCK) * min(size, _BLOCK) for size in luminance.shape[1:])
     bh, bw = min(height, _BLOCK), min(width, _BLOCK)
@@ -44,8 +45,8 @@ def estimate_exposure(color: npt.NDArray[np.float32]) -> npt.NDArray[np.float32]
 
 def median_depth(depth: npt.NDArray[np.float32]) -> npt.NDArray[np.float32]:
     """Median depth (N,) of the pixels of (N, 1, H, W) that hit a surface, in scene units; 1 where none does."""
-    scales = [np.median(d[(d > 0) & np.isfinite(d)]) if (d > 0).any() else 1.0 for d in depth]
-    return np.asarray(scales, np.float32)
+    hits = (d[(d > 0) & np.isfinite(d)] for d in depth)
+    return np.asarray([np.median(hit) if hit.size else 1.0 for hit in hits], np.float32)
 
 
 def _given(value: Array | None, batch: int) -> npt.NDArray[np.float32] | None:
