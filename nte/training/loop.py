@@ -57,7 +57,7 @@ def train(config: TrainConfig, force: bool = False, device: str = "auto") -> Pat
     bar = tqdm(total=last, initial=first, desc=f"train {config.name}", unit="step", disable=None)
     with InterruptFlag() as interrupted:
         done = first
-        loader = iter(training_loader(data, first, last))
+        loader = training_loader(data, first, last)
         for step in range(first, last):
             meter.begin()
             batch = fabric.to_device(next(loader))
