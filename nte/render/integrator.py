@@ -10,7 +10,7 @@ from nte.render.scene import Pixels
 from nte.render.seeds import derive_seed
 from nte.render.stage import Stage
 
-_SAMPLES = 1 << 26  # per launch: 64 M paths in flight are about 8 GB
+_SAMPLES = 1 << 26  # per launch: 64 M paths in flight take less than 1 GB (measured: 15 M take 0.1)
 
 
 def guides(stage: Stage, time: float) -> dict[str, Pixels]:
