@@ -17,7 +17,13 @@ from nte.frames.channels import CHANNELS
 from nte.frames.clip import Clip
 from nte.frames.frame import Frame
 from nte.motion.conventions import CONVENTIONS, Convention
-from nte.motion.geometric import Reprojection, dual_motion, scatter_forward_motion, traditional_motion
+from nte.motion.geometric import (
+    Reprojection,
+    dual_motion,
+    frame_vectors,
+    scatter_forward_motion,
+    traditional_motion,
+)
 from nte.motion.warp import fetch_nearest, pixel_centres, warp
 
 MOVING_PX = 1.0
@@ -107,7 +113,7 @@ def check_clip(clip: Clip) -> CheckReport:
         current = frame.torch()
         _add_statistics(statistics, current)
         if previous is not None:
-            dual = clip_vectors(previous, current)
+            dual = frame_vectors(current, previous.get("depth"))
             everywhere = torch.ones_like(dual.valid)
             hidden = int(dual.disoccluded.sum())
             telling, most = (frame.index, hidden) if hidden > most else (telling, most)
@@ -121,17 +127,6 @@ def check_clip(clip: Clip) -> CheckReport:
         clip.name, len(clip), verdict, reason, dict(fits), dict(errors), dict(statistics),
         disoccluded.value, invalid.value, telling,
     )  # fmt: skip
-
-
-def clip_vectors(previous: Frame, current: Frame) -> Reprojection:
-    """Dual vectors of a frame from whatever the clip has: stored forward motion, or scattered vectors."""
-    forward = current.get("previous_forward_motion")
-    if forward is None:
-        depth = current.get("depth")
-        if depth is None:
-            return traditional_motion(current["motion"])
-        forward = scatter_forward_motion(current["motion"], depth)
-    return dual_motion(current["motion"], forward, current.get("depth"), previous.get("depth"))
 
 
 def visible_in_both(previous: Frame, current: Frame, vectors: Reprojection) -> Tensor:
