@@ -31,7 +31,7 @@ def test_file_then_overrides_over_the_defaults(tmp_path: Path) -> None:
 
 
 def test_what_is_written_is_read_again(tmp_path: Path) -> None:
-    config = load_train_config(written(tmp_path), ["network.channels=[4,8]", "loss.space=display"])
+    config = load_train_config(written(tmp_path), ["network.channels=[4,8,8]", "loss.space=display"])
     again = load_config(TrainConfig, written(tmp_path, to_yaml(config)))
     assert again == config
 

@@ -35,7 +35,6 @@ def write_frame(path: Path, channels: Mapping[str, Pixels]) -> None:
         half = row.storage == "half" and not (np.abs(values) > HALF_MAX).any()
         for component, plane in zip(row.components, values, strict=True):
             layers[f"{name}.{component}"] = plane.astype(np.float16 if half else np.float32)
-    path.parent.mkdir(parents=True, exist_ok=True)
     write_exr(path, layers)
 
 

@@ -64,10 +64,12 @@ def write_exr(path: Path, channels: Mapping[str, npt.NDArray[np.floating[Any]]])
 def write_whole(path: Path, write: Callable[[Path], object]) -> None:
     """Call `write` with a temporary name beside `path`, then rename: the file is whole or absent.
 
-    Raises NteError, with the temporary file removed, where writing fails (no space left, no permission).
+    Makes the folder. Raises NteError, with the temporary file removed, where writing fails (no space left, no
+    permission).
     """
     path = Path(path)
     temporary = path.with_name(f".{path.name}.{secrets.token_hex(4)}.tmp")
+    make_folder(path.parent)
     try:
         write(temporary)
         with temporary.open("rb") as file:
@@ -78,6 +80,14 @@ def write_whole(path: Path, write: Callable[[Path], object]) -> None:
         raise NteError(f"{path}: cannot be written: {reason}") from error
     finally:
         temporary.unlink(missing_ok=True)
+
+
+def make_folder(folder: Path) -> None:
+    """Make a folder and those above it; raises NteError where a file is in the way or it is not permitted."""
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        raise NteError(f"{folder}: cannot be made a folder: {error.strerror}") from error
 
 
 def _merge_parts(path: Path, parts: list[OpenEXR.Part]) -> dict[str, npt.NDArray[np.float32]]:

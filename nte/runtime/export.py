@@ -50,7 +50,6 @@ def export_onnx(denoiser: TemporalDenoiser, path: Path, progress: Callable[[str]
                 raise NteError(f"{path}: not written: ONNX Runtime differs from PyTorch at {found}; {limits}")
             progress(f"ONNX Runtime agrees with PyTorch at {found}")
 
-    path.parent.mkdir(parents=True, exist_ok=True)
     write_whole(path, write)
 
 

@@ -90,7 +90,7 @@ def _check(config: TrainConfig) -> None:
     _one_of("optimiser.name", config.optimiser.name, ("adam", "adamw"))
     _one_of("optimiser.schedule", config.optimiser.schedule, ("constant", "cosine"))
     _one_of("precision", config.precision, ("32-true", "bf16-mixed"))
-    if Path(config.name).name != config.name or config.name == "..":
+    if Path(config.name).name != config.name or config.name in ("", ".."):
         raise NteError(f"'name' is '{config.name}', expected the name of a folder in '{config.runs}'")
     for key in ("frames", "batch"):
         _within(f"data.{key}", getattr(config.data, key), 1)

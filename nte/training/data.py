@@ -101,6 +101,7 @@ def training_loader(steps: TrainingSteps, first: int, last: int) -> Iterator[Bat
     loader = DataLoader(
         steps, batch_size=None, sampler=range(first, last), num_workers=workers,
         prefetch_factor=2 if workers else None, persistent_workers=False,
+        generator=torch.Generator(),  # of its own: it would take a number from everybody's each time it starts
     )  # fmt: skip
     for batch in loader:
         if isinstance(batch, NteError):
