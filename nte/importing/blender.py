@@ -2,7 +2,8 @@
 
 Layers are named `<view layer>.<pass>.<component>`; Blender 5 has given some passes longer names. Depth is
 along the view axis and 1e10 for a miss; normals are in world space. Vector.XY leads to the previous frame
-and −Vector.ZW to the next one, in pixels, y upwards; Cycles writes 0 for the sky.
+and −Vector.ZW to the next one, in pixels, y upwards. Cycles writes 0 for the sky: its motion is made from the
+cameras that the Position pass tells.
 """
 
 from pathlib import Path
@@ -13,6 +14,7 @@ from nte.errors import NteError
 from nte.frames.clip import Pixels
 from nte.importing.channel_map import ChannelMap, Vectors
 from nte.importing.exr import Imported, Layers, find, matching_files, read_frames
+from nte.importing.sky import with_sky_motion
 from nte.importing.write import refuse_existing, write_imported
 
 # pass → its name up to Blender 4; the keys are those of Blender 5
@@ -43,7 +45,7 @@ def import_blender(source: Path, out: Path, reference: Path | None = None, force
         return {"reference": passes_to_channels(path, layers)["color"]}
 
     frames = read_frames(files, references, passes_to_channels, pick_reference, _CONVENTIONS)
-    write_imported(out, frames, len(files), "Blender Cycles")
+    write_imported(out, with_sky_motion(frames), len(files), "Blender Cycles")
     called = {name: f"the {title} pass" for name, title in _SIMPLE.items()}
     called |= {"albedo": "the Diffuse Color pass", "motion": "the Vector pass", "reference": "--reference"}
     return Imported(out, _CONVENTIONS.motion, called=called)

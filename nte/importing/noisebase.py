@@ -18,13 +18,14 @@ from nte.importing.channel_map import Camera, Vectors
 from nte.importing.convert import unit
 from nte.importing.exr import Imported
 from nte.importing.noisebase_files import NoisebaseSequence
+from nte.importing.sky import OUTSIDE, motion_at_infinity, pixel_centres
 from nte.importing.write import refuse_existing, write_imported
 
 Floats = npt.NDArray[np.float64]
+_PER_SAMPLE = ("position", "motion", "normal", "diffuse")
 _CHUNK = 4  # samples read at a time: how the files are chunked, and a 1080p frame of 32 stays within memory
 _OWN_PIXEL = 1.0  # px from the pixel's centre within which a sample's position must be seen
-_ENOUGH = 100  # samples, to measure the rendering's size and the crop's place with
-_FAR_OUTSIDE = -2.0  # image sizes: where a point behind the previous camera counts as seen
+_ENOUGH = 100  # pixels, to measure the rendering's size and the crop's place with
 
 
 class Surface(NamedTuple):
@@ -84,27 +85,22 @@ def _surface(sequence: NoisebaseSequence, frame: int, camera: Camera) -> Surface
     writes for a miss is neither.
     """
     size = sequence.height, sequence.width
-    normal, albedo = np.zeros((2, 3, *size))
-    hits = np.zeros(size, int)
-    nearest = np.full(size, np.inf)
-    position, before = np.zeros((2, 3, *size))
+    centres = pixel_centres(size)
+    normal, albedo, position, before = np.zeros((4, 3, *size))
+    hits, nearest = np.zeros(size, int), np.full(size, np.inf)
     for start in range(0, sequence.samples, _CHUNK):
         some = slice(start, min(start + _CHUNK, sequence.samples))
-        points, motion, normals, diffuse = (
-            sequence.read(frame, name, some).astype(np.float64) for name in ("position", "motion", "normal", "diffuse")
-        )
-        apart = project(points, camera, size) - _centres(size)[..., None]
-        distance = np.abs(apart).max(0)
-        hit = (distance < _OWN_PIXEL) & (np.abs(normals).max(0) > 0)
-        distance = np.where(hit, distance, np.inf)
-        best = distance.argmin(-1)[None, ..., None]
-        closer = (least := distance.min(-1)) < nearest
-        nearest = np.minimum(nearest, least)
-        position = np.where(closer, np.take_along_axis(points, best, -1)[..., 0], position)
-        before = np.where(closer, np.take_along_axis(points + motion, best, -1)[..., 0], before)
-        hits += hit.sum(-1)
-        normal += np.where(hit, normals, 0).sum(-1)
-        albedo += diffuse.sum(-1)
+        read = (np.moveaxis(sequence.read(frame, name, some), -1, 0) for name in _PER_SAMPLE)
+        for point, motion, sample_normal, diffuse in zip(*read, strict=True):
+            distance = np.abs(project(point, camera, size) - centres).max(0)
+            hit = (distance < _OWN_PIXEL) & sample_normal.any(0)
+            closer = hit & (distance < nearest)
+            nearest = np.where(closer, distance, nearest)
+            position = np.where(closer, point, position)
+            before = np.where(closer, point.astype(np.float64) + motion, before)
+            hits += hit
+            normal += np.where(hit, sample_normal, 0)
+            albedo += diffuse
     mean_albedo = np.clip(albedo / sequence.samples, 0, 1).astype(np.float32)
     return Surface(2 * hits >= sequence.samples, position, before, unit(normal).astype(np.float32), mean_albedo)
 
@@ -119,28 +115,22 @@ def _motion(surface: Surface, camera: Camera, previous: Camera | None) -> Pixels
     if previous is None:
         return np.zeros((2, *size), np.float32)
     then = project(surface.before, previous, size)
-    motion = np.where(np.isnan(then), _FAR_OUTSIDE * max(size), then - project(surface.position, camera, size))
-    # A point at infinity: the ray of a pixel, seen by the previous camera, is a homography of the image.
-    rows = [0, 1, 3]
-    matrices = [(c.projection @ c.view)[rows, :3] for c in (previous, camera)]
-    uv = _centres(size) / np.reshape(size[::-1], (2, 1, 1))
-    ray = np.linalg.inv(matrices[1]) @ np.stack([*uv, np.ones(size)]).reshape(3, -1)
-    x, y, w = (matrices[0] @ ray).reshape(3, *size)
-    at = np.stack([x, y]) / np.where(w > 0, w, np.nan) * np.reshape(size[::-1], (2, 1, 1))
-    sky = np.nan_to_num(at - _centres(size), nan=_FAR_OUTSIDE * max(size))
+    motion = np.where(np.isnan(then), OUTSIDE * max(size), then - project(surface.position, camera, size))
+    sky = motion_at_infinity(_to_pixels(camera, size), _to_pixels(previous, size), size)
     return np.where(surface.hit, motion, sky).astype(np.float32)
 
 
 def project(points: Floats, camera: Camera, size: tuple[int, ...]) -> Floats:
-    """Pixel positions (2, H, W, …), x first, of world points (3, H, W, …); NaN behind the camera."""
-    matrix = camera.projection @ camera.view
-    x, y, w = (np.tensordot(matrix[row, :3], points, 1) + matrix[row, 3] for row in (0, 1, 3))
-    return np.stack([x * size[1], y * size[0]]) / np.where(w > 0, w, np.nan)
+    """Pixel positions (2, H, W), x first, of world points (3, H, W); NaN behind the camera."""
+    matrix = _to_pixels(camera, size)
+    with np.errstate(invalid="ignore", over="ignore"):  # a miss may be anything, infinity included
+        x, y, w = np.tensordot(matrix[:, :3], points, 1) + matrix[:, 3].reshape(3, 1, 1)
+        return np.stack([x, y]) / np.where(w > 0, w, np.nan)
 
 
-def _centres(size: tuple[int, ...]) -> Floats:
-    y, x = np.mgrid[: size[0], : size[1]] + 0.5
-    return np.stack([x, y])
+def _to_pixels(camera: Camera, size: tuple[int, ...]) -> Floats:
+    """(3, 4): world points to homogeneous pixels."""
+    return np.asarray(np.diag([size[1], size[0], 1.0]) @ (camera.projection @ camera.view)[[0, 1, 3]])
 
 
 def _cameras(sequence: NoisebaseSequence) -> list[Camera]:
@@ -161,7 +151,8 @@ def _cameras(sequence: NoisebaseSequence) -> list[Camera]:
                 scale = np.array([_slope(u, at) for u, at in zip(uv, centres, strict=True)])
             apart = scale[:, None] * uv - centres
             offset = np.median(apart, axis=1).round()
-            if not np.median(np.abs(apart - offset[:, None])) < _OWN_PIXEL:
+            off = np.median(np.abs(apart - offset[:, None]))
+            if not off < _OWN_PIXEL or (scale < size[::-1]).any():
                 raise NteError(
                     f"{sequence.path(frame)}: frame {frame}: positions are not seen in their own pixels: expected "
                     "'view_proj_mat' for row vectors, and 'position' in world space"
@@ -196,16 +187,14 @@ def _view(sequence: NoisebaseSequence, frame: int) -> Floats:
 
 
 def _screen(sequence: NoisebaseSequence, frame: int) -> tuple[Floats, Floats]:
-    """Where some samples are seen, [0, 1] over the whole rendering with y down, and their pixels' centres: (2, K)."""
-    some = slice(0, min(_CHUNK, sequence.samples))
-    points, normals = (sequence.read(frame, name, some).astype(np.float64) for name in ("position", "normal"))
+    """Where first samples are seen, [0, 1] over the whole rendering with y down, and their pixels' centres: (2, K)."""
+    points, normals = (sequence.read(frame, name, slice(0, 1))[..., 0] for name in ("position", "normal"))
     to_uv = np.diag([0.5, -0.5, 1, 1])
     to_uv[:2, 3] = 0.5
     camera = Camera(np.eye(4), to_uv @ sequence.read(frame, "view_proj_mat").astype(np.float64).T)
     uv = project(points, camera, (1, 1))
-    usable = (np.abs(uv - 0.5) < 1).all(0) & (np.abs(normals).max(0) > 0)
-    centres = np.broadcast_to(_centres(points.shape[1:3])[..., None], uv.shape)
-    return uv[:, usable], centres[:, usable]
+    usable = (np.abs(uv - 0.5) < 1).all(0) & normals.any(0)
+    return uv[:, usable], pixel_centres(usable.shape)[:, usable]
 
 
 def _slope(u: Floats, at: Floats) -> float:

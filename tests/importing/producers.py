@@ -166,7 +166,7 @@ def noisebase_arrays(
             "color": rgbe,
             "exposure": exposure,
             "reference": frame["reference"],
-            "position": np.where(hit, position, 0).astype(np.float32),
+            "position": np.where(hit, position, np.inf if i % 2 else 0).astype(np.float32),
             "motion": np.where(hit, motion, 0).astype(np.float32),
             "normal": np.repeat(frame["normal"][..., None], samples, 3).astype(np.float16),
             "diffuse": np.repeat(frame["albedo"][..., None], samples, 3).astype(np.float16),

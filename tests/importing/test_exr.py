@@ -9,6 +9,7 @@ import yaml
 
 from nte.cli import main
 from nte.frames.clip import Clip
+from nte.importing.channel_map import load_channel_map
 from tests.importing.producers import MOVING, engine, named, scene, write_layers, write_map
 from tests.synthetic import disc_frame
 
@@ -35,6 +36,13 @@ def test_an_engines_conventions_become_ours(tmp_path: Path, capsys: pytest.Captu
         found = clip.frame(index)
         for name in ("color", "reference", "albedo", "normal", "depth", "instance", "motion"):
             np.testing.assert_allclose(found[name][0], frame[name], rtol=1e-3, atol=1e-3, err_msg=name)
+
+
+def test_the_documented_map_is_valid(tmp_path: Path) -> None:
+    page = (Path(__file__).parents[2] / "datasets" / "IMPORT.md").read_text(encoding="utf-8")
+    map_path = tmp_path / "map.yaml"
+    map_path.write_text(page.split("```yaml\n")[1].split("```")[0])
+    assert load_channel_map(map_path).channels["color"] == ["beauty"]
 
 
 def test_a_field_of_view_is_enough_for_ray_lengths(tmp_path: Path) -> None:
