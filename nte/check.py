@@ -87,6 +87,7 @@ class CheckReport:
     statistics: dict[str, Statistics]
     disoccluded: float  # shares of all pixels
     invalid: float
+    convention: Convention | None  # that the vectors follow: ours, another one, or none that is known
     telling_frame: int  # the one with the most disoccluded pixels, for the picture
 
     @property
@@ -122,10 +123,10 @@ def check_clip(clip: Clip) -> CheckReport:
             _add_fits(fits, previous, current)
             _add_errors(errors, previous, current, dual)
         previous = current
-    verdict, reason = _judge(fits, statistics)
+    verdict, reason, convention = _judge(fits, statistics)
     return CheckReport(
         clip.name, len(clip), verdict, reason, dict(fits), dict(errors), dict(statistics),
-        disoccluded.value, invalid.value, telling,
+        disoccluded.value, invalid.value, convention, telling,
     )  # fmt: skip
 
 
@@ -196,25 +197,28 @@ def _add_statistics(statistics: dict[str, Statistics], frame: Frame) -> None:
         entry.bad += bad.get(name, 0)
 
 
-def _judge(fits: dict[Convention, Fit], statistics: dict[str, Statistics]) -> tuple[Verdict, str]:
+def _judge(
+    fits: dict[Convention, Fit], statistics: dict[str, Statistics]
+) -> tuple[Verdict, str, Convention | None]:
+    """Verdict, reason, and the convention that explains the albedo, where one does."""
     geometry = {name: s.bad for name, s in statistics.items() if s.bad and CHANNELS[name].kind not in SANITISED}
     if geometry:
         listed = ", ".join(f"{number} pixels of {name}" for name, number in geometry.items())
-        return "implausible", f"geometry is not finite: {listed}"
-    given = fits[Convention()]
-    best = _best_convention(fits)
-    if best != Convention():
-        fit = fits[best]
-        if fit.warped.value < min(FITS_BETTER * fit.given.value, MUST_EXPLAIN * fit.unwarped.value):
-            errors = f"{fit.warped.value:.3f} instead of {fit.given.value:.3f}"
-            return "implausible", f"'motion' has another convention: {best}: albedo error {errors}"
+        return "implausible", f"geometry is not finite: {listed}", None
+    given, best = fits[Convention()], _best_convention(fits)
+    fit = fits[best]
+    if best != Convention() and fit.warped.value < min(
+        FITS_BETTER * fit.given.value, MUST_EXPLAIN * fit.unwarped.value
+    ):
+        errors = f"{fit.warped.value:.3f} instead of {fit.given.value:.3f}"
+        return "implausible", f"'motion' has another convention: {best}: albedo error {errors}", best
     if given.warped.count < ENOUGH_PIXELS:
-        count = given.warped.count
-        return "undecidable", f"only {count} moving pixels with changing albedo, {ENOUGH_PIXELS} are needed"
+        found = f"only {given.warped.count} moving pixels with changing albedo"
+        return "undecidable", f"{found}, {ENOUGH_PIXELS} are needed", None
     errors = f"warped {given.warped.value:.4f}, unwarped {given.unwarped.value:.4f}"
     if given.warped.value > MUST_EXPLAIN * given.unwarped.value:
-        return "implausible", f"'motion' does not explain the albedo: {errors}, and no known convention fits"
-    return "plausible", f"albedo error on {given.warped.count} moving pixels: {errors}"
+        return "implausible", f"'motion' does not explain the albedo: {errors}, and no known convention fits", None
+    return "plausible", f"albedo error on {given.warped.count} moving pixels: {errors}", Convention()
 
 
 def _best_convention(fits: dict[Convention, Fit]) -> Convention:

@@ -9,7 +9,6 @@ from nte.frames.clip import Clip
 from nte.frames.frame import Frame
 from nte.importing.convert import revert_vectors
 from nte.importing.exr import Imported
-from nte.motion.conventions import CONVENTIONS, Convention
 
 WITHOUT = {
     "reference": "no training and no scores",
@@ -42,7 +41,7 @@ def tell(imported: Imported) -> int:
 
 def _advice(clip: Clip, imported: Imported) -> str:
     """Which values of the map would make the vectors fit; empty where none does."""
-    fits = _fitting(_AsStored(clip, imported))
+    fits = check_clip(_AsStored(clip, imported)).convention
     if fits is None:
         return ""
     if fits.forward:
@@ -67,12 +66,3 @@ class _AsStored(Clip):
     def frame(self, *arguments: Any, **options: Any) -> Frame:
         found = super().frame(*arguments, **options)
         return found.with_channels(motion=revert_vectors(found["motion"][0], self._convention)[None])
-
-
-def _fitting(clip: Clip) -> Convention | None:
-    """The convention that explains a clip's albedo, whatever it is; None where none does."""
-    report = check_clip(clip)
-    if report.verdict == "plausible":
-        return Convention()
-    named = [c for c in CONVENTIONS if f"another convention: {c}: " in report.reason]
-    return named[0] if named else None
