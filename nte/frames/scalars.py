@@ -65,4 +65,4 @@ def _given(frame: Frame, name: str) -> npt.NDArray[np.float32] | None:
 
 
 def _as_numpy(array: Array) -> npt.NDArray[np.float32]:
-    return np.asarray(array if isinstance(array, np.ndarray) else array.detach().cpu().numpy(), np.float32)
+    return np.asarray(array.detach().cpu() if hasattr(array, "detach") else array, np.float32)

@@ -9,7 +9,7 @@ import numpy as np
 import numpy.typing as npt
 import onnxruntime
 
-from nte.denoiser import Result
+from nte.denoiser import Result, check_size
 from nte.errors import NteError
 from nte.frames.channels import CHANNELS
 from nte.frames.frame import Frame
@@ -80,7 +80,7 @@ class OnnxDenoiser:
         if state is None:
             reset = np.ones(frame.batch, np.float32)
             state = self._begin(frame)
-        self._check_size(frame, state)
+        check_size(frame, state.tensors["history"])
         if reset.any():  # a sequence that starts has an exposure and a depth scale of its own
             exposure, depth_scale = sequence_scalars(arrays)
             exposure = np.where(reset > 0, exposure, state.exposure)
@@ -113,15 +113,6 @@ class OnnxDenoiser:
         if min(frame.size) < self.info["smallest"]:
             raise NteError(f"frame {frame.index}: size {frame.size}, expected at least {self.info['smallest']} pixels")
         return np.ascontiguousarray(array)
-
-    def _check_size(self, frame: Frame, state: OnnxState) -> None:
-        shape = state.tensors["history"].shape
-        was, now = (shape[0], *shape[2:]), (frame.batch, *frame.size)
-        if was != now:
-            raise NteError(
-                f"frame {frame.index}: (batch, height, width) is {now} after {was}: start a new sequence (state None) "
-                "for another size"
-            )
 
     def _read_info(self) -> dict[str, Any]:
         text = self._session.get_modelmeta().custom_metadata_map.get(METADATA_KEY)

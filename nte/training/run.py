@@ -24,7 +24,7 @@ from torch.optim import Optimizer
 
 from nte.config import load_config, to_yaml
 from nte.errors import NteError
-from nte.frames.exr import write_whole
+from nte.frames.exr import make_folder, write_whole
 from nte.models.temporal import TemporalDenoiser
 from nte.training.config import TrainConfig
 
@@ -57,6 +57,7 @@ class RunFolder:
             if not force and not config.resume:
                 raise NteError(f"{run.folder}: exists: continue it with resume=true, or overwrite it with --force")
             run._delete()
+        make_folder(run.folder)
         text = to_yaml(replace(config, resume=False))
         write_whole(run.folder / "versions.json", lambda path: path.write_text(_versions(), encoding="utf-8"))
         write_whole(run.folder / "config.yaml", lambda path: path.write_text(text, encoding="utf-8"))
