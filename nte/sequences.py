@@ -11,7 +11,7 @@ import numpy as np
 from nte.denoiser import Denoiser, Session, check_needs
 from nte.errors import NteError
 from nte.frames.clip import Clip, as_layers, frame_path, read_frame, write_clip_info
-from nte.frames.exr import read_layers, write_exr
+from nte.frames.exr import make_folder, read_layers, write_exr
 from nte.frames.frame import Frame
 from nte.frames.scalars import sequence_scalars
 from nte.frames.show import show, write_png
@@ -45,6 +45,7 @@ def denoise_files(
             scale = sequence_scalars(frame)[0] if scale is None else scale
             image = session.denoise(replace(frame, exposure=scale))[0]
             if path == written[0]:
+                make_folder(out)
                 (out / "clip.json").unlink(missing_ok=True)  # until its frames are all there
             write_exr(path, read_layers(source) | as_layers({denoiser.target: image}))
             if png:
