@@ -39,7 +39,8 @@ class Lobes:
 
     def sample(self, sampler: Any) -> tuple[Any, Any]:
         """One direction of the BSDF's own choice: (BSDFSample3f, whole BSDF · |cos| / pdf)."""
-        return self.bsdf.sample(self._whole, self.si, sampler.next_1d(), sampler.next_2d(), self.active)
+        chosen, weight = self.bsdf.sample(self._whole, self.si, sampler.next_1d(), sampler.next_2d(), self.active)
+        return chosen, weight
 
     def _principled_diffuse(self) -> tuple[Any, Any]:
         """Colour and roughness of the diffuse lobe of `principled`; its flat and sheen parts are «others»."""
@@ -47,9 +48,8 @@ class Lobes:
         share = 1.0
         for weight in ("metallic", "spec_trans", "flatness"):
             share = share * (1 - self.bsdf.eval_attribute_1(weight, si, mask))
-        return self.bsdf.eval_attribute_3("base_color", si, mask) * share, self.bsdf.eval_attribute_1(
-            "roughness", si, mask
-        )
+        colour = self.bsdf.eval_attribute_3("base_color", si, mask) * share
+        return colour, self.bsdf.eval_attribute_1("roughness", si, mask)
 
     def _disney(self, wo: Any) -> Any:
         """Burley's diffuse and retro-reflection (Disney 2015, Eq. 4), as in Mitsuba's principled.cpp."""
