@@ -84,14 +84,14 @@ def reflection_vectors(stage: Stage, bounces: Sequence[Bounce], time: float) -> 
         image = target - 2 * height * normal
         eye = np.linalg.inv(stage.scene.camera.view(time - 1))[:3, 3]
         image[(height * _dot(eye - point, normal))[:, 0] <= 0] = np.nan  # it turned away: no reflection is seen
-        covariance = _footprint(stage, image, time - 1)
+        covariance = footprint(stage, image, time - 1)
         image[np.isnan(covariance).any(1)] = np.nan
         found.append((_motion(stage, rows, first, image, time), _scattered(stage, rows, covariance)))
     stage.set_time(time)
     return found
 
 
-def _footprint(stage: Stage, image: Floats, time: float) -> Floats:
+def footprint(stage: Stage, image: Floats, time: float) -> Floats:
     """Covariance (R, 3), XX XY YY, px², of the lobes from mirrored points (R, 3), as seen at `time`."""
     pixel = _project(stage, image, time)
     usable = np.isfinite(pixel).all(1)
