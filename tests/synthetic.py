@@ -1,4 +1,4 @@
-"""A disc before a wall: a scene whose motion, occlusion and colours are known in closed form."""
+"""Frames without a renderer: a disc before a wall, known in closed form, and random channels."""
 
 from collections.abc import Sequence
 from pathlib import Path
@@ -7,6 +7,7 @@ import numpy as np
 import numpy.typing as npt
 
 from nte.frames.clip import frame_path, write_clip_info, write_frame
+from nte.frames.frame import Frame
 
 Pixels = npt.NDArray[np.float32]
 DISC, WALL = 2, 1
@@ -66,3 +67,25 @@ def disc_clip(folder: Path, frames: int = 4, seed: int | None = None, **options:
     """A clip of the disc; with a seed its colour is noisy."""
     rng = None if seed is None else np.random.default_rng(seed)
     return write_clip(folder, [disc_frame(i, rng=rng, **options) for i in range(frames)])  # type: ignore[arg-type]
+
+
+def random_channels(rng: np.random.Generator, size: tuple[int, int] = (24, 36), batch: int = 1) -> dict[str, Pixels]:
+    """Everything a network takes, (N, C, H, W), plausible in range and without any structure."""
+    shape = batch, 1, *size
+    normal = rng.normal(size=(batch, 3, *size))
+    motion = rng.normal(0, 2, (batch, 2, *size))
+    channels = {
+        "color": rng.exponential(size=(batch, 3, *size)),
+        "albedo": rng.uniform(0.1, 0.9, (batch, 3, *size)),
+        "normal": normal / np.linalg.norm(normal, axis=1, keepdims=True),
+        "depth": np.where(rng.random(shape) < 0.1, 0, rng.uniform(2, 6, shape)),
+        "motion": motion,
+        "previous_forward_motion": np.where(rng.random(shape) < 0.2, 5.0, -motion),
+    }
+    return {name: values.astype(np.float32) for name, values in channels.items()}
+
+
+def random_frames(count: int, size: tuple[int, int] = (24, 36), batch: int = 1, seed: int = 0) -> list[Frame]:
+    """A sequence of frames of `random_channels`."""
+    rng = np.random.default_rng(seed)
+    return [Frame(random_channels(rng, size, batch), index) for index in range(count)]

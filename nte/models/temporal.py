@@ -12,7 +12,7 @@ import torch.nn.functional as F
 from torch import Tensor, nn
 
 from nte.color import compress, demodulate, per_sequence, remodulate, sanitise
-from nte.denoiser import Result
+from nte.denoiser import Result, check_size
 from nte.errors import NteError
 from nte.frames.frame import Frame
 from nte.frames.scalars import sequence_scalars
@@ -46,10 +46,12 @@ class NetworkConfig:
         for key, allowed in choices.items():
             if getattr(self, key) not in allowed:
                 raise NteError(f"network.{key} is {getattr(self, key)!r}, expected one of {allowed}")
-        if self.kernel_size % 2 == 0 or self.kernel_size < 1 or self.head_size % 2 == 0:
+        if any(size % 2 == 0 or size < 1 for size in (self.kernel_size, self.head_size)):
             raise NteError("network.kernel_size and network.head_size must be odd")
-        levels = self.scales - (self.front.bit_length() - 1)
-        if not 1 <= levels <= len(self.channels):
+        if not self.channels or min(self.channels) < 1:
+            raise NteError(f"network.channels is {self.channels}, expected at least one width of at least 1")
+        deepest = max(0, self.scales - self.front.bit_length())
+        if self.scales < 1 or deepest >= len(self.channels):
             raise NteError(f"network.scales is {self.scales}: network.channels has {len(self.channels)} levels")
 
 
@@ -128,15 +130,15 @@ class TemporalDenoiser(nn.Module):
         """Denoise one frame. extras: history, disoccluded, valid, alpha."""
         tensors = frame.torch(next(self.parameters()).device)
         color, depth = tensors["color"], tensors["depth"]
+        reset = torch.zeros(frame.batch, device=color.device) if tensors.reset is None else tensors.reset
         if state is None:
-            exposure, depth_scale = (torch.as_tensor(s, device=color.device) for s in sequence_scalars(frame))
-            state = TemporalState(torch.zeros_like(color), torch.zeros_like(depth), exposure, depth_scale)
             reset = torch.ones(frame.batch, device=color.device)
-        else:
-            reset = torch.zeros(frame.batch, device=color.device) if tensors.reset is None else tensors.reset
-        if state.history.shape != color.shape:
-            was, now = tuple(state.history.shape[2:]), frame.size
-            raise NteError(f"frame {frame.index}: size {now} after {was}: start a new sequence for another size")
+            state = TemporalState(torch.zeros_like(color), torch.zeros_like(depth), reset, reset)
+        check_size(frame, state.history)
+        if reset.any():  # a sequence that starts has an exposure and a depth scale of its own
+            own = (torch.as_tensor(scalar, device=color.device) for scalar in sequence_scalars(frame))
+            exposure, depth_scale = (torch.where(reset > 0, s, c) for s, c in zip(own, state[2:], strict=True))
+            state = state._replace(exposure=exposure, depth_scale=depth_scale)
         forward = tensors.get("previous_forward_motion")
         if forward is None:
             forward = scatter_forward_motion(tensors["motion"], depth)
@@ -171,7 +173,8 @@ class TemporalDenoiser(nn.Module):
             vectors = dual_motion(motion, previous_forward_motion, depth, sanitise(previous_depth))
         else:
             vectors = traditional_motion(motion)
-        valid = vectors.valid & (per_sequence(reset) == 0)
+        continues = per_sequence(reset) == 0
+        valid, disoccluded = vectors.valid & continues, vectors.disoccluded & continues
         warped = torch.where(valid, warp(history, vectors.motion).image, light)
 
         normal = torch.where(normal.abs() <= 1.01, normal, 0.0)
@@ -179,10 +182,10 @@ class TemporalDenoiser(nn.Module):
         if config.feed_warped and config.temporal:
             features.append(compress(warped))
         if config.feed_masks:
-            features += [valid.to(light.dtype), vectors.disoccluded.to(light.dtype)]
+            features += [valid.to(light.dtype), disoccluded.to(light.dtype)]
         filtered, alpha = self._filter(torch.cat(features, 1), light, warped)
         image = remodulate(filtered, albedo) if config.demodulate else filtered
-        return Denoised(image / scale, filtered, vectors.disoccluded.float(), valid.float(), alpha)
+        return Denoised(image / scale, filtered, disoccluded.float(), valid.float(), alpha)
 
     def _filter(self, features: Tensor, light: Tensor, warped: Tensor) -> tuple[Tensor, Tensor]:
         """Predict kernels from the features and apply them: (filtered light ≥ 0, α of the last blend)."""

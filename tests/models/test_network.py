@@ -1,0 +1,79 @@
+"""What the network is made of: heads, sizes, configurations that make none."""
+
+import pytest
+import torch
+
+from nte.errors import NteError
+from nte.models.temporal import NetworkConfig, TemporalDenoiser
+from nte.models.unet import UNet
+from tests.networks import small_network
+
+
+def test_the_papers_heads_have_51_26_and_26_channels() -> None:
+    network = TemporalDenoiser(NetworkConfig())
+    assert [head.out_channels for head in network.heads.heads] == [51, 26, 26]
+    assert [head.in_channels for head in network.heads.heads] == [32, 48, 64]
+    assert network.unet.encoders[0][0].in_channels == 3 + 3 + 3 + 3 + 1
+
+
+def test_without_time_the_finest_head_has_26_channels_and_no_history_is_fed() -> None:
+    network = small_network(temporal=False)
+    assert [head.out_channels for head in network.heads.heads] == [26, 26, 26]
+    assert network.unet.encoders[0][0].in_channels == 3 + 3 + 3 + 1
+
+
+def test_predicted_kernels_sum_to_one_and_alpha_is_a_weight() -> None:
+    network = small_network()
+    levels = network.unet(torch.randn(2, 13, 16, 24))
+    for scale, (alpha, spatial, temporal) in enumerate(network.heads(levels)):
+        size = 2, 1, 16 >> scale, 24 >> scale
+        assert alpha.shape == size
+        assert ((alpha > 0) & (alpha < 1)).all()
+        torch.testing.assert_close(spatial.sum(1, keepdim=True), torch.ones(size))
+        if scale == 0:
+            torch.testing.assert_close(temporal.sum(1, keepdim=True), torch.ones(size))
+        else:
+            assert temporal.numel() == 0
+
+
+@pytest.mark.parametrize("front", [2, 4])
+def test_a_front_works_at_a_fraction_of_the_resolution_and_predicts_at_all(front: int) -> None:
+    network = small_network(front=front)
+    seen: list[tuple[int, ...]] = []
+    network.unet.register_forward_hook(lambda _, inputs, __: seen.append(tuple(inputs[0].shape)))
+    features, light = torch.rand(1, 13, 32, 32), torch.rand(1, 3, 32, 32)
+    filtered, alpha = network._filter(features, light, light)
+    assert seen == [(1, 13 * front**2, 32 // front, 32 // front)]
+    assert filtered.shape == (1, 3, 32, 32)
+    assert alpha.shape == (1, 1, 32, 32)
+
+
+def test_the_decoder_returns_every_level_finest_first() -> None:
+    levels = UNet(5, [4, 6, 8])(torch.rand(2, 5, 16, 8))
+    assert [tuple(level.shape) for level in levels] == [(2, 4, 16, 8), (2, 6, 8, 4), (2, 8, 4, 2)]
+
+
+@pytest.mark.parametrize("choices", [{"scales": 1, "front": 2}, {"scales": 1}, {"scales": 3, "channels": [4, 4, 4]}])
+def test_configurations_that_make_a_network(choices: dict[str, object]) -> None:
+    small_network(**choices)
+
+
+@pytest.mark.parametrize(
+    ("choices", "named"),
+    [
+        ({"downsample": "median"}, "network.downsample is 'median', expected one of"),
+        ({"motion": "optical"}, "network.motion is 'optical'"),
+        ({"front": 3}, "network.front is 3"),
+        ({"kernel_size": 4}, "kernel_size .* must be odd"),
+        ({"kernel_size": -1}, "kernel_size .* must be odd"),
+        ({"head_size": 2}, "head_size must be odd"),
+        ({"head_size": -1}, "head_size must be odd"),
+        ({"scales": 0}, "network.scales is 0"),
+        ({"scales": 4}, "network.scales is 4: network.channels has 3 levels"),
+        ({"channels": []}, "network.channels"),
+        ({"channels": [4, 0, 4]}, "network.channels"),
+    ],
+)
+def test_configurations_that_make_none(choices: dict[str, object], named: str) -> None:
+    with pytest.raises(NteError, match=named):
+        small_network(**choices)
