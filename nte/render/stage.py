@@ -27,8 +27,11 @@ class Stage:
             "integrator": {"type": "path", "max_depth": max_depth},
             "sensor": _sensor(scene, width, height),
             **self.meshes,
+            **_environment(scene),
         })  # fmt: skip
         self.sensor: Any = self.mi_scene.sensors()[0]
+        # What light components see beyond the first hit (nte.render.components).
+        self.beyond: Any = mi.load_dict({"type": "path", "max_depth": max_depth - 1})
         self._parameters: Any = mi.traverse(self.mi_scene)
 
     def set_time(self, time: float) -> None:
@@ -52,6 +55,12 @@ def _sensor(scene: Scene, width: int, height: int) -> dict[str, Any]:
         "film": {"type": "hdrfilm", "width": width, "height": height, "pixel_format": "rgb",
                  "component_format": "float32", "rfilter": {"type": "box"}},
     }  # fmt: skip
+
+
+def _environment(scene: Scene) -> dict[str, Any]:
+    if scene.environment is None:
+        return {}
+    return {"environment": {"type": "constant", "radiance": {"type": "rgb", "value": list(scene.environment)}}}
 
 
 def _mesh(mi: Any, obj: SceneObject) -> Any:
