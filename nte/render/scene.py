@@ -10,7 +10,7 @@ from nte.render.transforms import Floats, Track, transform_directions, transform
 
 Pixels = npt.NDArray[np.float32]
 Colour = tuple[float, float, float]
-Surface = Literal["diffuse", "glossy", "metal"]
+Surface = Literal["diffuse", "glossy", "metal", "glass"]
 
 NEAR, FAR = 0.01, 1000.0  # clipping planes of every camera, scene units
 
@@ -32,8 +32,8 @@ class Mesh:
 class Material:
     """How a surface looks: `color` (H, W, 3) is a periodic texture in [0, 1], linear; (1, 1, 3) is plain.
 
-    It is the diffuse reflectance, and the specular colour of a metal. roughness: perceptual, in [0, 1];
-    1 for diffuse.
+    It is the diffuse reflectance, the specular colour of a metal, and what glass lets through. roughness:
+    perceptual, in [0, 1]; 1 for diffuse.
     """
 
     color: Pixels
@@ -89,7 +89,11 @@ class Camera:
 
 @dataclass(frozen=True)
 class Scene:
-    """Objects and a camera. The instance number of objects[i] is i + 1."""
+    """Objects and a camera. The instance number of objects[i] is i + 1.
+
+    environment: radiance from infinitely far (H, W, 3), linear, rows from straight up to straight down.
+    """
 
     objects: tuple[SceneObject, ...]
     camera: Camera
+    environment: Pixels | None = None

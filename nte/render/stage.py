@@ -26,6 +26,7 @@ class Stage:
             "type": "scene",
             "integrator": {"type": "path", "max_depth": max_depth},
             "sensor": _sensor(scene, width, height),
+            **_environment(mi, scene),
             **self.meshes,
         })  # fmt: skip
         self.sensor: Any = self.mi_scene.sensors()[0]
@@ -54,6 +55,12 @@ def _sensor(scene: Scene, width: int, height: int) -> dict[str, Any]:
     }  # fmt: skip
 
 
+def _environment(mi: Any, scene: Scene) -> dict[str, Any]:
+    if scene.environment is None:
+        return {}
+    return {"environment": {"type": "envmap", "bitmap": mi.Bitmap(np.ascontiguousarray(scene.environment))}}
+
+
 def _mesh(mi: Any, obj: SceneObject) -> Any:
     properties = mi.Properties()
     properties["bsdf"] = mi.load_dict(_bsdf(mi, obj.material))
@@ -79,8 +86,10 @@ def _bsdf(mi: Any, material: Material) -> dict[str, Any]:
     if material.surface == "diffuse":
         return {"type": "diffuse", "reflectance": texture}
     metallic = 1.0 if material.surface == "metal" else 0.0
-    roughness = material.roughness
-    return {"type": "principled", "base_color": texture, "roughness": roughness, "metallic": metallic}
+    bsdf = {"type": "principled", "base_color": texture, "roughness": material.roughness, "metallic": metallic}
+    if material.surface == "glass":  # not `dielectric`, which has neither an albedo nor a roughness to show
+        bsdf |= {"spec_trans": 1.0, "eta": 1.5}
+    return bsdf
 
 
 def _flat(values: npt.NDArray[np.floating]) -> npt.NDArray[np.float32]:

@@ -27,7 +27,12 @@ class _Room:
     depth: float
 
 
-def make_room(rng: np.random.Generator) -> Scene:
+@dataclass
+class Parameters:
+    """Rooms have none yet."""
+
+
+def make_room(rng: np.random.Generator, parameters: Parameters) -> Scene:
     """A random room with everything in it."""
     room = _Room(rng.uniform(5.0, 7.0), rng.uniform(3.2, 4.2), rng.uniform(6.0, 8.0))
     objects = [*_walls(room, rng), *_lights(room, rng), *_movers(room, rng)]
