@@ -1,5 +1,6 @@
 """What an animated scene is: meshes with materials that move, area lights, and a camera. No Mitsuba here."""
 
+from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Literal
 
@@ -45,7 +46,7 @@ class Material:
 class SceneObject:
     """A rigid mesh on a track; an area light where `radiance` is given.
 
-    All that the renderer asks is `at(time)`: an object that deforms is another class with the same method.
+    All that the renderer asks is `at(time)`.
     """
 
     mesh: Mesh
@@ -58,6 +59,20 @@ class SceneObject:
         matrix = self.track(time)
         positions = transform_points(matrix, self.mesh.positions)
         return positions, transform_directions(matrix, self.mesh.normals)
+
+
+@dataclass(frozen=True)
+class DeformingObject:
+    """A mesh whose vertices each go their own way; `mesh` gives faces and uv, and the vertices' number."""
+
+    mesh: Mesh
+    material: Material
+    shape: Callable[[float], tuple[Floats, Floats]]  # time in frames → world positions and normals (V, 3)
+    radiance: Colour | None = None
+
+    def at(self, time: float) -> tuple[Floats, Floats]:
+        """World positions and normals (V, 3) of the vertices at a time in frames."""
+        return self.shape(time)
 
 
 @dataclass(frozen=True)
@@ -91,9 +106,10 @@ class Camera:
 class Scene:
     """Objects and a camera. The instance number of objects[i] is i + 1.
 
-    environment: radiance from infinitely far (H, W, 3), linear, rows from straight up to straight down.
+    environment: radiance from infinitely far, linear: the same from everywhere, or (H, W, 3) with rows from
+    straight up to straight down and columns from −z over +x, +z and −x (kit.sky makes one).
     """
 
-    objects: tuple[SceneObject, ...]
+    objects: tuple[SceneObject | DeformingObject, ...]
     camera: Camera
-    environment: Pixels | None = None
+    environment: Colour | Pixels | None = None

@@ -9,7 +9,7 @@ import numpy as np
 import numpy.typing as npt
 
 from nte.render.backend import load_mitsuba
-from nte.render.scene import FAR, NEAR, Material, Scene, SceneObject
+from nte.render.scene import FAR, NEAR, DeformingObject, Material, Scene, SceneObject
 
 
 class Stage:
@@ -56,12 +56,15 @@ def _sensor(scene: Scene, width: int, height: int) -> dict[str, Any]:
 
 
 def _environment(mi: Any, scene: Scene) -> dict[str, Any]:
-    if scene.environment is None:
+    given = scene.environment
+    if given is None:
         return {}
-    return {"environment": {"type": "envmap", "bitmap": mi.Bitmap(np.ascontiguousarray(scene.environment))}}
+    if isinstance(given, tuple):
+        return {"environment": {"type": "constant", "radiance": {"type": "rgb", "value": list(given)}}}
+    return {"environment": {"type": "envmap", "bitmap": mi.Bitmap(np.ascontiguousarray(given, np.float32))}}
 
 
-def _mesh(mi: Any, obj: SceneObject) -> Any:
+def _mesh(mi: Any, obj: SceneObject | DeformingObject) -> Any:
     properties = mi.Properties()
     properties["bsdf"] = mi.load_dict(_bsdf(mi, obj.material))
     if obj.radiance is not None:

@@ -7,6 +7,7 @@ from nte.render.scenes import (
     dining,
     fence,
     motion_blur,
+    ocean,
     penumbra,
     pica,
     pinkroom,
@@ -31,4 +32,5 @@ FAMILIES: dict[str, Family[Any]] = {
     "dining": Family(dining.Parameters, dining.make_dining),
     "spheres": Family(spheres.Parameters, spheres.make_spheres),
     "motion_blur": Family(motion_blur.Parameters, motion_blur.make_motion_blur),
+    "ocean": Family(ocean.Parameters, ocean.make_ocean),
 }

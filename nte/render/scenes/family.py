@@ -1,7 +1,7 @@
 """What a family of scenes is: a function of random choices and of parameters that a recipe may set."""
 
 from collections.abc import Callable, Mapping
-from dataclasses import MISSING, dataclass, field, fields
+from dataclasses import dataclass, field, fields
 from typing import Any, Generic, TypeVar
 
 import numpy as np
@@ -63,7 +63,7 @@ class Family(Generic[Parameters]):
 
 def between(default: float, low: float, high: float) -> Any:
     """A dataclass field for a number in [low, high]; whole if the default is."""
-    expected = f"{'a whole number' if type(default) is int else 'a number'} from {low} to {high}"
+    expected = f"{'a whole number' if type(default) is int else 'a number'} from {low:g} to {high:g}"
     return _setting(default, expected, lambda value: low <= value <= high)
 
 
@@ -77,11 +77,9 @@ def switch(default: bool) -> Any:
     return _setting(default, "true or false", lambda value: True)
 
 
-def describe(family: Family[Any]) -> dict[str, str]:
-    """Name of each parameter → what may be given and what it is otherwise."""
-    entries = fields(family.parameters)
-    assert all(entry.default is not MISSING for entry in entries)
-    return {entry.name: f"{entry.metadata['expected']}; {entry.default}" for entry in entries}
+def describe(family: Family[Any]) -> dict[str, tuple[str, str]]:
+    """Name of each parameter → what is allowed, and the default."""
+    return {entry.name: (entry.metadata["expected"], str(entry.default).lower()) for entry in fields(family.parameters)}
 
 
 def _setting(default: Any, expected: str, allows: Callable[[Any], bool]) -> Any:

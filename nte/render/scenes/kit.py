@@ -90,6 +90,22 @@ def wall(start: tuple[float, float], end: tuple[float, float], height: float, co
     return thing(shapes.rectangle((start[0], 0, start[1]), across, (0, height, 0), texture_size), color, still())
 
 
+def sky(rng: np.random.Generator, sun: npt.ArrayLike, brightness: float = 1.0) -> Pixels:
+    """An environment (64, 128, 3): blue above, pale at the horizon, earth below, and a soft sun towards `sun` (3,)."""
+    rows, columns = 64, 128
+    polar, turn = np.pi * (np.arange(rows) + 0.5) / rows, 2 * np.pi * (np.arange(columns) + 0.5) / columns
+    theta, phi = np.meshgrid(polar, turn, indexing="ij")
+    direction = np.stack([np.sin(phi) * np.sin(theta), np.cos(theta), -np.cos(phi) * np.sin(theta)], axis=-1)
+    up = direction[..., 1:2]
+    zenith, horizon, earth = np.array([0.25, 0.45, 0.95]), np.array([0.9, 0.9, 0.85]), np.array([0.3, 0.25, 0.2])
+    air = horizon + (zenith - horizon) * np.clip(up, 0, 1) ** rng.uniform(0.4, 0.7)
+    towards = direction @ (np.asarray(sun, float) / np.linalg.norm(sun))
+    glow = 150 * np.exp((towards - 1) / 0.006) + 1.5 * np.exp((towards - 1) / 0.05)
+    haze = np.exp(-np.abs(up) / 0.06)
+    light = np.where(up > 0, air, earth + haze * (horizon - earth)) + glow[..., None] * [1.0, 0.9, 0.7]
+    return np.asarray(brightness * light, np.float32)
+
+
 def camera(eye: Path3, target: Path3, fov: float) -> Camera:
     """A camera on a path that looks at another."""
     return Camera(lambda time: look_at(eye(time), target(time)), fov)

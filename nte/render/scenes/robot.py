@@ -37,7 +37,7 @@ def make_robot(dice: Dice, parameters: Parameters) -> Scene:
     ]
     way = 0.6 * dice.choice([-1, 1]) * parameters.moving_camera
     eye = kit.swaying((dice.uniform(-0.5, 0.5), 1.5, -3.3), (way, 0.1 * way, 0), 0.25)
-    return Scene(tuple(objects), kit.camera(eye, kit.fixed((0, 0.85, 0.2)), 42))
+    return Scene(tuple(objects), kit.camera(eye, kit.fixed((0, 0.85, 0.2)), 36))
 
 
 def _robot(dice: Dice, action: str) -> list[SceneObject]:
@@ -102,7 +102,12 @@ def _walking(dice: Dice, rate: float, reach: float, phase: float) -> Track:
 
 
 def _on_the_spot(dice: Dice, rate: float) -> Track:
-    """Faces the camera and leans from side to side."""
-    turn = dice.uniform(-0.4, 0.4)
-    height = _THIGH + _SHIN + 0.07
-    return lambda time: translation((0, height, 0.2)) @ rotation(kit.UP, turn + 0.1 * np.sin(rate * time))
+    """Faces the camera, turns to and fro on the spot and leans with it."""
+    turn, height = dice.uniform(-0.4, 0.4), _THIGH + _SHIN + 0.07
+
+    def track(time: float) -> Floats:
+        sway = np.sin(rate * time)
+        lean = translation((0, -height, 0)) @ rotation((0, 0, 1), 0.06 * sway) @ translation((0, height, 0))
+        return translation((0, height, 0.2)) @ lean @ rotation(kit.UP, turn + 0.3 * sway)
+
+    return track

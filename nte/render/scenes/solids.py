@@ -10,7 +10,7 @@ import numpy.typing as npt
 import trimesh
 
 from nte.render.scene import Mesh
-from nte.render.scenes.shapes import faceted, parametric, revolved
+from nte.render.scenes.shapes import faceted, parametric, rectangle, revolved
 from nte.render.transforms import Floats, transform_points, translation
 
 Size = tuple[float, float, float]
@@ -81,6 +81,19 @@ def sheet(
 
     mesh = parametric(surface, cells, cells)
     return Mesh(mesh.positions, mesh.normals, mesh.uv * np.array([width, depth], np.float32) / texture_size, mesh.faces)
+
+
+def framed(
+    corner: npt.ArrayLike, right: npt.ArrayLike, up: npt.ArrayLike, hole: tuple[float, float, float, float],
+    texture_size: float = 4.0,
+) -> Mesh:  # fmt: skip
+    """A rectangle as shapes.rectangle makes it, with an opening (left, right, bottom, top), shares of its sides."""
+    c, r, u = (np.asarray(x, float) for x in (corner, right, up))
+    left, end, bottom, top = hole
+    parts = [(0.0, left, 0.0, 1.0), (end, 1.0, 0.0, 1.0), (left, end, 0.0, bottom), (left, end, top, 1.0)]
+    return merged([
+        rectangle(c + s0 * r + t0 * u, (s1 - s0) * r, (t1 - t0) * u, texture_size) for s0, s1, t0, t1 in parts
+    ])  # fmt: skip
 
 
 def placed(mesh: Mesh, matrix: Floats, scale: float | Size = 1.0, texture: float | None = None) -> Mesh:
