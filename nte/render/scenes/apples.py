@@ -26,7 +26,7 @@ def make_apples(dice: Dice, parameters: Parameters) -> Scene:
     heights = _folds(dice)
     weave = kit.textured(dice, kit.shades(dice.apart(0.0, 1.0), 0.35, (0.85, 0.7, 0.5)), checker, stripes, dots)
     objects = [kit.thing(sheet(14, 14, heights, 1.8, cells=140), weave, still())]
-    for number, (x, z) in enumerate(_places(dice, parameters.apples)):
+    for number, (x, z) in enumerate(_places(dice, parameters.apples, parameters.rolling)):
         objects += _apple(dice, x, z, heights, parameters.rolling and number == 0)
     rate, phase, way = dice.apart(0.12, 0.28), dice.uniform(-0.6, 0.6), dice.choice([-1, 1])
     path = kit.swaying((0, 3.6, 0.8), (2.2 * way, 0, dice.uniform(-0.6, 0.6)), rate, phase)
@@ -47,12 +47,12 @@ def _folds(dice: Dice) -> kit.Height:
     return height
 
 
-def _places(dice: Dice, count: int) -> list[tuple[float, float]]:
-    """Places on the cloth at least an apple apart."""
-    places: list[tuple[float, float]] = []
+def _places(dice: Dice, count: int, rolling: bool) -> list[tuple[float, float]]:
+    """Places on the cloth, an apple apart where there is room; the first has a free way in front if it rolls."""
+    places = [(0.0, -0.9)] if rolling else []
     while len(places) < count:
         for _ in range(200):
-            x, z = dice.uniform(-1.5, 1.5), dice.uniform(-1.0, 1.6)
+            x, z = dice.uniform(-1.5, 1.5), dice.uniform(-0.15 if rolling else -1.0, 1.6)
             if all(np.hypot(x - a, z - b) > 0.72 for a, b in places):
                 break
         places.append((x, z))
