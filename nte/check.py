@@ -17,7 +17,13 @@ from nte.frames.channels import CHANNELS
 from nte.frames.clip import Clip
 from nte.frames.frame import Frame
 from nte.motion.conventions import CONVENTIONS, Convention
-from nte.motion.geometric import Reprojection, dual_motion, scatter_forward_motion, traditional_motion
+from nte.motion.geometric import (
+    Reprojection,
+    dual_motion,
+    frame_vectors,
+    scatter_forward_motion,
+    traditional_motion,
+)
 from nte.motion.warp import fetch_nearest, pixel_centres, warp
 
 MOVING_PX = 1.0
@@ -81,6 +87,7 @@ class CheckReport:
     statistics: dict[str, Statistics]
     disoccluded: float  # shares of all pixels
     invalid: float
+    convention: Convention | None  # that the vectors follow: ours, another one, or none that is known
     telling_frame: int  # the one with the most disoccluded pixels, for the picture
 
     @property
@@ -107,7 +114,7 @@ def check_clip(clip: Clip) -> CheckReport:
         current = frame.torch()
         _add_statistics(statistics, current)
         if previous is not None:
-            dual = clip_vectors(previous, current)
+            dual = frame_vectors(current, previous.get("depth"))
             everywhere = torch.ones_like(dual.valid)
             hidden = int(dual.disoccluded.sum())
             telling, most = (frame.index, hidden) if hidden > most else (telling, most)
@@ -116,22 +123,11 @@ def check_clip(clip: Clip) -> CheckReport:
             _add_fits(fits, previous, current)
             _add_errors(errors, previous, current, dual)
         previous = current
-    verdict, reason = _judge(fits, statistics)
+    verdict, reason, convention = _judge(fits, statistics)
     return CheckReport(
         clip.name, len(clip), verdict, reason, dict(fits), dict(errors), dict(statistics),
-        disoccluded.value, invalid.value, telling,
+        disoccluded.value, invalid.value, convention, telling,
     )  # fmt: skip
-
-
-def clip_vectors(previous: Frame, current: Frame) -> Reprojection:
-    """Dual vectors of a frame from whatever the clip has: stored forward motion, or scattered vectors."""
-    forward = current.get("previous_forward_motion")
-    if forward is None:
-        depth = current.get("depth")
-        if depth is None:
-            return traditional_motion(current["motion"])
-        forward = scatter_forward_motion(current["motion"], depth)
-    return dual_motion(current["motion"], forward, current.get("depth"), previous.get("depth"))
 
 
 def visible_in_both(previous: Frame, current: Frame, vectors: Reprojection) -> Tensor:
@@ -201,37 +197,44 @@ def _add_statistics(statistics: dict[str, Statistics], frame: Frame) -> None:
         entry.bad += bad.get(name, 0)
 
 
-def _judge(fits: dict[Convention, Fit], statistics: dict[str, Statistics]) -> tuple[Verdict, str]:
+def _judge(
+    fits: dict[Convention, Fit], statistics: dict[str, Statistics]
+) -> tuple[Verdict, str, Convention | None]:
+    """Verdict, reason, and the convention that explains the albedo, where one does."""
     geometry = {name: s.bad for name, s in statistics.items() if s.bad and CHANNELS[name].kind not in SANITISED}
     if geometry:
         listed = ", ".join(f"{number} pixels of {name}" for name, number in geometry.items())
-        return "implausible", f"geometry is not finite: {listed}"
-    given = fits[Convention()]
-    best = _best_convention(fits)
-    if best != Convention():
-        fit = fits[best]
-        if fit.warped.value < min(FITS_BETTER * fit.given.value, MUST_EXPLAIN * fit.unwarped.value):
-            errors = f"{fit.warped.value:.3f} instead of {fit.given.value:.3f}"
-            return "implausible", f"'motion' has another convention: {best}: albedo error {errors}"
+        return "implausible", f"geometry is not finite: {listed}", None
+    given, best = fits[Convention()], _best_convention(fits)
+    fit = fits[best]
+    if best != Convention() and fit.warped.value < min(
+        FITS_BETTER * fit.given.value, MUST_EXPLAIN * fit.unwarped.value
+    ):
+        errors = f"{fit.warped.value:.3f} instead of {fit.given.value:.3f}"
+        return "implausible", f"'motion' has another convention: {best}: albedo error {errors}", best
     if given.warped.count < ENOUGH_PIXELS:
-        count = given.warped.count
-        return "undecidable", f"only {count} moving pixels with changing albedo, {ENOUGH_PIXELS} are needed"
+        found = f"only {given.warped.count} moving pixels with changing albedo"
+        return "undecidable", f"{found}, {ENOUGH_PIXELS} are needed", None
     errors = f"warped {given.warped.value:.4f}, unwarped {given.unwarped.value:.4f}"
     if given.warped.value > MUST_EXPLAIN * given.unwarped.value:
-        return "implausible", f"'motion' does not explain the albedo: {errors}, and no known convention fits"
-    return "plausible", f"albedo error on {given.warped.count} moving pixels: {errors}"
+        return "implausible", f"'motion' does not explain the albedo: {errors}, and no known convention fits", None
+    return "plausible", f"albedo error on {given.warped.count} moving pixels: {errors}", Convention()
 
 
 def _best_convention(fits: dict[Convention, Fit]) -> Convention:
     """The convention with the smallest share of the given vectors' error.
 
-    At constant speed «forward» and «opposite sign» say the same; the simpler one is named unless the other
-    explains twice as much.
+    It must speak for the clip: a unit that blows up the nearly still pixels finds a few that it explains by
+    chance. At constant speed «forward» and «opposite sign» say the same; the simpler one is named unless the
+    other explains twice as much.
     """
+    enough = max(ENOUGH_PIXELS, fits[Convention()].warped.count // 2)
 
     def share(convention: Convention) -> float:
         fit = fits[convention]
-        if fit.warped.count < ENOUGH_PIXELS:
+        if convention == Convention():
+            return 1.0
+        if fit.warped.count < enough:
             return float("inf")
         handicap = 2.0 if convention.forward else 1.0
         return handicap * fit.warped.value / max(fit.given.value, 1e-12)

@@ -7,10 +7,10 @@ import numpy as np
 import numpy.typing as npt
 from torch import Tensor
 
-from nte.check import COMPARED, CheckReport, clip_vectors, visible_in_both
+from nte.check import COMPARED, CheckReport, visible_in_both
 from nte.frames.clip import Clip
 from nte.frames.show import RGB, Picture, grid, heat, quantise, show
-from nte.motion.geometric import traditional_motion
+from nte.motion.geometric import frame_vectors, traditional_motion
 from nte.motion.warp import warp
 
 
@@ -37,7 +37,7 @@ def describe(report: CheckReport) -> str:
 def draw(clip: Clip, index: int) -> RGB:
     """Motion, masks and residuals of frame `index` (from 1), side by side."""
     previous, current = clip.frame(index - 1).torch(), clip.frame(index).torch()
-    dual = clip_vectors(previous, current)
+    dual = frame_vectors(current, previous.get("depth"))
     traditional = traditional_motion(current["motion"])
     visible = visible_in_both(previous, current, dual)
     length = max(1.0, float(current["motion"].nan_to_num().square().sum(1).sqrt().quantile(0.99)))

@@ -13,7 +13,9 @@ from typing import Any
 
 from nte.errors import NteError, needs_extra
 
-_EXTRA_OF = {"render": "render", "train": "train", "export": "train", "evaluate": "eval", "check": "eval"}
+_EXTRA_OF = {
+    "render": "render", "train": "train", "export": "train", "evaluate": "eval", "check": "eval", "import": "import",
+}  # fmt: skip
 
 
 def main(argv: Sequence[str] | None = None) -> int:
@@ -41,6 +43,7 @@ def main(argv: Sequence[str] | None = None) -> int:
 
 def _parser() -> argparse.ArgumentParser:
     from nte import __version__
+    from nte.cli_import import add_import
 
     parser = argparse.ArgumentParser(prog="nte", description="Neural temporal denoising of path-traced sequences")
     parser.add_argument("--version", action="version", version=f"nte {__version__}")
@@ -79,6 +82,8 @@ def _parser() -> argparse.ArgumentParser:
     denoise.add_argument("--png", action="store_true", help="a tonemapped picture beside each frame")
     _device(denoise, "cpu")
     _force(denoise)
+
+    add_import(commands)
 
     check = _command(commands, "check", _check, "are the vectors and values of clips plausible? (exit 2: not)")
     check.add_argument("clips", type=Path, nargs="+", metavar="CLIP", help="clips, or folders of clips")

@@ -7,7 +7,7 @@ from typing import Any, TypeVar
 
 from omegaconf import DictConfig, OmegaConf
 from omegaconf.errors import OmegaConfBaseException
-from yaml import YAMLError
+from yaml import MarkedYAMLError, YAMLError
 
 from nte.errors import NteError
 
@@ -21,31 +21,43 @@ def load_config(schema: type[Schema], path: Path, overrides: Sequence[str] = ())
     Raises NteError that names the file and the key. ${name} may refer to another key; resolvers such as
     ${oc.env:…} are refused: a configuration must mean the same on every machine.
     """
-    try:
-        loaded = OmegaConf.load(path)
-    except OSError as error:
-        raise NteError(f"{path}: cannot be read: {error.strerror}") from error
-    except (YAMLError, UnicodeDecodeError) as error:
-        raise NteError(f"{path}: not readable as YAML: {_one_line(error)}") from error
-    if not isinstance(loaded, DictConfig):
-        raise NteError(f"{path}: expected a YAML mapping of keys to values")
+    loaded = _read(path)
     for override in overrides:
         if "=" not in override:
             raise NteError(f"'{override}': expected key=value")
+    source = str(path)
     try:
-        typed = OmegaConf.from_dotlist(list(overrides))
-        for source, config in ((str(path), loaded), ("command line", typed)):
-            _refuse_resolvers(source, OmegaConf.to_container(config, resolve=False))
-        merged = OmegaConf.merge(OmegaConf.structured(schema), loaded, typed)
-        missing = OmegaConf.missing_keys(merged)
+        _refuse_resolvers(source, OmegaConf.to_container(loaded, resolve=False))
+        config = OmegaConf.merge(OmegaConf.structured(schema), loaded)
+        source = "command line"
+        _refuse_resolvers(source, OmegaConf.to_container(OmegaConf.from_dotlist(list(overrides)), resolve=False))
+        config.merge_with_dotlist(list(overrides))
+        source = str(path)
+        missing = OmegaConf.missing_keys(config)
         if missing:
             raise NteError(f"{path}: '{min(missing)}' is missing: give it a value")
-        made: Schema = OmegaConf.to_object(merged)  # type: ignore[assignment]
+        made: Schema = OmegaConf.to_object(config)  # type: ignore[assignment]
+    except YAMLError as error:  # of an override's value
+        raise NteError(f"{source}: not readable as YAML: {getattr(error, 'problem', None) or error}") from error
     except (OmegaConfBaseException, ValueError, TypeError) as error:
         key = getattr(error, "full_key", None)
         where = f"'{key}': " if key else ""
-        raise NteError(f"{path}: {where}{_one_line(error)}") from error
+        raise NteError(f"{source}: {where}{_one_line(error)}") from error
     return made
+
+
+def _read(path: Path) -> DictConfig:
+    try:
+        loaded = OmegaConf.load(path)
+    except OSError as error:
+        if error.strerror is None:  # how OmegaConf says that it is a number
+            raise NteError(f"{path}: expected a YAML mapping of keys to values") from error
+        raise NteError(f"{path}: cannot be read: {error.strerror}") from error
+    except (YAMLError, UnicodeDecodeError) as error:
+        raise NteError(f"{path}: not readable as YAML: {_problem(error)}") from error
+    if not isinstance(loaded, DictConfig):
+        raise NteError(f"{path}: expected a YAML mapping of keys to values")
+    return loaded
 
 
 def to_yaml(config: Any) -> str:
@@ -62,6 +74,13 @@ def _refuse_resolvers(source: str, values: Any, key: str = "") -> None:
             _refuse_resolvers(source, value, f"{key}[{i}]")
     elif isinstance(values, str) and _RESOLVER.search(values):
         raise NteError(f"{source}: '{key}': '{values}' calls a resolver: write the value itself")
+
+
+def _problem(error: Exception) -> str:
+    """What the YAML parser stumbled over, and in which line."""
+    if isinstance(error, MarkedYAMLError) and error.problem_mark is not None:
+        return f"{error.problem} in line {error.problem_mark.line + 1}"
+    return _one_line(error)
 
 
 def _one_line(error: Exception) -> str:

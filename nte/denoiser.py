@@ -71,6 +71,16 @@ def check_needs(denoiser: Denoiser, available: Iterable[str], where: object) -> 
         raise NteError(f"{where}: {name} needs {', '.join(missing)}, which is missing; there is {', '.join(have)}")
 
 
+def check_size(frame: Frame, history: Array) -> None:
+    """Raise NteError where a frame has another batch or size than the sequence's history (N, C, H, W)."""
+    was, now = (history.shape[0], *history.shape[2:]), (frame.batch, *frame.size)
+    if was != now:
+        raise NteError(
+            f"frame {frame.index}: (batch, height, width) is {now} after {was}: start a new sequence (state None) "
+            "for another size"
+        )
+
+
 def denoise(denoiser: Denoiser, frames: Iterable[Frame], extras: tuple[str, ...] = ()) -> Iterator[Result]:
     """Denoise a sequence lazily, one result per frame; bad pixels are reported once (BadPixelWarning)."""
     session = Session(denoiser)

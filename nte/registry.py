@@ -25,11 +25,14 @@ def load_denoiser(spec: str, device: str = "cpu") -> Denoiser:
     if path.suffix == ".onnx":
         from nte.runtime.session import OnnxDenoiser
 
-        return OnnxDenoiser(path)
-    if path.is_dir():
+        kind = device.partition(":")[0]
+        return OnnxDenoiser(path, None if kind == "cpu" else [f"{kind.upper()}ExecutionProvider"])
+    if (path / "config.yaml").is_file():
         return _construct("nte.training.run", "load_run", "train", spec, {"folder": path}, device)
     name, _, options = spec.partition(":")
     if name not in NAMES:
+        if path.is_dir():
+            raise NteError(f"'{spec}' is no run folder: config.yaml is missing")
         known = ", ".join(NAMES)
         raise NteError(f"'{spec}' is no denoiser: expected a run folder, an .onnx file, or one of {known}")
     module, attribute, extra = NAMES[name]
@@ -50,9 +53,20 @@ def _construct(
             raise NteError(f"'{spec}': unknown option '{key}'; it has {', '.join(settable) or 'none'}")
         options[key] = _convert(spec, key, value, accepted[key])
     if device is not None and "device" in accepted:
+        _check_device(device)
         options["device"] = device
     denoiser: Denoiser = make(**options)
     return denoiser
+
+
+def _check_device(device: str) -> None:
+    """Raise NteError where PyTorch has no such device."""
+    import torch
+
+    try:
+        torch.empty(0, device=device)
+    except (RuntimeError, AssertionError, NotImplementedError) as error:
+        raise NteError(f"--device {device}: {str(error).splitlines()[0]}") from error
 
 
 def _parse(spec: str, options: str) -> dict[str, Any]:

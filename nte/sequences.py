@@ -1,21 +1,21 @@
 """Denoising files: a clip or loose frames in, linear OpenEXR out, the other layers kept."""
 
 import re
+from collections import Counter
 from collections.abc import Iterator, Sequence
 from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 
-from nte.denoiser import Denoiser, Session
+from nte.denoiser import Denoiser, Session, check_needs
 from nte.errors import NteError
-from nte.frames.clip import Clip, frame_path, read_frame, write_clip_info, write_frame
+from nte.frames.clip import Clip, as_layers, frame_path, read_frame, write_clip_info
+from nte.frames.exr import make_folder, read_layers, write_exr
 from nte.frames.frame import Frame
 from nte.frames.scalars import sequence_scalars
 from nte.frames.show import show, write_png
 from nte.progress import Progress
-
-_NOT_KEPT = ("reference", "previous_forward_motion")  # derived: the first from its halves, where they are stored
 
 
 def denoise_files(
@@ -29,31 +29,46 @@ def denoise_files(
     first frame). png: a tonemapped picture beside each frame. Raises NteError for input that does not fit
     and for files that exist, unless `force`.
     """
+    if exposure is not None and not 0 < exposure < float("inf"):
+        raise NteError(f"exposure is {exposure}, expected a positive number")
     clip = Clip(sources[0]) if len(sources) == 1 and sources[0].is_dir() else None
     paths = [frame_path(clip.folder, i) for i in range(len(clip))] if clip else _in_order(sources)
     written = [out / path.name for path in paths]
-    for path, source in zip(written, paths, strict=True):
-        if path.exists() and path.samefile(source):
-            raise NteError(f"{out}: holds the noisy frames themselves: choose another folder")
-        if path.exists() and not force:
-            raise NteError(f"{path}: exists: choose another folder, or overwrite it with --force")
-    out.mkdir(parents=True, exist_ok=True)
-    (out / "clip.json").unlink(missing_ok=True)  # until its frames are all there
+    _refuse_to_overwrite(out, written, paths, png, force)
+    if clip:
+        check_needs(denoiser, clip.channels, clip.folder)
 
     session = Session(denoiser)
     scale = None if exposure is None else np.array([exposure], np.float32)
     with Progress("denoise", len(paths), "frame") as progress:
-        for path, frame in zip(written, clip or _loose_frames(paths), strict=True):
+        for path, source, frame in zip(written, paths, clip or _loose_frames(paths), strict=True):
             scale = sequence_scalars(frame)[0] if scale is None else scale
             image = session.denoise(replace(frame, exposure=scale))[0]
-            kept = {name: values[0] for name, values in frame.channels.items() if name not in _NOT_KEPT}
-            write_frame(path, kept | {denoiser.target: image})
+            if path == written[0]:
+                make_folder(out)
+                (out / "clip.json").unlink(missing_ok=True)  # until its frames are all there
+            write_exr(path, read_layers(source) | as_layers({denoiser.target: image}))
             if png:
                 write_png(path.with_suffix(".png"), show(denoiser.target, image, float(scale[0])).pixels)
             progress.advance(1)
     if clip and scale is not None:
         write_clip_info(out, {**clip.info, "seeds": 1, "exposure": float(scale[0])})
     return written
+
+
+def _refuse_to_overwrite(
+    out: Path, written: Sequence[Path], sources: Sequence[Path], png: bool, force: bool
+) -> None:  # fmt: skip
+    """Raise NteError where a file would be lost: one that exists, the noisy frame itself, or one of two alike."""
+    if out.resolve() in {source.parent.resolve() for source in sources}:
+        raise NteError(f"{out}: holds the noisy frames themselves: choose another folder")
+    twice = [path for path, count in Counter(written).items() if count > 1]
+    if twice:
+        raise NteError(f"{twice[0].name}: two frames have this name: denoise them one after the other")
+    pictures = [path.with_suffix(".png") for path in written] if png else []
+    for path in (*written, *pictures, out / "clip.json"):
+        if path.exists() and not force:
+            raise NteError(f"{path}: exists: choose another folder, or overwrite it with --force")
 
 
 def _loose_frames(paths: Sequence[Path]) -> Iterator[Frame]:

@@ -18,7 +18,8 @@ torch.set_num_threads(1)
 def _deterministic_setting_stays_local() -> Iterator[None]:
     """Training switches deterministic algorithms on for its process; the next test starts without."""
     yield
-    torch.use_deterministic_algorithms(False)
+    if torch.are_deterministic_algorithms_enabled():
+        torch.use_deterministic_algorithms(False)
 
 
 @pytest.fixture(scope="session")

@@ -70,6 +70,22 @@ def test_noise_in_the_vectors_is_implausible(tmp_path: Path) -> None:
     assert "does not explain" in report.reason
 
 
+def test_a_few_pixels_do_not_outvote_the_clip(tmp_path: Path) -> None:
+    # A strip of wall that hardly moves, and whose albedo happens to be explained by motion in NDC.
+    frames = [disc_frame(i, **MOVING) for i in range(4)]  # type: ignore[arg-type]
+    chance = disc_frame(0, size=(64, 96), radius=0)["albedo"]
+    for i, frame in enumerate(frames):
+        frame["albedo"][:, :4] = np.roll(chance, 4 * i, 2)[:, :4]
+        frame["motion"][:, :4] = np.array([-4 / 48, 0], np.float32).reshape(2, 1, 1)
+        frame["instance"][:, :4] = 3
+    report = check_clip(Clip(write_clip(tmp_path / "clip", frames)))
+    ndc = min((c for c in report.fits if c.unit.startswith("NDC")), key=lambda c: report.fits[c].warped.value)
+    fit = report.fits[ndc]
+    assert fit.warped.count > 100  # enough to be misled by
+    assert fit.warped.value < 0.2 * fit.given.value
+    assert report.verdict == "plausible"
+
+
 def test_a_still_clip_is_undecidable(tmp_path: Path) -> None:
     report = check_clip(Clip(disc_clip(tmp_path / "clip", velocity=(0.0, 0.0))))
     assert report.verdict == "undecidable"

@@ -14,7 +14,7 @@ from torchmetrics.functional.image import peak_signal_noise_ratio, structural_si
 
 from nte.errors import NteError
 from nte.frames.frame import Frame
-from nte.motion.geometric import dual_motion, scatter_forward_motion, traditional_motion
+from nte.motion.geometric import frame_vectors, traditional_motion
 
 REGIONS = ("all", "disoccluded", "static", "moving")
 MOVING_PX = 0.1  # a pixel that moved further than this since the previous frame is «moving»
@@ -115,12 +115,12 @@ def temporal_l1_floor(a: Tensor, a_before: Tensor, b: Tensor, b_before: Tensor) 
     return temporal_l1(a, a_before, b, b_before) / 2
 
 
-def regions_of(frame: Frame) -> dict[str, Tensor]:
+def regions_of(frame: Frame, previous_depth: Tensor | None = None) -> dict[str, Tensor]:
     """Region → (N, 1, H, W) bool, of a PyTorch frame; without `motion` there is only «all».
 
-    disoccluded: the mask of the dual vectors; nothing is disoccluded in frame 0, which has no history. Where
-    previous_forward_motion is missing it is scattered from motion and depth; without depth the region is
-    left out. moving: |motion| > 0.1 px; static: the rest.
+    disoccluded: the mask of the dual vectors, sharper with the depth of the frame before; nothing is
+    disoccluded in frame 0, which has no history. Where previous_forward_motion is missing it is scattered from
+    motion and depth; without depth the region is left out. moving: |motion| > 0.1 px; static: the rest.
     """
     height, width = frame.size
     everywhere = torch.ones(frame.batch, 1, height, width, dtype=torch.bool)
@@ -129,13 +129,10 @@ def regions_of(frame: Frame) -> dict[str, Tensor]:
     motion = traditional_motion(frame["motion"]).motion
     moving = motion.square().sum(1, keepdim=True) > MOVING_PX**2
     found = {"all": everywhere, "static": ~moving, "moving": moving}
-    forward = frame.get("previous_forward_motion")
-    if forward is None and "depth" in frame:
-        forward = scatter_forward_motion(frame["motion"], frame["depth"])
     if frame.index == 0:
         found["disoccluded"] = ~everywhere
-    elif forward is not None:
-        found["disoccluded"] = dual_motion(frame["motion"], forward).disoccluded
+    elif "previous_forward_motion" in frame or "depth" in frame:
+        found["disoccluded"] = frame_vectors(frame, previous_depth).disoccluded
     return found
 
 

@@ -60,6 +60,7 @@ class ClipRun:
         self.runs = [_Run(spec, denoiser, device) for spec, denoiser in denoisers.items()]
         self.truths: dict[str, Truth] = {}
         self.shown = Shown(label, -1, -1)
+        self._depth: Tensor | None = None  # of the frame before
 
     @torch.no_grad()
     def advance(self, index: int) -> None:
@@ -67,7 +68,8 @@ class ClipRun:
         frame = self.clip.frame(index).torch()
         on_device = frame.torch(self.device)
         before, self.truths = self.truths, {t: self._truth(frame, t) for t in self._targets()}
-        regions = regions_of(frame)
+        regions = regions_of(frame, self._depth)
+        self._depth = frame.get("depth")
         scored = index > 0 or self.first_frame
         # Denoisers differ most where most came into sight; the last of equals has the longest history.
         # So the data chooses the frame that is shown, not the results.

@@ -7,7 +7,7 @@ Supersampling»), clipping, or nothing.
 from typing import Any
 
 from nte.color import sanitise
-from nte.denoiser import Result
+from nte.denoiser import Result, check_size
 from nte.errors import NteError
 from nte.filters.blocks import accumulate, clamp_history, clip_history, fetch_history, neighbourhood_moments
 from nte.frames.frame import Frame
@@ -40,6 +40,7 @@ class Taa:
         current = sanitise(tensors["color"])
         output = current
         if state is not None:
+            check_size(frame, state)
             history, valid = fetch_history(state, traditional_motion(tensors["motion"]), tensors.reset)
             if self.clamp != "none":
                 limit = clamp_history if self.clamp == "clamp" else clip_history

@@ -11,7 +11,7 @@ import numpy.typing as npt
 
 from nte.errors import NteError
 from nte.frames.channels import CHANNELS
-from nte.frames.exr import HALF_MAX, read_exr, write_exr, write_whole
+from nte.frames.exr import HALF_MAX, make_folder, read_exr, write_exr, write_whole
 from nte.frames.frame import Frame
 
 FORMAT = "nte-clip/1"
@@ -25,7 +25,12 @@ def frame_path(folder: Path, index: int, seed: int = 0) -> Path:
 
 
 def write_frame(path: Path, channels: Mapping[str, Pixels]) -> None:
-    """Write channels, each (C, H, W), as one layered OpenEXR file that is whole or absent.
+    """Write channels, each (C, H, W), as one layered OpenEXR file that is whole or absent."""
+    write_exr(path, as_layers(channels))
+
+
+def as_layers(channels: Mapping[str, Pixels]) -> dict[str, npt.NDArray[np.floating[Any]]]:
+    """Channels, each (C, H, W), as the layers that are stored: full layered name → (H, W).
 
     Half floats where the table says so, except for a channel that holds a value beyond 65504.
     """
@@ -35,13 +40,13 @@ def write_frame(path: Path, channels: Mapping[str, Pixels]) -> None:
         half = row.storage == "half" and not (np.abs(values) > HALF_MAX).any()
         for component, plane in zip(row.components, values, strict=True):
             layers[f"{name}.{component}"] = plane.astype(np.float16 if half else np.float32)
-    path.parent.mkdir(parents=True, exist_ok=True)
-    write_exr(path, layers)
+    return layers
 
 
 def write_clip_info(folder: Path, info: Mapping[str, Any]) -> None:
     """Write clip.json, the last file of a clip: a folder without it is not finished."""
     text = json.dumps({"format": FORMAT, **info}, indent=1, sort_keys=True) + "\n"
+    make_folder(folder)
     write_whole(folder / "clip.json", lambda temporary: temporary.write_text(text, encoding="utf-8"))
 
 
@@ -176,12 +181,31 @@ def _read_info(folder: Path) -> dict[str, Any]:
     if not isinstance(info, dict) or info.get("format") != FORMAT:
         found = info.get("format") if isinstance(info, dict) else type(info).__name__
         raise NteError(f"{path}: format is {found!r}, expected '{FORMAT}'")
-    for key in ("width", "height", "frames"):
-        if not isinstance(info.get(key), int) or info[key] < 1:
-            raise NteError(f"{path}: '{key}' is {info.get(key)!r}, expected a whole number of at least 1")
-    if len(info.get("cameras", [0] * info["frames"])) != info["frames"]:
-        raise NteError(f"{path}: {len(info['cameras'])} cameras for {info['frames']} frames")
+    for key in ("width", "height", "frames", "seeds"):
+        found = info.get(key, 1 if key == "seeds" else None)
+        if type(found) is not int or found < 1:
+            raise NteError(f"{path}: '{key}' is {found!r}, expected a whole number of at least 1")
+    for key in ("exposure", "depth_scale"):
+        found = info.get(key, 1)
+        if type(found) not in (int, float) or not 0 < found < float("inf"):
+            raise NteError(f"{path}: '{key}' is {found!r}, expected a positive number")
+    if "cameras" in info:
+        _check_cameras(path, info["cameras"], info["frames"])
     return info
+
+
+def _check_cameras(path: Path, cameras: Any, frames: int) -> None:
+    if not isinstance(cameras, list) or len(cameras) != frames:
+        found = len(cameras) if isinstance(cameras, list) else repr(cameras)
+        raise NteError(f"{path}: 'cameras' has {found} for {frames} frames")
+    for index, camera in enumerate(cameras):
+        for key in ("view", "projection"):
+            try:
+                shape = np.array(camera[key], np.float32).shape
+            except (TypeError, ValueError, KeyError, IndexError):
+                shape = ()
+            if shape != (4, 4):
+                raise NteError(f"{path}: 'cameras[{index}].{key}' is no 4x4 matrix")
 
 
 def find_clips(paths: Iterable[Path]) -> list[Path]:

@@ -1,10 +1,12 @@
 """Reading and writing one OpenEXR file as a table of layered channel names."""
 
+import ctypes
 import os
 import secrets
 import threading
 from collections.abc import Callable, Iterator, Mapping
-from contextlib import contextmanager
+from contextlib import contextmanager, redirect_stderr, redirect_stdout
+from io import StringIO
 from pathlib import Path
 from typing import Any
 
@@ -17,10 +19,16 @@ from nte.errors import NteError
 HALF_MAX = 65504.0
 _MAGIC = b"\x76\x2f\x31\x01"
 _quiet_lock = threading.Lock()
+_libc = ctypes.CDLL(None) if os.name == "posix" else ctypes.cdll.msvcrt
 
 
 def read_exr(path: Path) -> dict[str, npt.NDArray[np.float32]]:
-    """Read every channel of an OpenEXR file: full layered name → float32 array (H, W).
+    """Read every channel of an OpenEXR file as float32: `read_layers`, whatever the file stores."""
+    return {name: np.asarray(pixels, np.float32) for name, pixels in read_layers(path).items()}
+
+
+def read_layers(path: Path) -> dict[str, npt.NDArray[Any]]:
+    """Read every channel of an OpenEXR file: full layered name → array (H, W), float16, float32 or uint32 as stored.
 
     The arrays have the size of the display window; pixels outside the data window are 0. Parts of a
     multi-part file are merged; the part's name is the layer of a channel that names none itself.
@@ -44,10 +52,10 @@ def read_exr(path: Path) -> dict[str, npt.NDArray[np.float32]]:
     return channels
 
 
-def write_exr(path: Path, channels: Mapping[str, npt.NDArray[np.floating[Any]]]) -> None:
-    """Write (H, W) float16 or float32 arrays under their layered names, ZIP-compressed (lossless).
+def write_exr(path: Path, channels: Mapping[str, npt.NDArray[Any]]) -> None:
+    """Write (H, W) float16, float32 or uint32 arrays under their layered names, ZIP-compressed (lossless).
 
-    The file appears under its name only when it is complete: it is written beside it and renamed.
+    The file appears under its name only when it is complete: it is written beside it and renamed. Makes the folder.
     Raises NteError where the disk is full or the folder cannot be written.
     """
     # OpenEXR writes non-contiguous arrays wrongly without a word, and it changes the dictionaries it is given.
@@ -58,6 +66,7 @@ def write_exr(path: Path, channels: Mapping[str, npt.NDArray[np.floating[Any]]])
         with _quiet(), OpenEXR.File(header, pixels) as file:
             file.write(str(temporary))
 
+    make_folder(Path(path).parent)
     write_whole(path, write)
 
 
@@ -80,8 +89,16 @@ def write_whole(path: Path, write: Callable[[Path], object]) -> None:
         temporary.unlink(missing_ok=True)
 
 
-def _merge_parts(path: Path, parts: list[OpenEXR.Part]) -> dict[str, npt.NDArray[np.float32]]:
-    merged: dict[str, npt.NDArray[np.float32]] = {}
+def make_folder(folder: Path) -> None:
+    """Make a folder and those above it; raises NteError where a file is in the way or it is not permitted."""
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        raise NteError(f"{folder}: cannot be made a folder: {error.strerror}") from error
+
+
+def _merge_parts(path: Path, parts: list[OpenEXR.Part]) -> dict[str, npt.NDArray[Any]]:
+    merged: dict[str, npt.NDArray[Any]] = {}
     for part in parts:
         if part.header["type"] in (OpenEXR.deepscanline, OpenEXR.deeptile):
             raise NteError(f"{path}: deep OpenEXR files are not supported: flatten it first")
@@ -89,12 +106,11 @@ def _merge_parts(path: Path, parts: list[OpenEXR.Part]) -> dict[str, npt.NDArray
             if channel.xSampling != 1 or channel.ySampling != 1:
                 raise NteError(f"{path}: channel '{name}' is subsampled: expected one value per pixel")
             prefix = f"{part.header.get('name', '')}." if len(parts) > 1 else ""
-            pixels = np.asarray(channel.pixels, np.float32)
-            merged[name if "." in name else prefix + name] = _to_display_window(part.header, pixels)
+            merged[name if "." in name else prefix + name] = _to_display_window(part.header, channel.pixels)
     return merged
 
 
-def _to_display_window(header: dict[str, object], pixels: npt.NDArray[np.float32]) -> npt.NDArray[np.float32]:
+def _to_display_window(header: dict[str, object], pixels: npt.NDArray[Any]) -> npt.NDArray[Any]:
     """Place the data window's pixels (inclusive corners, x first) into the display window."""
     data, display = np.array(header["dataWindow"]), np.array(header["displayWindow"])
     if np.array_equal(data, display):
@@ -102,7 +118,7 @@ def _to_display_window(header: dict[str, object], pixels: npt.NDArray[np.float32
     width, height = display[1] - display[0] + 1
     low = np.maximum(data[0], display[0])
     high = np.minimum(data[1], display[1]) + 1
-    placed = np.zeros((height, width), np.float32)
+    placed = np.zeros((height, width), pixels.dtype)
     if (low < high).all():
         to, source = (low - display[0], high - display[0]), (low - data[0], high - data[0])
         placed[to[0][1] : to[1][1], to[0][0] : to[1][0]] = pixels[
@@ -116,11 +132,14 @@ def _quiet() -> Iterator[None]:
     """Silence what the OpenEXR library itself prints of a damaged file: the error we raise says it."""
     with _quiet_lock, open(os.devnull, "wb") as nowhere:
         saved = {fd: os.dup(fd) for fd in (1, 2)}
+        _libc.fflush(None)
         try:
             for fd in saved:
                 os.dup2(nowhere.fileno(), fd)
-            yield
+            with redirect_stdout(StringIO()), redirect_stderr(StringIO()):  # it prints through Python as well
+                yield
         finally:
+            _libc.fflush(None)  # what it has printed into a pipe's buffer would come out later
             for fd, copy in saved.items():
                 os.dup2(copy, fd)
                 os.close(copy)

@@ -34,13 +34,16 @@ class Frame:
     projection: Array | None = None
 
     def __post_init__(self) -> None:
-        shapes = {name: tuple(values.shape) for name, values in self.channels.items()}
+        shapes = {name: tuple(getattr(values, "shape", ())) for name, values in self.channels.items()}
         wrong = [f"{name} {shape}" for name, shape in shapes.items() if len(shape) != 4]
         if wrong:
             raise NteError(f"frame {self.index}: {wrong[0]}: expected an array (N, C, H, W)")
         if len({(shape[0], *shape[2:]) for shape in shapes.values()}) > 1:
             listed = ", ".join(f"{name} {shape}" for name, shape in shapes.items())
             raise NteError(f"frame {self.index}: channels differ in batch or size: {listed}")
+        if len({isinstance(values, np.ndarray) for values in self.channels.values()}) > 1:
+            listed = ", ".join(f"{name} {type(values).__name__}" for name, values in self.channels.items())
+            raise NteError(f"frame {self.index}: channels must be all NumPy or all PyTorch: {listed}")
 
     def __getitem__(self, name: str) -> Any:
         try:
@@ -80,7 +83,7 @@ class Frame:
         """The frame with NumPy arrays; itself if it has them already."""
         if isinstance(self._any(), np.ndarray):
             return self
-        return self._map(lambda a: a if isinstance(a, np.ndarray) else a.detach().cpu().numpy())
+        return self._map(lambda a: np.asarray(a.detach().cpu() if hasattr(a, "detach") else a))
 
     def torch(self, device: torch.device | str | None = None) -> Frame:
         """The frame with float32 PyTorch tensors on `device` (None: where they are, or the CPU)."""
@@ -88,7 +91,13 @@ class Frame:
             import torch
         except ImportError as error:
             raise needs_extra("train", "this denoiser", error) from error
-        return self._map(lambda a: torch.as_tensor(a, dtype=torch.float32, device=device))
+
+        def convert(array: Array) -> Array:
+            # PyTorch takes no flipped views, no big-endian data, and warns of what it could not write to.
+            plain = np.require(array, np.float32, ["C", "W"]) if isinstance(array, np.ndarray) else array
+            return torch.as_tensor(plain, dtype=torch.float32, device=device)
+
+        return self._map(convert)
 
     def _any(self) -> Any:
         for values in self.channels.values():

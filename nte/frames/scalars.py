@@ -7,6 +7,7 @@ without PyTorch computes the same values as training.
 import numpy as np
 import numpy.typing as npt
 
+from nte.errors import NteError
 from nte.frames.frame import Array, Frame
 
 MIDDLE_GREY = 0.18
@@ -16,11 +17,14 @@ _REC709 = np.array([0.2126, 0.7152, 0.0722], np.float32)
 
 
 def sequence_scalars(frame: Frame) -> tuple[npt.NDArray[np.float32], npt.NDArray[np.float32]]:
-    """(exposure (N,), depth_scale (N,)): the frame's own where it has them, else estimated from it."""
-    exposure = _given(frame.exposure, frame.batch)
+    """(exposure (N,), depth_scale (N,)): the frame's own where it has them, else estimated from it.
+
+    Raises NteError where the frame's own are no positive numbers.
+    """
+    exposure = _given(frame, "exposure")
     if exposure is None:
         exposure = estimate_exposure(_as_numpy(frame["color"]))
-    depth_scale = _given(frame.depth_scale, frame.batch)
+    depth_scale = _given(frame, "depth_scale")
     if depth_scale is None:
         depth = frame.get("depth")
         depth_scale = np.ones(frame.batch, np.float32) if depth is None else median_depth(_as_numpy(depth))
@@ -49,9 +53,16 @@ def median_depth(depth: npt.NDArray[np.float32]) -> npt.NDArray[np.float32]:
     return np.asarray([np.median(hit) if hit.size else 1.0 for hit in hits], np.float32)
 
 
-def _given(value: Array | None, batch: int) -> npt.NDArray[np.float32] | None:
-    return None if value is None else np.array(np.broadcast_to(_as_numpy(value), (batch,)), np.float32)
+def _given(frame: Frame, name: str) -> npt.NDArray[np.float32] | None:
+    value = getattr(frame, name)
+    if value is None:
+        return None
+    numbers = _as_numpy(value)
+    if numbers.shape not in ((), (1,), (frame.batch,)) or not (np.isfinite(numbers) & (numbers > 0)).all():
+        found = numbers.tolist()
+        raise NteError(f"frame {frame.index}: {name} is {found}, expected a positive number, one for each sequence")
+    return np.array(np.broadcast_to(numbers, (frame.batch,)), np.float32)
 
 
 def _as_numpy(array: Array) -> npt.NDArray[np.float32]:
-    return np.asarray(array if isinstance(array, np.ndarray) else array.detach().cpu().numpy(), np.float32)
+    return np.asarray(array.detach().cpu() if hasattr(array, "detach") else array, np.float32)

@@ -12,7 +12,7 @@ import torch.nn.functional as F
 from torch import Tensor, nn
 
 from nte.color import compress, demodulate, per_sequence, remodulate, sanitise
-from nte.denoiser import Result
+from nte.denoiser import Result, check_size
 from nte.errors import NteError
 from nte.frames.frame import Frame
 from nte.frames.scalars import sequence_scalars
@@ -134,12 +134,7 @@ class TemporalDenoiser(nn.Module):
         if state is None:
             reset = torch.ones(frame.batch, device=color.device)
             state = TemporalState(torch.zeros_like(color), torch.zeros_like(depth), reset, reset)
-        if state.history.shape != color.shape:
-            was, now = (s[:1] + s[2:] for s in (tuple(state.history.shape), tuple(color.shape)))
-            raise NteError(
-                f"frame {frame.index}: (batch, height, width) is {now} after {was}: start a new sequence (state None) "
-                "for another size"
-            )
+        check_size(frame, state.history)
         if reset.any():  # a sequence that starts has an exposure and a depth scale of its own
             own = (torch.as_tensor(scalar, device=color.device) for scalar in sequence_scalars(frame))
             exposure, depth_scale = (torch.where(reset > 0, s, c) for s, c in zip(own, state[2:], strict=True))

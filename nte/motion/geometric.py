@@ -9,6 +9,7 @@ from typing import NamedTuple
 import torch
 from torch import Tensor
 
+from nte.frames.frame import Frame
 from nte.motion.warp import fetch_nearest, inside, nearest_index, pixel_centres
 
 DISOCCLUSION_PX = 0.5  # a dual vector that differs by more than this from the traditional one
@@ -61,6 +62,20 @@ def dual_motion(
     disoccluded = known & apart
     usable = disoccluded & inside(pixel_centres(motion) + dual)
     return Reprojection(torch.where(usable, dual, traditional.motion), traditional.valid, disoccluded)
+
+
+def frame_vectors(frame: Frame, previous_depth: Tensor | None = None) -> Reprojection:
+    """The vectors of a PyTorch frame from whatever it has: dual ones through its previous_forward_motion, or
+    through one scattered from motion and depth; without depth either, the traditional ones.
+
+    previous_depth (N, 1, H, W): that of the frame before, where known, for a sharper disocclusion mask.
+    """
+    forward = frame.get("previous_forward_motion")
+    if forward is None:
+        if "depth" not in frame:
+            return traditional_motion(frame["motion"])
+        forward = scatter_forward_motion(frame["motion"], frame["depth"])
+    return dual_motion(frame["motion"], forward, frame.get("depth"), previous_depth)
 
 
 def infinite_sky(depth: Tensor) -> Tensor:

@@ -10,7 +10,7 @@ from nte.render.scene import Pixels
 from nte.render.seeds import derive_seed
 from nte.render.stage import Stage
 
-_SAMPLES = 1 << 26  # per launch: 64 M paths in flight are about 8 GB
+_SAMPLES = 1 << 26  # per launch: 64 M paths in flight take less than 1 GB (measured: 15 M take 0.1)
 
 
 def guides(stage: Stage, time: float) -> dict[str, Pixels]:
@@ -27,7 +27,12 @@ def radiance(stage: Stage, spp: int, seed: int) -> Pixels:
     mi = load_mitsuba()
     total = np.zeros((stage.height, stage.width, 3))
     for number, count in enumerate(launches(spp, stage.width * stage.height)):
-        image = mi.render(stage.mi_scene, spp=count, seed=derive_seed(seed, number))
+        try:
+            image = mi.render(stage.mi_scene, spp=count, seed=derive_seed(seed, number))
+        except RuntimeError as error:  # how Dr.Jit hands on Ctrl-C
+            if isinstance(error.__cause__, KeyboardInterrupt):
+                raise error.__cause__ from None
+            raise
         total += count * np.array(image, np.float64)
     return np.ascontiguousarray((total / spp).transpose(2, 0, 1), np.float32)
 

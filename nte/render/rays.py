@@ -12,7 +12,7 @@ from nte.render.stage import Stage
 from nte.render.transforms import Floats
 
 Indices = npt.NDArray[np.int64]
-_RAYS = 1 << 22  # in flight at once: 4 M keep the pass under 2 GB
+_RAYS = 1 << 22  # in flight at once: 4 M keep the pass under 1 GB
 
 
 @dataclass(frozen=True)

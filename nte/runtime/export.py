@@ -12,7 +12,7 @@ import torch
 
 from nte import __version__
 from nte.errors import NteError
-from nte.frames.exr import write_whole
+from nte.frames.exr import make_folder, write_whole
 from nte.frames.frame import Frame
 from nte.models.temporal import TemporalDenoiser
 from nte.runtime.session import FORMAT, METADATA_KEY, OnnxDenoiser
@@ -50,7 +50,7 @@ def export_onnx(denoiser: TemporalDenoiser, path: Path, progress: Callable[[str]
                 raise NteError(f"{path}: not written: ONNX Runtime differs from PyTorch at {found}; {limits}")
             progress(f"ONNX Runtime agrees with PyTorch at {found}")
 
-    path.parent.mkdir(parents=True, exist_ok=True)
+    make_folder(path.parent)
     write_whole(path, write)
 
 

@@ -9,7 +9,7 @@ import numpy as np
 import numpy.typing as npt
 import onnxruntime
 
-from nte.denoiser import Result
+from nte.denoiser import Result, check_size
 from nte.errors import NteError
 from nte.frames.channels import CHANNELS
 from nte.frames.frame import Frame
@@ -72,16 +72,19 @@ class OnnxDenoiser:
         arrays = frame.numpy()
         feed = {name: self._checked(arrays, name) for name in self.needs}
         if "previous_forward_motion" in self._inputs:
-            forward = arrays.get("previous_forward_motion")
-            if forward is None:
-                forward = scatter_forward_motion(feed["motion"], feed["depth"])
-            feed["previous_forward_motion"] = forward
+            feed["previous_forward_motion"] = (
+                self._checked(arrays, "previous_forward_motion") if "previous_forward_motion" in arrays
+                else scatter_forward_motion(feed["motion"], feed["depth"])
+            )  # fmt: skip
+        reset = np.asarray(np.zeros(frame.batch) if arrays.reset is None else arrays.reset, np.float32)
         if state is None:
-            state = self._begin(arrays)
             reset = np.ones(frame.batch, np.float32)
-        else:
-            self._check_size(frame, state)
-            reset = np.asarray(np.zeros(frame.batch) if arrays.reset is None else arrays.reset, np.float32)
+            state = self._begin(frame)
+        check_size(frame, state.tensors["history"])
+        if reset.any():  # a sequence that starts has an exposure and a depth scale of its own
+            exposure, depth_scale = sequence_scalars(arrays)
+            exposure = np.where(reset > 0, exposure, state.exposure)
+            state = OnnxState(state.tensors, exposure, np.where(reset > 0, depth_scale, state.depth_scale))
         feed |= {"reset": reset, "exposure": state.exposure, "depth_scale": state.depth_scale, **state.tensors}
         kept: dict[str, str] = self.info["state"]
         wanted = list(dict.fromkeys(["image", *(n for n in kept.values() if n in self._outputs), *extras]))
@@ -95,10 +98,10 @@ class OnnxDenoiser:
         return {name: array for name, array in feed.items() if name in self._inputs}
 
     def _begin(self, frame: Frame) -> OnnxState:
-        exposure, depth_scale = sequence_scalars(frame)
         shapes = {"history": 3, "previous_depth": 1}
         zeros = {name: np.zeros((frame.batch, c, *frame.size), np.float32) for name, c in shapes.items()}
-        return OnnxState(zeros, exposure, depth_scale)
+        scalar = np.ones(frame.batch, np.float32)
+        return OnnxState(zeros, scalar, scalar)
 
     def _checked(self, frame: Frame, name: str) -> Pixels:
         array = frame[name]
@@ -111,23 +114,15 @@ class OnnxDenoiser:
             raise NteError(f"frame {frame.index}: size {frame.size}, expected at least {self.info['smallest']} pixels")
         return np.ascontiguousarray(array)
 
-    def _check_size(self, frame: Frame, state: OnnxState) -> None:
-        shape = state.tensors["history"].shape
-        was, now = (shape[0], *shape[2:]), (frame.batch, *frame.size)
-        if was != now:
-            raise NteError(
-                f"frame {frame.index}: (batch, height, width) is {now} after {was}: start a new sequence (state None) "
-                "for another size"
-            )
-
     def _read_info(self) -> dict[str, Any]:
         text = self._session.get_modelmeta().custom_metadata_map.get(METADATA_KEY)
         try:
             info = json.loads(text) if text else {}
         except ValueError:
             info = {}
-        if info.get("format") != FORMAT:
-            found = info.get("format", "no description of ours")
+        found = info.get("format") if isinstance(info, dict) else None
+        if found != FORMAT:
+            found = found or "no description of ours"
             raise NteError(f"{self.path}: {found} in the model's metadata, expected '{FORMAT}': use nte export")
         return dict(info)
 

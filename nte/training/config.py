@@ -1,8 +1,8 @@
 """The schema of configs/*.yaml: every choice of a training run."""
 
+import math
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any
 
 from omegaconf import MISSING
 
@@ -77,29 +77,50 @@ class TrainConfig:
 def load_train_config(path: Path, overrides: list[str]) -> TrainConfig:
     """Read and check a training configuration; raises NteError naming the key."""
     config = load_config(TrainConfig, path, overrides)
+    try:
+        _check(config)
+    except NteError as error:
+        raise NteError(f"{path}: {error}") from error
+    return config
+
+
+def _check(config: TrainConfig) -> None:
     config.network.check()
     config.loss.check()
     _one_of("optimiser.name", config.optimiser.name, ("adam", "adamw"))
     _one_of("optimiser.schedule", config.optimiser.schedule, ("constant", "cosine"))
     _one_of("precision", config.precision, ("32-true", "bf16-mixed"))
-    positive: dict[str, Any] = {
-        "data.frames": config.data.frames, "data.batch": config.data.batch, "log_every": config.log_every,
-        "checkpoint_every": config.checkpoint_every, "validate_every": config.validate_every,
-        "optimiser.learning_rate": config.optimiser.learning_rate,
-    }  # fmt: skip
-    for key, value in positive.items():
-        if value <= 0:
-            raise NteError(f"{path}: '{key}' is {value}, expected more than 0")
-    if not 0 <= config.data.warmup < config.data.frames:
-        raise NteError(f"{path}: 'data.warmup' is {config.data.warmup}, expected less than data.frames")
-    for i, phase in enumerate(config.phases):
-        if (phase.epochs > 0) == (phase.steps > 0):
-            raise NteError(f"{path}: 'phases[{i}]' needs either 'epochs' or 'steps'")
+    if Path(config.name).name != config.name or config.name in ("", ".."):
+        raise NteError(f"'name' is '{config.name}', expected the name of a folder in '{config.runs}'")
+    for key in ("frames", "batch"):
+        _within(f"data.{key}", getattr(config.data, key), 1)
+    for key in ("crop", "warmup", "holdout", "workers"):
+        _within(f"data.{key}", getattr(config.data, key), 0)
+    for key in ("checkpoint_every", "validate_every", "validate_clips", "log_every"):
+        _within(key, getattr(config, key), 1)
+    for key in ("learning_rate", "weight_decay", "warmup_steps", "clip_norm"):
+        _within(f"optimiser.{key}", getattr(config.optimiser, key), 0)
+    for key in ("spatial", "temporal", "occlusion", "irradiance"):
+        _within(f"loss.{key}", getattr(config.loss, key), 0)
+    _within("optimiser.ema", config.optimiser.ema, 0, 1)
+    _within("seed", config.seed, 0, 2**32 - 1)  # what NumPy's and PyTorch's generators both take
+    if config.data.warmup >= config.data.frames:
+        raise NteError(f"'data.warmup' is {config.data.warmup}, expected less than data.frames")
     if not config.phases:
-        raise NteError(f"{path}: 'phases' is empty: give at least one")
-    return config
+        raise NteError("'phases' is empty: give at least one")
+    for i, phase in enumerate(config.phases):
+        for key in ("epochs", "steps", "occlusion"):
+            _within(f"phases[{i}].{key}", getattr(phase, key), 0)
+        if (phase.epochs > 0) == (phase.steps > 0):
+            raise NteError(f"'phases[{i}]' needs either 'epochs' or 'steps'")
 
 
 def _one_of(key: str, value: str, allowed: tuple[str, ...]) -> None:
     if value not in allowed:
         raise NteError(f"'{key}' is '{value}', expected one of {', '.join(allowed)}")
+
+
+def _within(key: str, value: float, low: float, high: float = math.inf) -> None:
+    """Finite, and within [low, high]; NaN is neither."""
+    if not (low <= value <= high and value < math.inf):
+        raise NteError(f"'{key}' is {value}, expected {f'at least {low}' if high == math.inf else f'{low} to {high}'}")

@@ -1,7 +1,7 @@
 """Clips → training batches. What a step trains on depends on (seed, step) alone, so a run can be resumed."""
 
 from collections import OrderedDict
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from pathlib import Path
 
 import numpy as np
@@ -43,7 +43,7 @@ class ClipCache:
         return sum(t.nbytes for clip in self._kept.values() for t in clip.values())
 
 
-class TrainingSteps(Dataset[Batch]):
+class TrainingSteps(Dataset[Batch | NteError]):
     """Step number → batch: sequences cropped and augmented by a generator keyed by (seed, step).
 
     An epoch visits every clip once, in an order keyed by (seed, epoch). Of `world` processes, the one with
@@ -57,13 +57,22 @@ class TrainingSteps(Dataset[Batch]):
         self.cache = ClipCache(clips, channels, config.cache_gb)
         for clip in clips:
             _check_clip(clip, channels, config)
+        if config.crop == 0:
+            _check_whole_frames(clips, config)
 
     @property
     def epoch(self) -> int:
         """Steps of an epoch."""
         return -(-len(self.clips) // (self.config.batch * self.world))
 
-    def __getitem__(self, step: int) -> Batch:
+    def __getitem__(self, step: int) -> Batch | NteError:
+        """The batch of a step; what is wrong with a file is returned, as a worker would raise it with its traceback."""
+        try:
+            return self._batch(step)
+        except NteError as error:
+            return error
+
+    def _batch(self, step: int) -> Batch:
         rng = np.random.default_rng([self.seed, step, self.rank])
         epoch, place = divmod(step, self.epoch)
         order = np.random.default_rng([self.seed, epoch]).permutation(len(self.clips))
@@ -86,13 +95,18 @@ class TrainingSteps(Dataset[Batch]):
         return images | {k: v for k, v in decoded.items() if v.ndim == 1}
 
 
-def training_loader(steps: TrainingSteps, first: int, last: int) -> DataLoader[Batch]:
+def training_loader(steps: TrainingSteps, first: int, last: int) -> Iterator[Batch]:
     """Batches of the steps [first, last), in order, from the configured number of worker processes."""
     workers = steps.config.workers
-    return DataLoader(
+    loader = DataLoader(
         steps, batch_size=None, sampler=range(first, last), num_workers=workers,
         prefetch_factor=2 if workers else None, persistent_workers=False,
+        generator=torch.Generator(),  # of its own: it would take a number from everybody's each time it starts
     )  # fmt: skip
+    for batch in loader:
+        if isinstance(batch, NteError):
+            raise batch
+        yield batch
 
 
 def open_clips(folders: Sequence[str]) -> list[Clip]:
@@ -115,3 +129,15 @@ def _check_clip(clip: Clip, channels: Sequence[str], config: DataConfig) -> None
         raise NteError(f"{clip.folder}: {len(clip)} frames, but {wanted} are asked for")
     if config.crop > min(clip.height, clip.width):
         raise NteError(f"{clip.folder}: {clip.width}x{clip.height} is smaller than data.crop {config.crop}")
+
+
+def _check_whole_frames(clips: Sequence[Clip], config: DataConfig) -> None:
+    """Whole frames share a batch only if they have one size, and keep it when they are transposed."""
+    if config.batch == 1:
+        return
+    for clip in clips:
+        size, expected = (f"{c.width}x{c.height}" for c in (clip, clips[0]))
+        if size != expected:
+            raise NteError(f"{clip.folder}: {size}, but {clips[0].folder} has {expected}: set data.crop")
+        if config.augment and clip.width != clip.height:
+            raise NteError(f"{clip.folder}: {size} cannot be transposed by data.augment: set data.crop")

@@ -1,6 +1,7 @@
 """The training loop, top to bottom: batches, unrolled loss, optimiser, checkpoints."""
 
 import math
+import os
 import resource
 import time
 from pathlib import Path
@@ -31,8 +32,7 @@ def train(config: TrainConfig, force: bool = False, device: str = "auto") -> Pat
     Ends after the steps that the phases have, never by the clock; stops after the current step on Ctrl-C.
     Raises NteError for wrong data or configuration, and where the loss is no longer finite.
     """
-    # Fabric's own mixed precision would round the inputs to bfloat16, and with them every motion vector.
-    fabric = Fabric(accelerator=_accelerator(device), precision="32-true")
+    fabric = _launch(device)
     torch.use_deterministic_algorithms(fabric.device.type == "cpu")
     fabric.seed_everything(config.seed, verbose=False)
     denoiser = TemporalDenoiser(config.network)
@@ -48,16 +48,19 @@ def train(config: TrainConfig, force: bool = False, device: str = "auto") -> Pat
     average = AveragedModel(denoiser, multi_avg_fn=get_ema_multi_avg_fn(config.optimiser.ema))  # type: ignore[no-untyped-call]
     state = TrainingState(denoiser, optimiser, average if config.optimiser.ema else None)
     first = state.resume(run)
+    if fabric.is_global_zero:
+        run.forget_after(first)
     lengths = [phase.length(data.epoch) for phase in config.phases]
     last = sum(lengths)
     occlusion = [phase.occlusion for phase, length in zip(config.phases, lengths, strict=True) for _ in range(length)]
 
     writer = SummaryWriter(str(run.folder), purge_step=first) if fabric.is_global_zero else None
     meter = Meter(config.data.batch * config.data.frames * fabric.world_size)
-    bar = tqdm(total=last, initial=first, desc=f"train {config.name}", unit="step", disable=None)
+    shown = None if fabric.is_global_zero else True  # None: on a terminal
+    bar = tqdm(total=last, initial=first, desc=f"train {config.name}", unit="step", disable=shown)
     with InterruptFlag() as interrupted:
         done = first
-        loader = iter(training_loader(data, first, last))
+        loader = training_loader(data, first, last)
         for step in range(first, last):
             meter.begin()
             batch = fabric.to_device(next(loader))
@@ -67,8 +70,11 @@ def train(config: TrainConfig, force: bool = False, device: str = "auto") -> Pat
             if not loss.isfinite():
                 raise NteError(f"step {step}: the loss is {loss.item()}: lower the learning rate, or look at the data")
             fabric.backward(loss)
-            if config.optimiser.clip_norm:
-                fabric.clip_gradients(model, optimiser, max_norm=config.optimiser.clip_norm)
+            norm = fabric.clip_gradients(
+                model, optimiser, max_norm=config.optimiser.clip_norm or math.inf, error_if_nonfinite=False
+            )
+            if norm is None or not norm.isfinite():  # before it gets into the weights, and into a checkpoint
+                raise NteError(f"step {step}: the gradient is not finite: lower the learning rate, or look at the data")
             optimiser.step()
             optimiser.zero_grad()
             average.update_parameters(denoiser)
@@ -76,7 +82,8 @@ def train(config: TrainConfig, force: bool = False, device: str = "auto") -> Pat
 
             done = step + 1
             bar.update()
-            stop = interrupted() or done == last
+            # All processes stop after the same step, or one would wait for the others for ever.
+            stop = done == last or fabric.strategy.reduce_boolean_decision(interrupted(), all=False)
             if not fabric.is_global_zero:
                 if stop:
                     break
@@ -97,7 +104,7 @@ def train(config: TrainConfig, force: bool = False, device: str = "auto") -> Pat
     bar.close()
     if writer is not None:
         writer.close()
-    if interrupted():
+    if done < last and fabric.is_global_zero:
         print(f"stopped after step {done} of {last}; continue with resume=true")
     return run.folder
 
@@ -125,7 +132,9 @@ class TrainingState:
         load_module(self.denoiser, state, "denoiser.", run.folder / CHECKPOINT)
         if self.average is not None:
             load_module(self.average, state, "average.", run.folder / CHECKPOINT)
-        load_optimiser(self.optimiser, state)
+        load_optimiser(self.optimiser, state, run.folder / CHECKPOINT)
+        if "random.torch" not in state:
+            raise NteError(f"{run.folder / CHECKPOINT}: does not fit the configuration: 'random.torch' is missing")
         torch.set_rng_state(state["random.torch"])
         return step
 
@@ -195,5 +204,21 @@ def _log(
         bar.set_postfix_str(f"loss {values['loss']:.4f}" if "loss" in values else "")
 
 
-def _accelerator(device: str) -> str:
-    return {"auto": "auto", "cpu": "cpu"}.get(device, device.partition(":")[0])
+def _launch(device: str) -> Fabric:
+    """One process on one device; under torchrun one of its processes, on the device of its local rank.
+
+    Raises NteError for a device that is not there.
+    """
+    kind, _, index = device.partition(":")
+    processes = int(os.environ.get("LOCAL_WORLD_SIZE", 1)) if "TORCHELASTIC_RUN_ID" in os.environ else 0
+    devices: Any = processes or ([int(index)] if index.isdigit() else 1)
+    try:
+        # Fabric's own mixed precision would round the inputs to bfloat16, and with them every motion vector.
+        fabric = Fabric(
+            accelerator=kind, devices=devices, num_nodes=int(os.environ.get("GROUP_WORLD_SIZE", 1)),
+            strategy="ddp" if processes else "auto", precision="32-true",
+        )  # fmt: skip
+        fabric.launch()
+    except (ValueError, RuntimeError, AssertionError) as error:
+        raise NteError(f"--device {device}: {str(error).splitlines()[0]}") from error
+    return fabric

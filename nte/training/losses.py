@@ -22,14 +22,16 @@ class LossConfig:
 
     spatial: float = 1.0
     temporal: float = 1.0
-    occlusion: float = 1.0
+    occlusion: float = 1.0  # times that of the phase
     irradiance: float = 0.0  # the spatial loss once more, on the light without the albedo (ours)
     space: str = "log"  # linear, log (log(1 + exposed)) or display
     mask_weights: list[float] = field(default_factory=lambda: [1.0, 0.8, 0.6])  # w_k of frames i, i−1, i−2
     normalise_occlusion: bool = False  # by the masked weight instead of all pixels (ours)
 
     def check(self) -> None:
-        """Raise NteError for an unknown space."""
+        """Raise NteError for an unknown space and for no mask weights."""
+        if not self.mask_weights:
+            raise NteError("loss.mask_weights is empty, expected a weight for this frame's mask at least")
         if self.space not in ("linear", "log", "display"):
             raise NteError(f"loss.space is '{self.space}', expected linear, log or display")
 
@@ -65,9 +67,9 @@ class SequenceLoss(nn.Module):
     def forward(self, batch: Batch, occlusion: float, warmup: int = 0) -> tuple[Tensor, dict[str, Tensor]]:
         """(loss, its parts as means per frame); the first `warmup` frames are denoised but not counted.
 
-        occlusion: weight of the occlusion loss in this phase of training.
+        occlusion: weight of the occlusion loss in this phase of training, times the configured one.
         """
-        weights = replace(self.config, occlusion=occlusion)
+        weights = replace(self.config, occlusion=occlusion * self.config.occlusion)
         parts: dict[str, list[Tensor]] = {}
         state: TemporalState | None = None
         masks: list[Tensor] = []

@@ -11,7 +11,7 @@ import json
 import platform
 import shutil
 from collections.abc import Mapping
-from dataclasses import replace
+from dataclasses import asdict, replace
 from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
 from typing import Any
@@ -24,12 +24,13 @@ from torch.optim import Optimizer
 
 from nte.config import load_config, to_yaml
 from nte.errors import NteError
-from nte.frames.exr import write_whole
+from nte.frames.exr import make_folder, write_whole
 from nte.models.temporal import TemporalDenoiser
 from nte.training.config import TrainConfig
 
 CHECKPOINT = "checkpoint.safetensors"
-_OURS = ("config.yaml", "versions.json", CHECKPOINT, "metrics.jsonl", "events.out.tfevents.*")
+_LEFTOVERS = ".*.tmp"  # of files that a killed process was writing
+_OURS = ("config.yaml", "versions.json", CHECKPOINT, "metrics.jsonl", "events.out.tfevents.*", _LEFTOVERS)
 
 
 class RunFolder:
@@ -46,15 +47,18 @@ class RunFolder:
         was made by another configuration.
         """
         run = cls(Path(config.runs) / config.name)
-        text = to_yaml(replace(config, resume=False))
         if config.resume and (run.folder / "config.yaml").is_file():
-            run._check_same(config, text)
+            run._check_same(config)
+            for path in run.folder.glob(_LEFTOVERS):
+                path.unlink()
             return run
-        if run.folder.exists() and any(run.folder.iterdir()):
-            if not force:
+        if run.folder.is_dir() and any(run.folder.iterdir()):
+            # Without its configuration, a run was killed before it began.
+            if not force and not config.resume:
                 raise NteError(f"{run.folder}: exists: continue it with resume=true, or overwrite it with --force")
             run._delete()
-        run.folder.mkdir(parents=True, exist_ok=True)
+        make_folder(run.folder)
+        text = to_yaml(replace(config, resume=False))
         write_whole(run.folder / "versions.json", lambda path: path.write_text(_versions(), encoding="utf-8"))
         write_whole(run.folder / "config.yaml", lambda path: path.write_text(text, encoding="utf-8"))
         return run
@@ -67,34 +71,40 @@ class RunFolder:
     def save(self, step: int, state: Mapping[str, Tensor]) -> None:
         """Replace the checkpoint by the state after `step` steps."""
         tensors = {name: tensor.detach().contiguous() for name, tensor in state.items()}
-        write_whole(self.folder / CHECKPOINT, lambda path: save_file(tensors, path, metadata={"step": str(step)}))
+
+        def write(path: Path) -> None:
+            try:
+                save_file(tensors, path, metadata={"step": str(step)})
+            except SafetensorError as error:  # no space left
+                raise OSError(str(error)) from error
+
+        write_whole(self.folder / CHECKPOINT, write)
 
     def load(self) -> tuple[int, dict[str, Tensor]] | None:
-        """(step, state) of the checkpoint, or None where there is none yet; forgets what was logged after it."""
-        if not (self.folder / CHECKPOINT).is_file():
-            (self.folder / "metrics.jsonl").unlink(missing_ok=True)
-            return None
-        step, state = read_checkpoint(self.folder)
+        """(step, state) of the checkpoint, or None where there is none yet."""
+        return read_checkpoint(self.folder) if (self.folder / CHECKPOINT).is_file() else None
+
+    def forget_after(self, step: int) -> None:
+        """Remove from metrics.jsonl what was logged after a step that is taken up again."""
         log = self.folder / "metrics.jsonl"
         if log.is_file():
             # The last line may be half-written: the process was killed.
             lines = [line for line in log.read_text(encoding="utf-8").splitlines(keepends=True) if line.endswith("}\n")]
             kept = "".join(line for line in lines if json.loads(line)["step"] <= step)
             write_whole(log, lambda path: path.write_text(kept, encoding="utf-8"))
-        return step, state
 
-    def _check_same(self, config: TrainConfig, text: str) -> None:
-        saved = (self.folder / "config.yaml").read_text(encoding="utf-8")
-        if saved == text:
-            return
-        pairs = zip(saved.splitlines(), text.splitlines(), strict=False)
-        was, now = next(((a, b) for a, b in pairs if a != b), ("", ""))
-        raise NteError(
-            f"{self.folder}: made by another configuration: '{was.strip()}' there, '{now.strip()}' here; "
-            "give it another name, or restore the value"
-        )
+    def _check_same(self, config: TrainConfig) -> None:
+        """Raise NteError naming the first key whose value differs; where the folder lies may differ."""
+        saved = _choices(load_config(TrainConfig, self.folder / "config.yaml"))
+        for key, now in _choices(config).items():
+            if saved[key] != now:
+                raise NteError(
+                    f"{self.folder}: made by another configuration: '{key}' is {saved[key]} there and {now} here; "
+                    "give the run another name, or restore the value"
+                )
 
     def _delete(self) -> None:
+        """Delete the run; raises NteError, and deletes nothing, where there is a file that is not ours."""
         files = [path for pattern in _OURS for path in self.folder.glob(pattern)]
         strangers = sorted(set(self.folder.iterdir()) - set(files))
         if strangers:
@@ -151,14 +161,33 @@ def optimiser_state(optimiser: Optimizer) -> dict[str, Tensor]:
     return {f"optimiser.{i}.{key}": value for i, state in states.items() for key, value in state.items()}
 
 
-def load_optimiser(optimiser: Optimizer, state: Mapping[str, Tensor]) -> None:
-    """Fill an optimiser from `optimiser_state`'s tensors."""
+def load_optimiser(optimiser: Optimizer, state: Mapping[str, Tensor], source: Path) -> None:
+    """Fill an optimiser from `optimiser_state`'s tensors; raises NteError for one whose state is missing."""
     states: dict[int, dict[str, Tensor]] = {}
     for name, tensor in state.items():
         if name.startswith("optimiser."):
             _, index, key = name.split(".", 2)
             states.setdefault(int(index), {})[key] = tensor
-    optimiser.load_state_dict({"state": states, "param_groups": optimiser.state_dict()["param_groups"]})
+    groups = optimiser.state_dict()["param_groups"]
+    missing = {index for group in groups for index in group["params"]} - states.keys()
+    if missing:
+        raise NteError(f"{source}: does not fit the configuration: no optimiser state of parameter {min(missing)}")
+    optimiser.load_state_dict({"state": states, "param_groups": groups})
+
+
+def _choices(config: TrainConfig) -> dict[str, Any]:
+    """Every choice by its dotted key, without those that say where and how the run is started."""
+    flat: dict[str, Any] = {}
+
+    def collect(prefix: str, values: Mapping[str, Any]) -> None:
+        for key, value in values.items():
+            if isinstance(value, dict):
+                collect(f"{prefix}{key}.", value)
+            else:
+                flat[prefix + key] = value
+
+    collect("", asdict(replace(config, resume=False, runs="")))
+    return flat
 
 
 def _versions() -> str:

@@ -12,9 +12,10 @@ import torch
 from nte import Clip, Frame, NteError, Result
 from nte.denoiser import Denoiser, Noisy, State
 from nte.evaluation import compare
-from nte.evaluation.compare import Evaluation, clip_labels, evaluate, find_clips
+from nte.evaluation.compare import Evaluation, clip_labels, evaluate
 from nte.evaluation.metrics import score
 from nte.evaluation.run import mean
+from nte.frames.clip import find_clips
 from nte.frames.show import display
 from tests.evaluation.conftest import noisy_frames
 from tests.synthetic import Pixels, disc_clip, disc_frame, write_clip
@@ -223,7 +224,7 @@ def test_what_is_missing_is_told_before_any_work(clip: Path, tmp_path: Path, use
         ([single], ["noisy"], "single: has one frame.*--first-frame"),
         ([tmp_path / "empty"], ["noisy"], "empty: no clip in it"),
         ([tmp_path / "nowhere"], ["noisy"], "nowhere: does not exist"),
-        ([], ["noisy"], "no clips to evaluate"),
+        ([], ["noisy"], "no clips are named"),
         ([clip], [], "no denoisers to evaluate"),
         ([clip], ["nosy"], "'nosy' is no denoiser"),
     ]:

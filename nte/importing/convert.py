@@ -1,0 +1,129 @@
+"""From a producer's conventions to nte's (datasets/README.md), one frame at a time."""
+
+from collections.abc import Iterable, Iterator, Mapping
+from itertools import product
+
+import numpy as np
+import numpy.typing as npt
+import torch
+
+from nte.frames.clip import Pixels
+from nte.importing.channel_map import Camera, ChannelMap
+from nte.motion.camera import points_from_depth
+from nte.motion.conventions import Convention
+from nte.motion.geometric import scatter_forward_motion
+
+UNNAMED = 2.0**24 - 1  # instance of a surface without an id of its own (0), since 0 means a miss
+
+
+def to_ours(given: Mapping[str, Pixels], how: ChannelMap, camera: Camera | None = None) -> dict[str, Pixels]:
+    """Channels (C, H, W) as a producer stores them → nte's channels of the same names.
+
+    camera: needed for normals in camera space, and for depth along the ray where the map has no field of
+    view. Misses get depth, normal, position and instance 0. Radiance is left as it is.
+    """
+    ours = {name: np.asarray(values, np.float32) for name, values in given.items()}
+    if "albedo" in ours:
+        ours["albedo"] = np.clip(ours["albedo"], 0, 1)
+    if "normal" in ours:
+        rotation = camera.view[:3, :3].T if camera and how.normal.space == "camera" else np.eye(3)
+        ours["normal"] = unit(np.einsum("ij,jhw->ihw", rotation, ours["normal"])).astype(np.float32)
+    if "motion" in ours:
+        ours["motion"] = convert_vectors(ours["motion"], how.motion.convention())
+    if "forward_motion" in ours:
+        ours["forward_motion"] = convert_vectors(ours["forward_motion"], how.forward_motion.convention())
+    if "depth" in ours:
+        stored = ours["depth"]
+        hit = (stored > 0) & (stored < how.depth.sky)  # false for NaN
+        if how.depth.along == "ray":
+            stored = stored * cosine_to_axis(camera or camera_of_fov(how.vertical_fov, stored.shape[1:]), stored)
+        ours["depth"] = np.where(hit, stored * np.float32(how.depth.scale), 0).astype(np.float32)
+        ours |= {name: np.where(hit, ours[name], 0) for name in ("normal", "position", "instance") if name in ours}
+        if "instance" in ours:
+            ours["instance"] = np.where(hit & (ours["instance"] == 0), np.float32(UNNAMED), ours["instance"])
+    return ours
+
+
+def convert_vectors(vectors: Pixels, convention: Convention) -> Pixels:
+    """Vectors (2, H, W) that follow `convention` → ours: pixels, x right, y down, to the other frame."""
+    given = torch.from_numpy(np.ascontiguousarray(vectors))[None]
+    unused = torch.empty(0)  # what only a convention of another direction looks at
+    return np.asarray(convention.convert(given, unused, unused)[0].numpy())
+
+
+def revert_vectors(vectors: Pixels, convention: Convention) -> Pixels:
+    """The opposite of `convert_vectors`: ours (2, H, W) → as the producer has stored them."""
+    given = vectors / convert_vectors(np.ones_like(vectors), convention)
+    return np.ascontiguousarray(given[::-1] if convention.swapped else given)
+
+
+def unit(vectors: npt.NDArray[np.floating]) -> npt.NDArray[np.float64]:
+    """Vectors (3, …) at length 1; zero and non-finite ones become 0."""
+    length = np.linalg.norm(vectors, axis=0, keepdims=True)
+    usable = (length > 0) & np.isfinite(length)
+    return np.where(usable, vectors / np.where(usable, length, 1), 0)
+
+
+def cosine_to_axis(camera: Camera, like: Pixels) -> Pixels:
+    """(1, H, W): the cosine between every pixel's ray and the view axis, for the size of `like` (…, H, W)."""
+    view, projection = (torch.from_numpy(np.asarray(matrix, np.float32))[None] for matrix in camera)
+    rays = points_from_depth(torch.zeros(1, 1, *like.shape[-2:]), view, projection)[0].numpy()
+    along = np.einsum("j,jhw->hw", camera.view[2, :3] / np.linalg.norm(camera.view[2, :3]), rays)
+    return np.asarray(np.abs(along)[None] / np.linalg.norm(rays, axis=0), np.float32)
+
+
+def camera_of_fov(vertical_fov: float, size: tuple[int, ...]) -> Camera:
+    """A centred perspective camera at the origin that looks along +z; degrees; size (height, width)."""
+    near, far = 0.1, 100.0
+    focal = 0.5 / np.tan(np.radians(vertical_fov) / 2)
+    projection = np.array(
+        [
+            [focal * size[0] / size[1], 0, 0.5, 0],
+            [0, -focal, 0.5, 0],
+            [0, 0, far / (far - near), -near * far / (far - near)],
+            [0, 0, 1, 0],
+        ]
+    )
+    return Camera(np.diag([1.0, 1.0, 1.0, 1.0]), projection)
+
+
+def with_motion(frames: Iterable[dict[str, Pixels]]) -> Iterator[dict[str, Pixels]]:
+    """Frames that have only forward_motion, with `motion` made from it; other frames as they are.
+
+    The vectors of the frame before are followed to this one, where the nearest surface wins. A pixel that
+    nobody reaches was hidden: it moves like the neighbour that is nearest to it in depth. The first frame has
+    no history, so its motion is 0.
+    """
+    before: dict[str, Pixels] | None = None
+    for frame in frames:
+        if "forward_motion" in frame and "motion" not in frame:
+            if before is None:
+                motion = np.zeros_like(frame["forward_motion"])
+            else:
+                depths = [f.get("depth", np.zeros_like(frame["color"][:1])) for f in (before, frame)]
+                scattered = scatter_forward_motion(
+                    torch.from_numpy(before["forward_motion"])[None], torch.from_numpy(depths[0])[None]
+                )
+                motion = _fill(scattered[0].numpy(), depths[1])
+            before = frame
+            frame = {**frame, "motion": motion}
+        yield frame
+
+
+def _fill(motion: Pixels, depth: Pixels) -> Pixels:
+    """Motion (2, H, W) with its NaN pixels filled from known neighbours, nearest in depth (1, H, W) first."""
+    height, width = depth.shape[1:]
+    while np.isnan(motion).any():
+        best = np.full((1, height, width), np.inf, np.float32)
+        filled = motion.copy()
+        padded = np.pad(motion, ((0, 0), (1, 1), (1, 1)), constant_values=np.nan)
+        depths = np.pad(depth, ((0, 0), (1, 1), (1, 1)))
+        for dy, dx in product(range(3), range(3)):
+            window = slice(None), slice(dy, dy + height), slice(dx, dx + width)
+            apart = np.abs(depths[window] - depth)
+            better = np.isnan(motion[:1]) & ~np.isnan(padded[window][:1]) & (apart < best)
+            filled, best = np.where(better, padded[window], filled), np.where(better, apart, best)
+        if np.array_equal(np.isnan(filled), np.isnan(motion)):  # nothing is known in the whole frame
+            return np.zeros_like(motion)
+        motion = filled
+    return motion

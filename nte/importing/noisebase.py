@@ -1,0 +1,205 @@
+"""`nte import noisebase`: per-sample data, zarr in a zip file, from which pixels are made.
+
+Positions, motion (to the previous frame's position) and normals are those of the S samples of each pixel, in
+world space. `view_proj_mat` is for row vectors, with normalised device coordinates in [−1, 1] and y up, of
+the whole rendering; the images may be crops of it, whose offset changes from frame to frame.
+"""
+
+from collections.abc import Iterator
+from pathlib import Path
+from typing import NamedTuple
+
+import numpy as np
+import numpy.typing as npt
+
+from nte.errors import NteError
+from nte.frames.clip import Pixels
+from nte.importing.channel_map import Camera, Vectors
+from nte.importing.convert import unit
+from nte.importing.exr import Imported
+from nte.importing.noisebase_files import NoisebaseSequence
+from nte.importing.sky import OUTSIDE, motion_at_infinity, pixel_centres
+from nte.importing.write import refuse_existing, write_imported
+
+Floats = npt.NDArray[np.float64]
+_PER_SAMPLE = ("position", "motion", "normal", "diffuse")
+_CHUNK = 4  # samples read at a time: how the files are chunked, and a 1080p frame of 32 stays within memory
+_OWN_PIXEL = 1.0  # px from the pixel's centre within which a sample's position must be seen
+_ENOUGH = 100  # pixels, to measure the rendering's size and the crop's place with
+
+
+class Surface(NamedTuple):
+    """What a pixel shows: its most central sample for geometry, the mean of all for the rest."""
+
+    hit: npt.NDArray[np.bool_]  # (H, W)
+    position: Floats  # (3, H, W), world
+    before: Floats  # (3, H, W), where that point was in the previous frame
+    normal: Pixels  # (3, H, W), world, unit
+    albedo: Pixels  # (3, H, W)
+
+
+def import_noisebase(source: Path, out: Path, spp: int = 1, force: bool = False) -> Imported:
+    """Import a sequence (a zip file, or a folder with a zip per frame) as the clip `out`.
+
+    spp: how many of the stored samples `color` is the mean of. Raises NteError for faulty files, and for an
+    `out` that exists (see refuse_existing).
+    """
+    refuse_existing(out, force)
+    sequence = NoisebaseSequence(source)
+    if not 1 <= spp <= sequence.samples:
+        raise NteError(f"{source}: has {sequence.samples} samples per pixel, {spp} are asked for")
+    cameras = _cameras(sequence)
+    frames = _frames(sequence, cameras, spp)
+    write_imported(out, frames, sequence.frames, "noisebase", cameras, spp=spp)
+    return Imported(out, Vectors())
+
+
+def decode_rgbe(color: npt.NDArray[np.uint8], exposure: Pixels) -> Pixels:
+    """Radiance (3, …) from (4, …): mantissas over 255, and the exponent's place in the range `exposure` (2,)."""
+    low, high = (float(e) for e in exposure)
+    scale = np.exp((color[3].astype(np.float32) + 1) / 256 * (high - low) + low)
+    return np.asarray(color[:3] / np.float32(255) * scale, np.float32)
+
+
+def _frames(sequence: NoisebaseSequence, cameras: list[Camera], spp: int) -> Iterator[dict[str, Pixels]]:
+    for frame, camera in enumerate(cameras):
+        surface = _surface(sequence, frame, camera)
+        seen = decode_rgbe(sequence.read(frame, "color", slice(0, spp)), sequence.read(frame, "exposure"))
+        depth = np.einsum("j,jhw->hw", camera.view[2, :3], surface.position) + camera.view[2, 3]
+        hit = surface.hit
+        yield {
+            "color": seen.mean(-1),
+            "reference": sequence.read(frame, "reference").astype(np.float32),
+            "albedo": surface.albedo,
+            "normal": surface.normal * hit,
+            "depth": np.where(hit, depth, 0)[None].astype(np.float32),
+            "position": (surface.position * hit).astype(np.float32),
+            "motion": _motion(surface, camera, cameras[frame - 1] if frame else None),
+        }
+
+
+def _surface(sequence: NoisebaseSequence, frame: int, camera: Camera) -> Surface:
+    """Reduce the samples of every pixel. A pixel is hit where at least half of its samples are.
+
+    A sample hits where it has a normal and where its position is seen in its own pixel: what a renderer
+    writes for a miss is neither.
+    """
+    size = sequence.height, sequence.width
+    centres = pixel_centres(size)
+    normal, albedo, position, before = np.zeros((4, 3, *size))
+    hits, nearest = np.zeros(size, int), np.full(size, np.inf)
+    for start in range(0, sequence.samples, _CHUNK):
+        some = slice(start, min(start + _CHUNK, sequence.samples))
+        read = (np.moveaxis(sequence.read(frame, name, some), -1, 0) for name in _PER_SAMPLE)
+        for point, motion, sample_normal, diffuse in zip(*read, strict=True):
+            distance = np.abs(project(point, camera, size) - centres).max(0)
+            hit = (distance < _OWN_PIXEL) & sample_normal.any(0)
+            closer = hit & (distance < nearest)
+            nearest = np.where(closer, distance, nearest)
+            position = np.where(closer, point, position)
+            before = np.where(closer, point.astype(np.float64) + motion, before)
+            hits += hit
+            normal += np.where(hit, sample_normal, 0)
+            albedo += diffuse
+    mean_albedo = np.clip(albedo / sequence.samples, 0, 1).astype(np.float32)
+    return Surface(2 * hits >= sequence.samples, position, before, unit(normal).astype(np.float32), mean_albedo)
+
+
+def _motion(surface: Surface, camera: Camera, previous: Camera | None) -> Pixels:
+    """Pixel vectors (2, H, W) to the previous frame: of the surface point, or of the ray where nothing is hit.
+
+    Of the sample's own place in the pixel, so that its jitter is not in the vector. The first frame has no
+    history: 0.
+    """
+    size = surface.hit.shape
+    if previous is None:
+        return np.zeros((2, *size), np.float32)
+    then = project(surface.before, previous, size)
+    motion = np.where(np.isnan(then), OUTSIDE * max(size), then - project(surface.position, camera, size))
+    sky = motion_at_infinity(_to_pixels(camera, size), _to_pixels(previous, size), size)
+    return np.where(surface.hit, motion, sky).astype(np.float32)
+
+
+def project(points: Floats, camera: Camera, size: tuple[int, ...]) -> Floats:
+    """Pixel positions (2, H, W), x first, of world points (3, H, W); NaN behind the camera."""
+    matrix = _to_pixels(camera, size)
+    with np.errstate(invalid="ignore", over="ignore"):  # a miss may be anything, infinity included
+        x, y, w = np.tensordot(matrix[:, :3], points, 1) + matrix[:, 3].reshape(3, 1, 1)
+        return np.stack([x, y]) / np.where(w > 0, w, np.nan)
+
+
+def _to_pixels(camera: Camera, size: tuple[int, ...]) -> Floats:
+    """(3, 4): world points to homogeneous pixels."""
+    return np.asarray(np.diag([size[1], size[0], 1.0]) @ (camera.projection @ camera.view)[[0, 1, 3]])
+
+
+def _cameras(sequence: NoisebaseSequence) -> list[Camera]:
+    """The camera of every frame's crop, for column vectors.
+
+    Neither the rendering's size nor, reliably, the crop's place in it is stored (the authors' own loader of
+    test data replaces `crop_offset`). But every sample is seen in its own pixel, which says both.
+    """
+    size = sequence.height, sequence.width
+    views = [_view(sequence, frame) for frame in range(sequence.frames)]
+    screens = (_screen(sequence, frame) for frame in range(sequence.frames))
+    scale: Floats | None = None  # pixels of the whole rendering, (2,)
+    offset = np.zeros(2)
+    cameras = []
+    for frame, (view, (uv, centres)) in enumerate(zip(views, screens, strict=True)):
+        if uv.shape[1] >= _ENOUGH:
+            if scale is None:
+                scale = np.array([_slope(u, at) for u, at in zip(uv, centres, strict=True)])
+            apart = scale[:, None] * uv - centres
+            offset = np.median(apart, axis=1).round()
+            off = np.median(np.abs(apart - offset[:, None]))
+            if not off < _OWN_PIXEL or (scale < size[::-1]).any():
+                raise NteError(
+                    f"{sequence.path(frame)}: frame {frame}: positions are not seen in their own pixels: expected "
+                    "'view_proj_mat' for row vectors, and 'position' in world space"
+                )
+        elif scale is None:
+            raise NteError(
+                f"{sequence.path(frame)}: frame {frame}: no surface is seen in the image: expected one in the first "
+                "frame, and 'view_proj_mat' for row vectors"
+            )
+        # [−1, 1] with y up → pixels of the whole rendering → [0, 1] of the crop with y down
+        to_crop = np.eye(4)
+        to_crop[0, [0, 3]] = np.array([scale[0] / 2, scale[0] / 2 - offset[0]]) / size[1]
+        to_crop[1, [1, 3]] = np.array([-scale[1] / 2, scale[1] / 2 - offset[1]]) / size[0]
+        world_to_clip = sequence.read(frame, "view_proj_mat").astype(np.float64).T
+        cameras.append(Camera(view, to_crop @ world_to_clip @ np.linalg.inv(view)))
+    return cameras
+
+
+def _view(sequence: NoisebaseSequence, frame: int) -> Floats:
+    """World to view space: x to the right, y up, z forward."""
+    position, target, up = (
+        sequence.read(frame, f"camera_{name}").astype(np.float64) for name in ("position", "target", "up")
+    )
+    forward = unit(target - position)
+    right = unit(np.cross(forward, up))
+    view = np.eye(4)
+    view[:3, :3] = right, np.cross(right, forward), forward
+    view[:3, 3] = -view[:3, :3] @ position
+    if not np.isfinite(view).all() or abs(np.linalg.det(view)) < 0.5:
+        raise NteError(f"{sequence.path(frame)}: frame {frame}: the camera's position, target and up give no view")
+    return view
+
+
+def _screen(sequence: NoisebaseSequence, frame: int) -> tuple[Floats, Floats]:
+    """Where first samples are seen, [0, 1] over the whole rendering with y down, and their pixels' centres: (2, K)."""
+    points, normals = (sequence.read(frame, name, slice(0, 1))[..., 0] for name in ("position", "normal"))
+    to_uv = np.diag([0.5, -0.5, 1, 1])
+    to_uv[:2, 3] = 0.5
+    camera = Camera(np.eye(4), to_uv @ sequence.read(frame, "view_proj_mat").astype(np.float64).T)
+    uv = project(points, camera, (1, 1))
+    usable = (np.abs(uv - 0.5) < 1).all(0) & normals.any(0)
+    return uv[:, usable], pixel_centres(usable.shape)[:, usable]
+
+
+def _slope(u: Floats, at: Floats) -> float:
+    """The whole number of pixels over which u runs from 0 to 1: a line fitted twice, without what lies off it."""
+    line = np.polyfit(u, at, 1)
+    off = np.abs(np.polyval(line, u) - at)
+    near = off <= 2 * np.median(off) + _OWN_PIXEL
+    return float(np.polyfit(u[near], at[near], 1)[0].round())

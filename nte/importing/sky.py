@@ -1,0 +1,87 @@
+"""Motion of the sky: a point at infinity, which only the camera's rotation moves.
+
+A camera is (3, 4) here: world points to homogeneous pixels, x and y and the depth that divides them.
+"""
+
+from collections.abc import Iterable, Iterator
+
+import numpy as np
+import numpy.typing as npt
+
+from nte.frames.clip import Pixels
+
+Floats = npt.NDArray[np.float64]
+OUTSIDE = -2.0  # image sizes: where a point behind the camera counts as seen, so that vectors are finite
+_ENOUGH = 100  # surface points
+_FLAT = 1e-3  # relative extent below which points lie in a plane, and relative change of depth without perspective
+_OWN_PIXEL = 1.0  # px: what the recovered camera may be off by
+
+
+def motion_at_infinity(camera: Floats, other: Floats, size: tuple[int, ...]) -> Pixels:
+    """Vectors (2, H, W) from each pixel's centre to where its ray is seen by the `other` frame's camera."""
+    centres = pixel_centres(size)
+    ray = np.linalg.inv(camera[:, :3]) @ np.stack([*centres, np.ones(size)]).reshape(3, -1)
+    x, y, w = (other[:, :3] @ ray).reshape(3, *size)
+    then = np.stack([x, y]) / np.where(w > 0, w, np.nan)
+    return np.nan_to_num(then - centres, nan=OUTSIDE * max(size)).astype(np.float32)
+
+
+def recover_camera(position: Pixels, hit: npt.NDArray[np.bool_]) -> Floats | None:
+    """The camera that sees the world points `position` (3, H, W) at their own pixels, where `hit` (H, W).
+
+    Direct linear transformation: least squares over all points. None where they do not say it: too few, all
+    in one plane, or no perspective camera (orthographic, panoramic).
+    """
+    points, seen = position[:, hit].astype(np.float64), pixel_centres(hit.shape)[:, hit]
+    if points.shape[1] < _ENOUGH:
+        return None
+    centre, size = points.mean(1, keepdims=True), max(hit.shape)
+    extent = np.sqrt(np.linalg.eigvalsh(np.cov(points)))
+    if not extent[0] > _FLAT * extent[-1]:
+        return None
+    # Points and pixels of unit size, or the squares below lose all digits.
+    near = np.concatenate([(points - centre) / extent[-1], np.ones((1, points.shape[1]))])
+    u, v = seen / size
+    rows = np.block([[near.T, 0 * near.T, -u[:, None] * near.T], [0 * near.T, near.T, -v[:, None] * near.T]])
+    found = np.linalg.eigh(rows.T @ rows)[1][:, 0].reshape(3, 4)
+    x, y, w = found @ near
+    if w.mean() < 0:
+        found, x, y, w = -found, -x, -y, -w
+    off = np.hypot(x / w - u, y / w - v) * size
+    if (w <= 0).any() or np.std(w) < _FLAT * np.mean(w) or np.median(off) > _OWN_PIXEL:
+        return None
+    to_near = np.eye(4)
+    to_near[:3] = np.concatenate([np.eye(3), -centre], 1) / extent[-1]
+    return np.asarray(np.diag([size, size, 1.0]) @ found @ to_near)
+
+
+def with_sky_motion(frames: Iterable[dict[str, Pixels]]) -> Iterator[dict[str, Pixels]]:
+    """Frames whose `motion` and `forward_motion` at misses are those of the camera's rotation.
+
+    The cameras are recovered from `position`; frames without it, and those at a loose end, stay as they are.
+    """
+    before: Floats | None = None
+    waiting: dict[str, Pixels] | None = None
+    for frame in frames:
+        now = None
+        if {"position", "depth"} <= set(frame):
+            now = recover_camera(frame["position"], frame["depth"][0] > 0)
+        if waiting is not None:
+            _set_sky(waiting, "forward_motion", before, now)
+            yield waiting
+        _set_sky(frame, "motion", now, before)
+        before, waiting = now, frame
+    if waiting is not None:
+        yield waiting
+
+
+def _set_sky(frame: dict[str, Pixels], name: str, camera: Floats | None, other: Floats | None) -> None:
+    if name in frame and camera is not None and other is not None:
+        hit = frame["depth"] > 0
+        frame[name] = np.where(hit, frame[name], motion_at_infinity(camera, other, hit.shape[1:]))
+
+
+def pixel_centres(size: tuple[int, ...]) -> Floats:
+    """(2, H, W): x and y of every pixel's centre."""
+    y, x = np.mgrid[: size[0], : size[1]] + 0.5
+    return np.stack([x, y])

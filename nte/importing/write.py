@@ -1,0 +1,72 @@
+"""Writing an imported clip: it appears under its name when it is finished, never before."""
+
+import secrets
+import shutil
+from collections.abc import Iterable, Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+import nte
+from nte.errors import NteError
+from nte.frames.clip import Clip, Pixels, frame_path, write_clip_info, write_frame
+from nte.importing.channel_map import Camera
+from nte.progress import Progress
+
+
+def refuse_existing(out: Path, force: bool) -> None:
+    """Raise NteError where `out` may not be written: it exists; or, with `force`, it is not a clip of ours."""
+    if not out.exists() or (out.is_dir() and not any(out.iterdir())):
+        return
+    if not force:
+        raise NteError(f"{out}: exists: choose another name, or replace the clip with --force")
+    try:
+        Clip(out)
+    except NteError as error:
+        raise NteError(f"{out}: is not a clip, so --force does not replace it: {error}") from error
+
+
+def write_imported(
+    out: Path,
+    frames: Iterable[Mapping[str, Pixels]],
+    count: int,
+    generator: str,
+    cameras: Sequence[Camera] = (),
+    **info: Any,
+) -> None:
+    """Write `count` frames of channels (C, H, W) as the clip `out`, replacing a clip that is there.
+
+    Everything goes into a hidden folder beside it, which is renamed at the end and removed on any error, so
+    what is at `out` is always a whole clip. generator and info go into clip.json. Raises NteError where the
+    disk is full or the folder cannot be written.
+    """
+    out = out.resolve()
+    working = out.with_name(f".{out.name}.{secrets.token_hex(4)}.tmp")
+    try:
+        working.mkdir(parents=True)
+        height = width = 0
+        with Progress("import", count, "frame") as progress:
+            for index, channels in enumerate(frames):
+                height, width = channels["color"].shape[1:]
+                write_frame(frame_path(working, index), channels)
+                progress.advance(1)
+            progress.say(out.name)
+        if cameras:
+            info["cameras"] = [{key: matrix.tolist() for key, matrix in c._asdict().items()} for c in cameras]
+        origin = {"generator": generator, "imported_by": f"nte {nte.__version__}"}
+        write_clip_info(working, {"width": width, "height": height, "frames": count, "origin": origin, **info})
+        _put_in_place(working, out)
+    except OSError as error:
+        raise NteError(f"{out}: cannot be written: {error.strerror or error}") from error
+    finally:
+        shutil.rmtree(working, ignore_errors=True)
+
+
+def _put_in_place(working: Path, out: Path) -> None:
+    """Rename `working` to `out`; a clip that is there leaves only now."""
+    if not out.exists():
+        working.rename(out)
+        return
+    old = working.with_suffix(".old")
+    out.rename(old)
+    working.rename(out)
+    shutil.rmtree(old, ignore_errors=True)

@@ -1,0 +1,62 @@
+"""Bad pixels are counted, and told once."""
+
+import warnings
+
+import numpy as np
+import pytest
+
+from nte.frames.bad import BadPixelReport, BadPixelWarning, count_bad
+from nte.frames.frame import Frame
+from tests.synthetic import random_channels
+
+
+def good() -> dict[str, np.ndarray]:
+    return random_channels(np.random.default_rng(0), batch=2)
+
+
+def test_a_good_frame_has_none() -> None:
+    assert count_bad(Frame(good())) == {}
+
+
+@pytest.mark.parametrize(
+    ("name", "value", "bad"),
+    [
+        ("color", np.nan, True), ("color", np.inf, True), ("color", -1, True), ("color", 0, False),
+        ("color", 1e9, False),
+        ("albedo", -0.1, True), ("normal", -1, False), ("normal", np.nan, True), ("depth", 0, False),
+        ("depth", np.nan, True), ("motion", -30, False), ("motion", 144.5, True), ("motion", -1e6, True),
+        ("motion", np.nan, True), ("previous_forward_motion", np.nan, False),
+        ("previous_forward_motion", np.inf, True), ("previous_forward_motion", 1e6, True),
+    ],
+)  # fmt: skip
+def test_what_is_bad_depends_on_the_channel(name: str, value: float, bad: bool) -> None:
+    channels = good()
+    channels[name][1, 0, 3:5, 7] = value
+    expected = {name: 2} if bad else {}
+    assert count_bad(Frame(channels)) == expected
+    assert count_bad(Frame(channels).torch()) == expected
+
+
+def test_a_pixel_counts_once_however_many_components_are_bad_and_strangers_do_not_count() -> None:
+    channels = good()
+    channels["color"][0, :, 3, 4] = np.nan
+    channels["my_own"] = channels["color"]
+    assert count_bad(Frame(channels)) == {"color": 1}
+
+
+def test_a_sequence_is_warned_of_once_with_frame_and_count() -> None:
+    channels = good()
+    report = BadPixelReport()
+    with warnings.catch_warnings(record=True) as caught:
+        warnings.simplefilter("always")
+        report.look(Frame(good(), 0))
+        assert not caught
+        channels["color"][0, 0, 0, :3] = np.inf
+        channels["motion"][1, 0, 0, 0] = np.nan
+        report.look(Frame(channels, 1))
+        report.look(Frame(channels, 2))
+    assert [w.category for w in caught] == [BadPixelWarning]
+    assert str(caught[0].message) == (
+        "frame 1: bad pixels (non-finite, negative or absurd) are sanitised: 3 in color, 1 in motion"
+    )
+    assert report.total == {"color": 6, "motion": 2}

@@ -1,0 +1,191 @@
+"""Clips on disk: what is stored comes back with everything that belongs to it, and what is wrong is named."""
+
+import json
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from nte.errors import NteError
+from nte.frames.clip import Clip, find_clips, frame_path, read_frame, write_clip_info, write_frame
+from nte.frames.exr import read_layers, write_exr
+from tests.synthetic import Pixels, disc_clip, disc_frame, write_clip
+
+SIZE = 12, 16
+
+
+def small_frames(count: int) -> list[dict[str, Pixels]]:
+    return [disc_frame(i, SIZE, start=(6.0, 6.0), radius=3.0) for i in range(count)]
+
+
+def test_channels_survive_in_the_storage_of_the_table(tmp_path: Path) -> None:
+    (given,) = small_frames(1)
+    write_frame(tmp_path / "a.exr", given)
+    read = read_frame(tmp_path / "a.exr")
+    assert read.keys() == given.keys()
+    for name, values in given.items():
+        half = name in ("color", "albedo", "normal")
+        np.testing.assert_array_equal(read[name], values.astype(np.float16 if half else np.float32), err_msg=name)
+        assert read[name].dtype == np.float32
+    stored = read_layers(tmp_path / "a.exr")
+    assert stored["color.R"].dtype == np.float16
+    assert stored["motion.X"].dtype == np.float32
+
+
+@pytest.mark.parametrize("bright", [65504.0, 65519.0, 65520.0, 1e6, 3e38])
+def test_radiance_beyond_half_floats_survives(tmp_path: Path, bright: float) -> None:
+    color = np.full((3, 4, 5), bright, np.float32)
+    color[0, 0, 0] = 0.1
+    write_frame(tmp_path / "a.exr", {"color": color})
+    np.testing.assert_allclose(read_frame(tmp_path / "a.exr")["color"], color, rtol=1e-3)
+
+
+def test_bad_pixels_survive_for_the_denoiser_to_see(tmp_path: Path) -> None:
+    color = np.array([np.nan, np.inf, -1], np.float32).reshape(3, 1, 1)
+    write_frame(tmp_path / "a.exr", {"color": color})
+    np.testing.assert_array_equal(read_frame(tmp_path / "a.exr")["color"], color)
+
+
+def test_a_frame_has_its_channels_index_and_the_clip_s_scalars_and_cameras(tmp_path: Path) -> None:
+    cameras = [{"view": np.full((4, 4), i).tolist(), "projection": np.eye(4).tolist()} for i in range(3)]
+    clip = Clip(write_clip(tmp_path / "c", small_frames(3), exposure=2.5, depth_scale=4, cameras=cameras))
+    assert len(clip) == 3
+    assert [frame.index for frame in clip] == [0, 1, 2]
+    frame = clip.frame(2)
+    assert frame.size == SIZE
+    assert frame["color"].shape == (1, 3, *SIZE)
+    assert (frame.exposure, frame.depth_scale) == ([2.5], [4])
+    assert frame.view.shape == (1, 4, 4)
+    assert (frame.view == 2).all()
+    assert set(frame.channels) == set(clip.channels)
+    bare = Clip(write_clip(tmp_path / "bare", small_frames(1))).frame(0)
+    assert bare.exposure is bare.depth_scale is bare.view is None
+
+
+def test_previous_forward_motion_is_the_forward_motion_of_the_frame_before(tmp_path: Path) -> None:
+    frames = small_frames(3)
+    for i, frame in enumerate(frames):
+        frame["forward_motion"] += i
+    clip = Clip(write_clip(tmp_path / "c", frames))
+    assert np.isnan(clip.frame(0)["previous_forward_motion"]).all()
+    for order in ((1, 2), (2, 1), (2, 2)):  # in order, backwards, again
+        for i in order:
+            np.testing.assert_array_equal(clip.frame(i)["previous_forward_motion"][0], frames[i - 1]["forward_motion"])
+    without = [{"color": frame["color"]} for frame in frames]
+    assert Clip(write_clip(tmp_path / "without", without)).channels == ("color",)
+
+
+def test_the_reference_is_the_mean_of_its_halves(tmp_path: Path) -> None:
+    halves = {"reference_a": np.full((3, 2, 2), 1, np.float32), "reference_b": np.full((3, 2, 2), 4, np.float32)}
+    clip = Clip(write_clip(tmp_path / "c", [{"color": np.ones((3, 2, 2), np.float32)} | halves]))
+    frame = clip.frame(0, ("reference", "reference_b"))
+    assert set(frame.channels) == {"reference", "reference_b"}
+    assert (frame["reference"] == 2.5).all()
+
+
+def test_k_seeds_are_averaged_in_the_noisy_channels_alone(tmp_path: Path) -> None:
+    folder = write_clip(tmp_path / "c", small_frames(1), seeds=3)
+    color = small_frames(1)[0]["color"]
+    for seed in (1, 2):
+        write_frame(frame_path(folder, 0, seed), {"color": color + seed})
+    clip = Clip(folder)
+    assert clip.seeds == 3
+    half = color.astype(np.float16).astype(np.float32)
+    for seeds, more in (((0,), 0), ((2,), 2), ((0, 1, 2), 1), ((1, 2), 1.5)):
+        frame = clip.frame(0, seeds=seeds)
+        np.testing.assert_allclose(frame["color"][0], half + more, rtol=2e-3)
+        np.testing.assert_array_equal(frame["albedo"], clip.frame(0)["albedo"])
+
+
+def test_layers_of_others_are_ignored_and_half_a_channel_is_named(tmp_path: Path) -> None:
+    plane = np.ones((2, 2), np.float32)
+    write_exr(tmp_path / "a.exr", {"color.R": plane, "color.G": plane, "color.B": plane, "mist.V": plane})
+    assert set(read_frame(tmp_path / "a.exr")) == {"color"}
+    write_exr(tmp_path / "b.exr", {"motion.X": plane, "color.R": plane, "color.G": plane})
+    with pytest.raises(NteError, match=r"b\.exr: channel 'color' has only color\.G, color\.R: expected R, G, B"):
+        read_frame(tmp_path / "b.exr")
+
+
+def test_a_missing_channel_is_named_with_its_file(tmp_path: Path) -> None:
+    frames = small_frames(2)
+    del frames[1]["albedo"]
+    clip = Clip(write_clip(tmp_path / "c", frames))
+    with pytest.raises(NteError, match=r"frame_0001\.exr: channel 'albedo' is missing; the file has color"):
+        clip.frame(1)
+    with pytest.raises(NteError, match=r"frame_0000\.exr: channel 'glossy' is missing"):
+        clip.frame(0, ("glossy",))
+
+
+def test_frames_of_another_size_and_gaps_are_named(tmp_path: Path) -> None:
+    folder = write_clip(tmp_path / "c", small_frames(3))
+    write_frame(frame_path(folder, 1), disc_frame(1, (12, 18)))
+    with pytest.raises(NteError, match=r"frame_0001\.exr: '\w+' is 18x12, clip\.json says 16x12"):
+        list(Clip(folder))
+    frame_path(folder, 1).unlink()
+    with pytest.raises(NteError, match=r"frame_0001\.exr: missing; clip\.json promises 3 frames"):
+        Clip(folder)
+    seeds = write_clip(tmp_path / "s", small_frames(1), seeds=2)
+    with pytest.raises(NteError, match=r"seed_01/frame_0000\.exr: missing"):
+        Clip(seeds)
+
+
+GOOD = {"format": "nte-clip/1", "width": 16, "height": 12, "frames": 1}
+
+
+@pytest.mark.parametrize(
+    ("info", "message"),
+    [
+        (b"", "not readable as JSON"),
+        (b"{", "not readable as JSON"),
+        (b"\xff\xfe", "not readable as JSON"),
+        ([], "format is 'list'"),
+        ({}, "format is None, expected 'nte-clip/1'"),
+        (GOOD | {"format": "nte-clip/2"}, "format is 'nte-clip/2'"),
+        (GOOD | {"width": "16"}, "'width' is '16', expected a whole number"),
+        (GOOD | {"frames": 0}, "'frames' is 0"),
+        (GOOD | {"frames": True}, "'frames' is True"),
+        (GOOD | {"seeds": "two"}, "'seeds' is 'two'"),
+        (GOOD | {"exposure": "bright"}, "'exposure' is 'bright', expected a positive number"),
+        (GOOD | {"exposure": 0}, "'exposure' is 0"),
+        (GOOD | {"depth_scale": -1}, "'depth_scale' is -1"),
+        (GOOD | {"cameras": 3}, "'cameras' has 3 for 1 frames"),
+        (GOOD | {"cameras": []}, "'cameras' has 0 for 1 frames"),
+        (GOOD | {"cameras": [{"view": [[1]]}]}, r"'cameras\[0\]\.view' is no 4x4 matrix"),
+        (GOOD | {"cameras": [7]}, r"'cameras\[0\]\.view' is no 4x4 matrix"),
+    ],
+)
+def test_a_wrong_clip_json_is_named_with_its_key(tmp_path: Path, info: object, message: str) -> None:
+    folder = write_clip(tmp_path / "c", small_frames(1))
+    (folder / "clip.json").write_bytes(info if isinstance(info, bytes) else json.dumps(info).encode())
+    with pytest.raises(NteError, match=r"clip\.json: .*" + message) as error:
+        Clip(folder)
+    assert "\n" not in str(error.value)
+
+
+def test_folders_that_are_no_clip(tmp_path: Path) -> None:
+    folder = write_clip(tmp_path / "c", small_frames(1))
+    (folder / "clip.json").unlink()
+    for path, message in (
+        (folder, "c: has frames but no clip.json: the clip is not finished"),
+        (tmp_path, "is no clip; expected a folder with clip.json"),
+        (tmp_path / "nowhere", "nowhere: does not exist"),
+    ):
+        with pytest.raises(NteError, match=message):
+            Clip(path)
+
+
+def test_clips_are_found_once_and_in_the_order_of_their_names(tmp_path: Path) -> None:
+    for name in ("b", "a", "deeper/c"):
+        disc_clip(tmp_path / name, frames=1)
+    found = find_clips([tmp_path, tmp_path / "a"])
+    assert [str(path.relative_to(tmp_path)) for path in found] == ["a", "b", "deeper/c"]
+    (tmp_path / "empty").mkdir()
+    for path, message in ((tmp_path / "empty", "no clip in it"), (tmp_path / "x", "does not exist")):
+        with pytest.raises(NteError, match=message):
+            find_clips([path])
+
+
+def test_the_same_clip_gives_the_same_bytes(tmp_path: Path) -> None:
+    for name in ("a", "b"):
+        write_clip_info(tmp_path / name, {"frames": 1, "width": 2, "height": 3})
+    assert (tmp_path / "a" / "clip.json").read_bytes() == (tmp_path / "b" / "clip.json").read_bytes()

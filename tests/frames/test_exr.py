@@ -1,0 +1,151 @@
+"""One OpenEXR file: what is written is read again, and what cannot be read is refused by name."""
+
+from pathlib import Path
+
+import numpy as np
+import numpy.typing as npt
+import OpenEXR
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from hypothesis.extra.numpy import arrays
+
+from nte.errors import NteError
+from nte.frames.exr import read_exr, read_layers, write_exr
+
+Planes = dict[str, npt.NDArray[np.float32]]
+
+
+def planes(seed: int = 0, size: tuple[int, int] = (7, 11), names: tuple[str, ...] = ("a.R", "a.G", "Z")) -> Planes:
+    rng = np.random.default_rng(seed)
+    return {name: rng.normal(size=size).astype(np.float32) for name in names}
+
+
+SIZES = st.tuples(st.integers(1, 9), st.integers(1, 9))
+
+
+@settings(deadline=None, max_examples=30)
+@given(st.one_of(arrays(np.float16, SIZES), arrays(np.float32, SIZES)))
+def test_every_value_survives_in_its_type(tmp_path_factory: pytest.TempPathFactory, values: npt.NDArray) -> None:
+    path = tmp_path_factory.getbasetemp() / "roundtrip.exr"
+    write_exr(path, {"layer.V": values})
+    (stored,) = read_layers(path).values()
+    assert stored.dtype == values.dtype
+    np.testing.assert_array_equal(stored, values)  # NaN equals NaN
+    (read,) = read_exr(path).values()
+    assert read.dtype == np.float32
+    np.testing.assert_array_equal(read, values.astype(np.float32))
+
+
+def test_whole_numbers_survive_as_they_are_stored(tmp_path: Path) -> None:
+    ids = np.array([[0, 1], [2**31, 2**32 - 1]], np.uint32)
+    write_exr(tmp_path / "a.exr", {"crypto.ID": ids})
+    np.testing.assert_array_equal(read_layers(tmp_path / "a.exr")["crypto.ID"], ids)
+
+
+@pytest.mark.parametrize(
+    "view",
+    [
+        lambda a: a[..., 1],
+        lambda a: a[::-1, :, 0],
+        lambda a: a[:, ::-2, 0],
+        lambda a: a[:, :, 0].T,
+        lambda a: np.asfortranarray(a[:, :, 0]),
+        lambda a: np.broadcast_to(a[:, :1, 0], (8, 9)),
+    ],
+)
+def test_arrays_that_are_not_contiguous_are_written_right(tmp_path: Path, view: object) -> None:
+    values = view(np.random.default_rng(0).random((8, 9, 3), np.float32))  # type: ignore[operator]
+    write_exr(tmp_path / "a.exr", {"Z": values})
+    np.testing.assert_array_equal(read_exr(tmp_path / "a.exr")["Z"], values)
+
+
+def test_the_same_channels_give_the_same_bytes_in_any_order(tmp_path: Path) -> None:
+    channels = planes()
+    write_exr(tmp_path / "a.exr", channels)
+    write_exr(tmp_path / "b.exr", dict(reversed(channels.items())))
+    assert (tmp_path / "a.exr").read_bytes() == (tmp_path / "b.exr").read_bytes()
+    assert list(channels) == ["a.R", "a.G", "Z"]  # what is given is left as it was
+
+
+def test_sizes_may_change_from_file_to_file(tmp_path: Path) -> None:
+    for size in ((7, 11), (3, 2), (20, 5)):
+        write_exr(tmp_path / "a.exr", planes(size=size))
+        assert read_exr(tmp_path / "a.exr")["Z"].shape == size
+
+
+def with_windows(path: Path, values: npt.NDArray, data: tuple[int, int], display: tuple[int, int, int, int]) -> None:
+    """values with their corner at `data` (x, y); display: x0, y0, x1, y1, inclusive."""
+    height, width = values.shape
+    x, y = data
+    header = {
+        "compression": OpenEXR.ZIP_COMPRESSION, "type": OpenEXR.scanlineimage,
+        "dataWindow": (np.array([x, y], np.int32), np.array([x + width - 1, y + height - 1], np.int32)),
+        "displayWindow": (np.array(display[:2], np.int32), np.array(display[2:], np.int32)),
+    }  # fmt: skip
+    with OpenEXR.File(header, {"Z": values.copy()}) as file:
+        file.write(str(path))
+
+
+def test_a_data_window_is_placed_into_the_display_window(tmp_path: Path) -> None:
+    values = np.arange(1, 13, dtype=np.float32).reshape(3, 4)
+    # Smaller than the display, larger than it, beside it, and a display that does not start at zero.
+    for data, display, expected in (
+        ((2, 1), (0, 0, 6, 5), np.pad(values, ((1, 2), (2, 1)))),
+        ((-1, -1), (0, 0, 1, 1), values[1:3, 1:3]),
+        ((10, 10), (0, 0, 2, 2), np.zeros((3, 3))),
+        ((5, 6), (6, 6, 9, 7), np.pad(values[:2, 1:], ((0, 0), (0, 1)))),
+    ):
+        with_windows(tmp_path / "a.exr", values, data, display)
+        np.testing.assert_array_equal(read_exr(tmp_path / "a.exr")["Z"], expected)
+
+
+def test_parts_are_merged_under_their_names(tmp_path: Path) -> None:
+    channels = planes(names=("R", "Z", "albedo.R"))
+    parts = [
+        OpenEXR.Part({"type": OpenEXR.scanlineimage}, {"R": channels["R"]}, "color"),
+        OpenEXR.Part({"type": OpenEXR.scanlineimage}, {"Z": channels["Z"], "albedo.R": channels["albedo.R"]}, "depth"),
+    ]
+    with OpenEXR.File(parts) as file:
+        file.write(str(tmp_path / "a.exr"))
+    found = read_exr(tmp_path / "a.exr")
+    assert found.keys() == {"color.R", "depth.Z", "albedo.R"}
+    np.testing.assert_array_equal(found["depth.Z"], channels["Z"])
+
+
+def test_deep_files_are_refused(tmp_path: Path) -> None:
+    samples = np.empty((2, 3), object)
+    for index in np.ndindex(samples.shape):
+        samples[index] = np.ones(2, np.float32)
+    header = {"compression": OpenEXR.ZIPS_COMPRESSION, "type": OpenEXR.deepscanline}
+    with OpenEXR.File(header, {"Z": samples}) as file:
+        file.write(str(tmp_path / "deep.exr"))
+    with pytest.raises(NteError, match=r"deep\.exr: deep OpenEXR files are not supported"):
+        read_exr(tmp_path / "deep.exr")
+
+
+def test_files_that_are_no_exr(tmp_path: Path, capfd: pytest.CaptureFixture[str]) -> None:
+    for name, content in (("empty", b""), ("png", b"\x89PNG\r\n\x1a\n" * 9), ("magic", b"\x76\x2f\x31\x01")):
+        (tmp_path / name).write_bytes(content)
+        with pytest.raises(NteError, match=f"{name}: .*OpenEXR file") as error:
+            read_exr(tmp_path / name)
+        assert "\n" not in str(error.value)
+    with pytest.raises(NteError, match=r"nowhere\.exr: cannot be read: No such file"):
+        read_exr(tmp_path / "nowhere.exr")
+    with pytest.raises(NteError, match="cannot be read: Is a directory"):
+        read_exr(tmp_path)
+    assert capfd.readouterr() == ("", "")
+
+
+def test_a_file_cut_anywhere_is_refused_without_a_word_from_the_library(
+    tmp_path: Path, capfd: pytest.CaptureFixture[str]
+) -> None:
+    path = tmp_path / "cut.exr"
+    write_exr(path, planes(size=(40, 30)))
+    whole = path.read_bytes()
+    lengths = {*range(4, 400, 13), *range(400, len(whole), 997), len(whole) - 1}
+    for length in sorted(lengths):
+        path.write_bytes(whole[:length])
+        with pytest.raises(NteError, match=r"cut\.exr: the OpenEXR file is truncated"):
+            read_exr(path)
+    assert capfd.readouterr() == ("", "")

@@ -1,0 +1,71 @@
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from nte.cli import main
+from nte.frames.clip import Clip
+from nte.importing.convert import UNNAMED
+from tests.importing.producers import SKY_ROWS, blender, scene, write_layers
+
+
+def run(source: Path, out: Path, *more: str) -> int:
+    return main(["import", "blender", str(source), "--out", str(out), *more])
+
+
+@pytest.mark.parametrize("old_names", [True, False], ids=["blender 4", "blender 5"])
+def test_cycles_passes_become_our_channels(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], old_names: bool
+) -> None:
+    frames = scene()
+    source = blender(tmp_path / "noisy", frames, old_names)
+    clean = blender(tmp_path / "clean", [{**f, "color": f["reference"]} for f in frames], old_names)
+    assert run(source, tmp_path / "clip", "--reference", str(clean)) == 0
+    assert "clip: plausible" in capsys.readouterr().out
+    clip = Clip(tmp_path / "clip")
+    for index, frame in enumerate(frames):
+        found = clip.frame(index)
+        for name in ("color", "reference", "albedo", "normal", "depth", "instance", "motion", "forward_motion"):
+            np.testing.assert_allclose(found[name][0], frame[name], rtol=1e-3, atol=1e-3, err_msg=name)
+        assert not found["emission"].any()
+
+
+def test_objects_without_an_index_are_no_misses(tmp_path: Path) -> None:
+    source = blender(tmp_path / "noisy", [{**f, "instance": 0 * f["instance"]} for f in scene(2)])
+    assert run(source, tmp_path / "clip") == 0
+    instance = Clip(tmp_path / "clip").frame(0)["instance"][0, 0]
+    assert (instance[:SKY_ROWS] == 0).all()
+    assert (instance[SKY_ROWS:] == UNNAMED).all()
+
+
+def test_a_pattern_chooses_the_files(tmp_path: Path) -> None:
+    source = blender(tmp_path / "shots", scene(2))
+    write_layers(source / "other", [{"x": np.zeros((4, 4))}])
+    assert run(source / "shot.*.exr", tmp_path / "clip") == 0
+    assert len(Clip(tmp_path / "clip")) == 2
+
+
+def test_only_the_combined_pass_is_needed(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    layers = {f"ViewLayer.Combined.{c}": np.ones((8, 8)) for c in "RGBA"}
+    assert run(write_layers(tmp_path / "shots", [layers] * 2), tmp_path / "clip") == 0
+    said = capsys.readouterr().out
+    assert "without motion (the Vector pass): no history" in said
+    assert "without albedo (the Diffuse Color pass)" in said
+    assert "not checked" in said
+
+
+@pytest.mark.parametrize(
+    ("layers", "said"),
+    [
+        (["R", "G", "B"], "no Combined pass: expected Blender's OpenEXR MultiLayer output; the file has B, G, R"),
+        (["A.Combined.R", "B.Combined.R"], "has the view layers A, B"),
+        ([*(f"A.Combined.{c}" for c in "RGB"), "A.Vector.X"], "no A.Vector.X A.Vector.Y for 'motion'"),
+    ],
+)
+def test_other_files_are_refused(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], layers: list[str], said: str
+) -> None:
+    source = write_layers(tmp_path / "shots", [dict.fromkeys(layers, np.ones((8, 8)))] * 2)
+    assert run(source, tmp_path / "clip") == 2
+    assert said in capsys.readouterr().err
+    assert not (tmp_path / "clip").exists()

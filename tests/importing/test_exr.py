@@ -1,0 +1,228 @@
+import json
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+import yaml
+
+from nte.cli import main
+from nte.frames.clip import Clip
+from nte.importing.channel_map import load_channel_map
+from tests.importing.producers import MOVING, engine, named, scene, write_layers, write_map
+from tests.synthetic import disc_frame
+
+
+def change(map_path: Path, **groups: Any) -> None:
+    about = yaml.safe_load(map_path.read_text())
+    for name, values in groups.items():
+        about[name] = {**about[name], **values} if isinstance(values, dict) and name in about else values
+    write_map(map_path, about)
+
+
+def run(source: Path, map_path: Path, out: Path, *more: str) -> int:
+    return main(["import", "exr", str(source), "--map", str(map_path), "--out", str(out), *more])
+
+
+def test_an_engines_conventions_become_ours(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    frames = scene()
+    source, map_path = engine(tmp_path, frames)
+    assert run(source, map_path, tmp_path / "clip") == 0
+    assert "clip: plausible" in capsys.readouterr().out
+    clip = Clip(tmp_path / "clip")
+    assert len(clip.info["cameras"]) == 4
+    for index, frame in enumerate(frames):
+        found = clip.frame(index)
+        for name in ("color", "reference", "albedo", "normal", "depth", "instance", "motion"):
+            np.testing.assert_allclose(found[name][0], frame[name], rtol=1e-3, atol=1e-3, err_msg=name)
+
+
+def test_the_documented_map_is_valid(tmp_path: Path) -> None:
+    page = (Path(__file__).parents[2] / "datasets" / "IMPORT.md").read_text(encoding="utf-8")
+    map_path = tmp_path / "map.yaml"
+    map_path.write_text(page.split("```yaml\n")[1].split("```")[0])
+    assert load_channel_map(map_path).channels["color"] == ["beauty"]
+
+
+def test_a_field_of_view_is_enough_for_ray_lengths(tmp_path: Path) -> None:
+    frames = scene(2)
+    source, map_path = engine(tmp_path, frames)
+    change(map_path, normal={"space": "world"}, cameras="", vertical_fov=50.0)
+    assert run(source, map_path, tmp_path / "clip") == 0
+    found = Clip(tmp_path / "clip").frame(1)
+    np.testing.assert_allclose(found["depth"][0], frames[1]["depth"], rtol=1e-4)
+
+
+@pytest.mark.parametrize(
+    ("wrong", "told"),
+    [
+        ({"points": "to"}, "motion.points: from (now to)"),
+        ({"y_axis": "down"}, "motion.y_axis: up (now down)"),
+        ({"axes": "yx"}, "motion.axes: xy (now yx)"),
+        ({"unit": "pixels"}, "motion.unit: uv (now pixels)"),
+        ({"unit": "ndc"}, "motion.unit: uv (now ndc)"),
+        ({"points": "to", "y_axis": "down", "unit": "pixels"}, "points: from (now to), motion.y_axis: up (now down)"),
+    ],
+)
+def test_a_wrong_map_is_told_what_would_fit(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], wrong: dict[str, str], told: str
+) -> None:
+    source, map_path = engine(tmp_path, scene())
+    change(map_path, motion=wrong)
+    assert run(source, map_path, tmp_path / "clip") == 2
+    said = capsys.readouterr().out
+    assert "clip: implausible" in said
+    assert told in said
+    assert f"change it in {map_path}" in said
+    assert len(Clip(tmp_path / "clip")) == 4  # kept
+
+
+def accelerating(folder: Path, channel: str) -> tuple[Path, Path]:
+    """A wall that speeds up, with vectors on each frame's pixels that point to the next one."""
+    places = [0.0, 4.0, 9.5, 17.0, 26.5, 38.0]
+    written = []
+    for i in range(5):
+        albedo = disc_frame(1, size=(64, 96), radius=0, wall_velocity=(places[i], 0))["albedo"]
+        step = np.full((64, 96), places[i + 1] - places[i], np.float32)
+        written.append({"R": albedo[0], "G": albedo[1], "B": albedo[2], "v.x": step, "v.y": 0 * step})
+    about = {"channels": {"color": ["R", "G", "B"], "albedo": ["R", "G", "B"], channel: "v"}}
+    return write_layers(folder / "wall", written), write_map(folder / "map.yaml", about)
+
+
+def test_forward_vectors_are_told_apart(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    assert run(*accelerating(tmp_path, "motion"), tmp_path / "clip") == 2
+    assert "list the layers under 'channels.forward_motion'" in capsys.readouterr().out
+
+
+def test_motion_is_made_from_forward_vectors(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    assert run(*accelerating(tmp_path, "forward_motion"), tmp_path / "clip") == 0
+    assert "clip: plausible" in capsys.readouterr().out
+    found = Clip(tmp_path / "clip")
+    assert not found.frame(0)["motion"].any()
+    # What came into the image at the left moves as its neighbours do.
+    np.testing.assert_allclose(found.frame(3)["motion"][0, 0], -7.5, atol=1e-4)
+
+
+def test_hidden_pixels_move_like_the_neighbour_at_their_depth(tmp_path: Path) -> None:
+    frames = [disc_frame(i, **MOVING) for i in range(3)]  # type: ignore[arg-type]
+    layers = [
+        {"R": f["color"][0], "G": f["color"][1], "B": f["color"][2], "z": f["depth"][0]}
+        | {"v.x": f["forward_motion"][0], "v.y": f["forward_motion"][1]}
+        for f in frames
+    ]
+    about = {"channels": {"color": ["R", "G", "B"], "depth": "z", "forward_motion": "v"}}
+    source, map_path = write_layers(tmp_path / "disc", layers), write_map(tmp_path / "map.yaml", about)
+    assert run(source, map_path, tmp_path / "clip") == 0
+    found = Clip(tmp_path / "clip").frame(2)["motion"][0]
+    wrong = np.abs(found - frames[2]["motion"]).max(0) > 1e-3
+    assert wrong.mean() < 0.02  # half pixels at the rim of the disc
+
+
+def test_what_is_missing_is_said(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    source, map_path = engine(tmp_path, scene(2))
+    change(map_path, channels={"channels": None})
+    write_map(map_path, {"channels": {"color": "beauty", "depth": "distance"}})
+    assert run(source, map_path, tmp_path / "clip") == 0
+    said = capsys.readouterr().out
+    for name in ("reference", "albedo", "normal", "motion"):
+        assert f"without {name}: " in said
+    assert "not checked: that needs albedo and motion" in said
+
+
+def test_reference_files_of_their_own(tmp_path: Path) -> None:
+    frames = scene(2)
+    source, map_path = engine(tmp_path, frames)
+    write_map(map_path, {"channels": {"color": "beauty"}})
+    clean = write_layers(tmp_path / "clean", [named("beauty", "RGB", f["reference"]) for f in frames], first=1001)
+    assert run(source, map_path, tmp_path / "clip", "--reference", str(clean)) == 0
+    np.testing.assert_array_equal(Clip(tmp_path / "clip").frame(1)["reference"][0], frames[1]["reference"])
+
+
+def breaking(**cases: tuple[Callable[[Path, Path], object], str]) -> pytest.MarkDecorator:
+    return pytest.mark.parametrize(("harm", "said"), list(cases.values()), ids=list(cases))
+
+
+def set_map(**groups: Any) -> Callable[[Path, Path], object]:
+    return lambda source, map_path: change(map_path, **groups)
+
+
+@breaking(
+    unknown_key=(set_map(directions="to"), "directions"),
+    unknown_group_key=(set_map(motion={"sign": 1}), "motion.sign"),
+    unknown_channel=(set_map(channels={"beauty": "x"}), "'channels.beauty': no such channel; expected one of color,"),
+    unknown_value=(set_map(motion={"unit": "metres"}), "'motion.unit' is 'metres', expected one of pixels, uv, ndc"),
+    wrong_count=(set_map(channels={"albedo": ["a", "b"]}), "'channels.albedo': ['a', 'b']: expected a layer, or the"),
+    no_color=(lambda s, m: write_map(m, {"channels": {"albedo": "basecolor"}}), "'channels.color' is missing"),
+    no_cameras=(set_map(cameras=""), "'normal.space' is camera: 'cameras' must name"),
+    no_fov=(set_map(cameras="", normal={"space": "world"}), "'depth.along' is ray: give 'vertical_fov'"),
+    cameras_missing=(set_map(cameras="none.json"), "none.json: cannot be read"),
+    cameras_few=(lambda s, m: (m.parent / "cameras.json").write_text("[]"), "0 cameras for 4 frames"),
+    cameras_odd=(lambda s, m: (m.parent / "cameras.json").write_text('{"a": 1}'), "expected a JSON list of view and"),
+    cameras_singular=(
+        lambda s, m: (m.parent / "cameras.json").write_text(
+            json.dumps([{"view": np.zeros((4, 4)).tolist(), "projection": np.eye(4).tolist()}] * 4)
+        ),
+        "camera 0: 'view' is not an invertible 4×4 matrix",
+    ),
+    layer_missing=(set_map(channels={"albedo": "diffuse"}), "no diffuse for 'albedo' (3 components); the file has"),
+    gap=(lambda s, m: (s / "shot.1003.exr").unlink(), "frame 1003 is missing: after shot.1002.exr comes shot.1004.exr"),
+    twice=(lambda s, m: (s / "b.1003.exr").write_bytes(b""), "frame 1003 is there twice"),
+    unnumbered=(lambda s, m: (s / "b.exr").write_bytes(b""), "b.exr: has no frame number"),
+    no_exr=(lambda s, m: [p.rename(p.with_suffix(".png")) for p in s.iterdir()], "no .exr file in it"),
+    not_exr=(lambda s, m: (s / "shot.1002.exr").write_text("text"), "shot.1002.exr: not an OpenEXR file"),
+    other_size=(
+        lambda s, m: write_layers(s, [{n: np.ones((8, 8)) for n in LAYERS}], first=1002),
+        "shot.1002.exr: is 8x8, expected 64x48 like",
+    ),
+)
+def test_bad_input_is_one_line_and_leaves_nothing(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], harm: Callable[[Path, Path], object], said: str
+) -> None:
+    source, map_path = engine(tmp_path, scene())
+    harm(source, map_path)
+    before = set(tmp_path.iterdir())
+    assert run(source, map_path, tmp_path / "clip") == 2
+    error = capsys.readouterr().err.strip().splitlines()
+    assert len(error) == 1
+    assert said in error[0]
+    assert set(tmp_path.iterdir()) == before
+
+
+LAYERS = [
+    *("beauty.r", "beauty.g", "beauty.b", "clean.R", "clean.G", "clean.B", "N.X", "N.Y", "N.Z", "object.ID"),
+    *("basecolor.R", "basecolor.G", "basecolor.B", "velocity.U", "velocity.V", "distance"),
+]
+
+
+def test_sequences_of_unequal_length(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    source, map_path = engine(tmp_path, scene())
+    shorter = tmp_path / "shorter"
+    shorter.mkdir()
+    for path in sorted(source.iterdir())[:3]:
+        (shorter / path.name).write_bytes(path.read_bytes())
+    assert run(source, map_path, tmp_path / "clip", "--reference", str(shorter)) == 2
+    assert "has 3 frames (1001 to 1003)" in capsys.readouterr().err
+
+
+def test_only_a_clip_is_replaced_and_only_with_force(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    source, map_path = engine(tmp_path, scene(2))
+    out = tmp_path / "clip"
+    out.mkdir()
+    assert run(source, map_path, out) == 0  # an empty folder is as good as none
+    assert run(source, map_path, out) == 2
+    assert "exists: choose another name, or replace the clip with --force" in capsys.readouterr().err
+    change(map_path, depth={"scale": 1.0})
+    assert run(source, map_path, out, "--force") == 0
+    assert Clip(out).frame(0)["depth"].max() > 100
+    assert {path.name for path in tmp_path.iterdir()} == {"clip", "cameras.json", "engine", "map.yaml"}
+    # A failure leaves the clip that is there.
+    (source / "shot.1002.exr").write_text("broken")
+    assert run(source, map_path, out, "--force") == 2
+    assert len(Clip(out)) == 2
+    mine = tmp_path / "mine"
+    mine.mkdir()
+    (mine / "thesis.txt").write_text("…")
+    assert run(source, map_path, mine, "--force") == 2
+    assert "is not a clip, so --force does not replace it" in capsys.readouterr().err
+    assert (mine / "thesis.txt").exists()

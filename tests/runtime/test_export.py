@@ -1,0 +1,88 @@
+"""Export writes one file that agrees with PyTorch, or none."""
+
+import copy
+import json
+from pathlib import Path
+
+import numpy as np
+import onnx
+import pytest
+import torch
+
+from nte.errors import NteError
+from nte.models.temporal import TemporalDenoiser
+from nte.runtime import export
+from nte.runtime.export import compare_with_torch, export_onnx
+from nte.runtime.session import OnnxDenoiser
+from tests.networks import small_network
+from tests.synthetic import random_frames
+
+
+def test_one_file_with_free_sizes_and_its_conventions(model: Path) -> None:
+    assert [path.name for path in model.parent.iterdir()] == ["model.onnx"]
+    graph = onnx.load(model)
+    dimensions = {i.name: [d.dim_param or d.dim_value for d in i.type.tensor_type.shape.dim] for i in graph.graph.input}
+    assert dimensions == {
+        "color": ["batch", 3, "height", "width"], "albedo": ["batch", 3, "height", "width"],
+        "normal": ["batch", 3, "height", "width"], "depth": ["batch", 1, "height", "width"],
+        "motion": ["batch", 2, "height", "width"], "previous_forward_motion": ["batch", 2, "height", "width"],
+        "reset": ["batch"], "exposure": ["batch"], "depth_scale": ["batch"],
+        "history": ["batch", 3, "height", "width"], "previous_depth": ["batch", 1, "height", "width"],
+    }  # fmt: skip
+    described = json.loads({p.key: p.value for p in graph.metadata_props}["nte"])
+    assert described["format"] == "nte-onnx/1"
+    assert described["needs"] == ["color", "albedo", "normal", "depth", "motion"]
+    assert set(dimensions) - {"history", "previous_depth"} <= described["conventions"].keys()
+
+
+@pytest.mark.slow
+def test_the_same_weights_give_the_same_bytes(network: TemporalDenoiser, model: Path, tmp_path: Path) -> None:
+    export_onnx(network, tmp_path / "again.onnx", progress=lambda line: None)
+    assert (tmp_path / "again.onnx").read_bytes() == model.read_bytes()
+
+
+def test_the_comparison_sees_a_difference(network: TemporalDenoiser, model: Path) -> None:
+    exported = OnnxDenoiser(model)
+    typical, worst = compare_with_torch(network, exported, (33, 47))
+    assert typical < 1e-4
+    assert worst < 0.05
+    other = copy.deepcopy(network)
+    other.unet.encoders[0][0].weight += 1e-3
+    assert compare_with_torch(other, exported, (33, 47))[0] > 1e-4
+
+
+@pytest.mark.slow
+def test_a_graph_that_differs_is_not_written(
+    network: TemporalDenoiser, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    wrong = copy.deepcopy(network)
+    wrong.heads.heads[0].bias += torch.linspace(0, 1e-2, len(wrong.heads.heads[0].bias))
+    graph = export._graph(wrong)
+    monkeypatch.setattr(export, "_graph", lambda _: graph)
+    with pytest.raises(NteError, match=r"model\.onnx: not written: ONNX Runtime differs from PyTorch at 96x64, 20 f"):
+        export_onnx(network, tmp_path / "model.onnx", progress=lambda line: None)
+    assert not list(tmp_path.iterdir())
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(
+    "choices",
+    [{}, {"motion": "traditional", "kernel_size": 3, "downsample": "mean"}, {"temporal": False, "scales": 1}],
+    ids=str,
+)
+def test_every_kind_of_network_can_be_exported(choices: dict[str, object], tmp_path: Path) -> None:
+    network = small_network(**choices)
+    said: list[str] = []
+    export_onnx(network, tmp_path / "new" / "model.onnx", said.append)
+    assert len(said) == 3
+    exported = OnnxDenoiser(tmp_path / "new" / "model.onnx")
+    ours = theirs = None
+    for frame in random_frames(3, (29, 18)):
+        (expected, ours), (found, theirs) = network.step(frame, ours), exported.step(frame, theirs)
+        np.testing.assert_allclose(found.image, expected.image, rtol=1e-3, atol=1e-4)
+
+
+def test_a_folder_in_the_way_is_one_line(network: TemporalDenoiser, tmp_path: Path) -> None:
+    (tmp_path / "file").write_text("")
+    with pytest.raises(NteError, match="file: cannot be made a folder"):
+        export_onnx(network, tmp_path / "file" / "model.onnx")

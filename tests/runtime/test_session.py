@@ -1,0 +1,191 @@
+"""An exported model is the PyTorch denoiser once more, and says by name what does not fit."""
+
+import json
+from collections.abc import Callable
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import onnx
+import pytest
+import torch
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from nte.denoiser import Denoiser, Session
+from nte.errors import NteError
+from nte.frames.frame import Frame
+from nte.models.temporal import TemporalDenoiser
+from nte.motion import geometric
+from nte.runtime import session
+from nte.runtime.session import OnnxDenoiser
+from tests.synthetic import random_channels, random_frames
+
+
+@pytest.fixture(scope="module")
+def exported(model: Path) -> OnnxDenoiser:
+    return OnnxDenoiser(model, threads=1)
+
+
+def both(network: TemporalDenoiser, exported: OnnxDenoiser, frames: list[Frame]) -> list[tuple[np.ndarray, np.ndarray]]:
+    """(PyTorch's image, ONNX Runtime's) of every frame, each with a state of its own."""
+    sessions = Session(network), Session(exported)
+    return [(sessions[0].denoise(frame), sessions[1].denoise(frame)) for frame in frames]
+
+
+def assert_close(pairs: list[tuple[np.ndarray, np.ndarray]]) -> None:
+    for ours, theirs in pairs:
+        np.testing.assert_allclose(theirs, ours, rtol=1e-3, atol=1e-4)
+
+
+@pytest.mark.parametrize(("size", "batch"), [((16, 16), 1), ((17, 31), 3), ((45, 22), 2)])
+def test_equals_pytorch_at_any_size_and_batch(
+    network: TemporalDenoiser, exported: OnnxDenoiser, size: tuple[int, int], batch: int
+) -> None:
+    assert_close(both(network, exported, random_frames(4, size, batch)))
+
+
+def test_equals_pytorch_with_scattered_forward_motion(network: TemporalDenoiser, exported: OnnxDenoiser) -> None:
+    frames = random_frames(4, batch=2)
+    without = [Frame({k: v for k, v in f.channels.items() if k != "previous_forward_motion"}) for f in frames]
+    pairs = both(network, exported, without)
+    assert_close(pairs)
+    assert not np.allclose(pairs[-1][0], both(network, exported, frames)[-1][0])
+
+
+def test_equals_pytorch_with_given_scalars_and_after_a_reset(network: TemporalDenoiser, exported: OnnxDenoiser) -> None:
+    frames = random_frames(4, batch=2)
+    scalars = {"exposure": np.array([2, 0.5], np.float32), "depth_scale": np.array([3, 9], np.float32)}
+    assert_close(both(network, exported, [replace(frame, **scalars) for frame in frames]))
+    frames[2]["color"][1] *= 10
+    frames[2] = replace(frames[2], reset=np.array([0, 1], np.float32))
+    assert_close(both(network, exported, frames))
+
+
+def test_a_reset_is_a_new_start_for_that_sequence_alone(exported: OnnxDenoiser) -> None:
+    frames = random_frames(4, batch=2)
+    for frame in frames[2:]:
+        frame["color"][1] *= 10
+    reset = replace(frames[2], reset=np.array([0, 1], np.float32))
+
+    def images(sequence: list[Frame]) -> list[np.ndarray]:
+        running = Session(exported)
+        return [running.denoise(frame) for frame in sequence]
+
+    resumed, fresh, through = images([*frames[:2], reset, frames[3]])[2:], images(frames[2:]), images(frames)[2:]
+    for image, new, old in zip(resumed, fresh, through, strict=True):
+        np.testing.assert_array_equal(image[1], new[1])
+        np.testing.assert_array_equal(image[0], old[0])
+
+
+def test_it_is_a_denoiser_that_returns_what_it_was_given(network: TemporalDenoiser, exported: OnnxDenoiser) -> None:
+    assert isinstance(exported, Denoiser)
+    assert (exported.needs, exported.optional, exported.target) == (network.needs, network.optional, network.target)
+    (frame,) = random_frames(1)
+    result, _ = exported.step(frame.torch(), None, ("alpha", "valid"))
+    assert isinstance(result.image, torch.Tensor)
+    assert isinstance(result.extras["alpha"], torch.Tensor)
+    plain, _ = exported.step(frame, None)
+    np.testing.assert_array_equal(result.image.numpy(), plain.image)
+
+
+def test_the_given_state_can_be_used_again(exported: OnnxDenoiser) -> None:
+    first, second, other = random_frames(3)
+    _, state = exported.step(first, None)
+    once, _ = exported.step(second, state)
+    exported.step(other, state)
+    again, _ = exported.step(second, state)
+    np.testing.assert_array_equal(once.image, again.image)
+
+
+def test_every_number_of_threads_gives_the_same(model: Path) -> None:
+    (frame,) = random_frames(1, size=(64, 64))
+    images = [Session(OnnxDenoiser(model, threads=n)).denoise(frame) for n in (1, 2)]
+    np.testing.assert_allclose(images[0], images[1], rtol=1e-4, atol=1e-5)
+
+
+@settings(deadline=None, max_examples=40)
+@given(
+    st.integers(0, 2**31), st.integers(1, 9), st.integers(1, 9), st.integers(1, 2),
+    st.sampled_from([0.3, 2.0, 20.0]), st.booleans(),
+)  # fmt: skip
+def test_scattering_in_numpy_is_that_of_pytorch(
+    seed: int, height: int, width: int, batch: int, reach: float, halves: bool
+) -> None:
+    rng = np.random.default_rng(seed)
+    motion = rng.normal(0, reach, (batch, 2, height, width)).astype(np.float32)
+    if halves:  # positions on the edges of pixels and of the image
+        motion = np.round(motion * 2) / 2
+    motion[rng.random(motion.shape) < 0.05] = rng.choice([np.nan, np.inf, 1e30])
+    depth = rng.integers(0, 4, (batch, 1, height, width)).astype(np.float32)  # many are equally near, or a miss
+    ours = geometric.scatter_forward_motion(torch.from_numpy(motion), torch.from_numpy(depth)).numpy()
+    np.testing.assert_array_equal(session.scatter_forward_motion(motion, depth), ours)
+
+
+def without(name: str) -> Callable[[dict[str, np.ndarray]], object]:
+    return lambda channels: channels.pop(name)
+
+
+def changed(name: str, change: Callable[[np.ndarray], np.ndarray]) -> Callable[[dict[str, np.ndarray]], object]:
+    return lambda channels: channels.update({name: change(channels[name])})
+
+
+@pytest.mark.parametrize(
+    ("change", "message"),
+    [
+        (without("albedo"), "channel 'albedo' is missing; it has color"),
+        (changed("depth", lambda a: a.astype(np.float64)), "channel 'depth' is float64, expected float32"),
+        (changed("color", lambda a: a.astype(np.float16)), "channel 'color' is float16, expected float32"),
+        (changed("normal", lambda a: a[:, :2]), r"'normal' is \(1, 2, 24, 36\), expected \(N, 3, H, W\)"),
+        (
+            changed("previous_forward_motion", lambda a: a.astype(np.float64)),
+            "'previous_forward_motion' is float64, expected float32",
+        ),
+        (changed("previous_forward_motion", lambda a: a[:, :1]), r"'previous_forward_motion' is \(1, 1, 24, 36\)"),
+    ],
+)
+def test_a_channel_that_does_not_fit_is_named(
+    exported: OnnxDenoiser, change: Callable[[dict[str, np.ndarray]], object], message: str
+) -> None:
+    channels = random_channels(np.random.default_rng(0))
+    change(channels)
+    with pytest.raises(NteError, match=r"frame 7: .*" + message):
+        exported.step(Frame(channels, 7), None)
+
+
+def test_a_size_that_does_not_fit(exported: OnnxDenoiser) -> None:
+    _, state = exported.step(random_frames(1)[0], None)
+    for size, batch in (((24, 40), 1), ((24, 36), 2)):
+        with pytest.raises(NteError, match=r"is \(\d, 24, \d+\) after \(1, 24, 36\): start a new sequence"):
+            exported.step(random_frames(1, size, batch)[0], state)
+    with pytest.raises(NteError, match=r"size \(15, 40\), expected at least 16"):
+        exported.step(random_frames(1, (15, 40))[0], None)
+
+
+def test_scalars_extras_and_providers_that_are_wrong(exported: OnnxDenoiser, model: Path) -> None:
+    (frame,) = random_frames(1)
+    for exposure in ([0.0], [-1.0], [np.nan], [1.0, 2.0]):
+        with pytest.raises(NteError, match=r"frame 0: exposure is .*expected a positive number"):
+            exported.step(replace(frame, exposure=np.array(exposure, np.float32)), None)
+    with pytest.raises(NteError, match="no output 'kernels'; there are image, "):
+        exported.step(frame, None, ("kernels",))
+    with pytest.raises(NteError, match=r"'AbacusExecutionProvider' is not available; there are .*CPUExecutionProvider"):
+        OnnxDenoiser(model, providers=["AbacusExecutionProvider"])
+
+
+def test_files_that_are_no_model_of_ours(model: Path, tmp_path: Path) -> None:
+    foreign = onnx.load(model)
+    for metadata in ({}, {"nte": "not JSON"}, {"nte": "[1]"}, {"nte": json.dumps({"format": "nte-onnx/9"})}):
+        onnx.helper.set_model_props(foreign, metadata)
+        onnx.save(foreign, tmp_path / "foreign.onnx")
+        with pytest.raises(NteError, match=r"foreign\.onnx: .* in the model's metadata, expected 'nte-onnx/1'"):
+            OnnxDenoiser(tmp_path / "foreign.onnx")
+    for content in (b"", b"no model", model.read_bytes()[:-500]):
+        (tmp_path / "damaged.onnx").write_bytes(content)
+        with pytest.raises(NteError, match=r"damaged\.onnx: not a readable ONNX model") as error:
+            OnnxDenoiser(tmp_path / "damaged.onnx")
+        assert "\n" not in str(error.value)
+    with pytest.raises(NteError, match=r"nowhere\.onnx: does not exist"):
+        OnnxDenoiser(tmp_path / "nowhere.onnx")
+    with pytest.raises(NteError, match=r"does not exist; expected an .onnx file"):
+        OnnxDenoiser(tmp_path)

@@ -1,0 +1,126 @@
+"""Configurations: what is typed is taken, and everything else is refused by file and key in one line."""
+
+from pathlib import Path
+
+import pytest
+
+from nte.config import load_config, to_yaml
+from nte.errors import NteError
+from nte.training.config import TrainConfig, load_train_config
+
+GOOD = "name: x\ndata:\n  clips: [a]\nphases:\n  - {steps: 3}\n"
+ROOT = Path(__file__).parents[1]
+
+
+def written(folder: Path, text: str | bytes = GOOD) -> Path:
+    path = folder / "c.yaml"
+    path.write_bytes(text if isinstance(text, bytes) else text.encode())
+    return path
+
+
+def test_file_then_overrides_over_the_defaults(tmp_path: Path) -> None:
+    config = load_train_config(
+        written(tmp_path, GOOD + "seed: 5\n"),
+        ["data.clips=[b,c]", "phases[0].steps=7", "name=run_${seed}", "optimiser.learning_rate=1e-3"],
+    )
+    assert config.data.clips == ["b", "c"]
+    assert config.phases[0].steps == 7
+    assert config.name == "run_5"
+    assert config.optimiser.learning_rate == 1e-3
+    assert config.data.frames == 9
+
+
+def test_what_is_written_is_read_again(tmp_path: Path) -> None:
+    config = load_train_config(written(tmp_path), ["network.channels=[4,8,8]", "loss.space=display"])
+    again = load_config(TrainConfig, written(tmp_path, to_yaml(config)))
+    assert again == config
+
+
+@pytest.mark.parametrize("path", sorted(ROOT.glob("configs/*.yaml")), ids=lambda path: path.name)
+def test_shipped_configurations_are_valid(path: Path) -> None:
+    assert load_train_config(path, []).name == path.stem
+
+
+def test_phases_in_epochs_or_steps(tmp_path: Path) -> None:
+    config = load_train_config(written(tmp_path), ["phases=[{epochs: 2},{steps: 5, occlusion: 0.5}]"])
+    assert [phase.length(epoch=10) for phase in config.phases] == [20, 5]
+
+
+@pytest.mark.parametrize(
+    ("override", "message"),
+    [
+        ("nope=1", "command line: 'nope': Key 'nope' not in"),
+        ("data.nope=1", "command line: 'data.nope'"),
+        ("data.frames=many", "command line: 'data.frames': Value 'many'.*Integer"),
+        ("data.frames=1.5", "command line: 'data.frames'"),
+        ("data.frames=null", "command line: 'data.frames'"),
+        ("data=3", "command line: 'data'"),
+        ("data.clips=x", "command line: 'data.clips'"),
+        ("network.channels=[8,x]", r"command line: 'network.channels\[1\]'"),
+        ("data.frames", "'data.frames': expected key=value"),
+        ("data.frames=[1", "command line: not readable as YAML: did not find expected"),
+        ("name=a: b: c", "command line: not readable as YAML: mapping values"),
+        ("loss.space=${oc.env:HOME}", "command line: 'loss.space': .* calls a resolver"),
+        ("loss.space=${nope}", "c.yaml: 'loss.space': .*'nope' not found"),
+        ("name=${name}", "c.yaml: 'name': Recursive"),
+        ("name=../x", "c.yaml: 'name' is '../x', expected the name of a folder"),
+        ("name=/x", "c.yaml: 'name' is '/x'"),
+        ("name=..", "c.yaml: 'name'"),
+        ("name=''", "c.yaml: 'name' is ''"),
+        ("seed=-1", "c.yaml: 'seed' is -1, expected 0 to"),
+        ("seed=4294967296", "c.yaml: 'seed'"),
+        ("data.batch=0", "c.yaml: 'data.batch' is 0, expected at least 1"),
+        ("data.crop=-8", "c.yaml: 'data.crop' is -8"),
+        ("data.holdout=-1", "c.yaml: 'data.holdout'"),
+        ("data.workers=-1", "c.yaml: 'data.workers'"),
+        ("data.warmup=9", "c.yaml: 'data.warmup' is 9, expected less than data.frames"),
+        ("validate_clips=0", "c.yaml: 'validate_clips'"),
+        ("log_every=0", "c.yaml: 'log_every'"),
+        ("optimiser.name=sgd", "c.yaml: 'optimiser.name' is 'sgd', expected one of adam, adamw"),
+        ("optimiser.schedule=step", "c.yaml: 'optimiser.schedule'"),
+        ("optimiser.learning_rate=.nan", "c.yaml: 'optimiser.learning_rate' is nan"),
+        ("optimiser.learning_rate=.inf", "c.yaml: 'optimiser.learning_rate' is inf"),
+        ("optimiser.ema=1.5", "c.yaml: 'optimiser.ema' is 1.5, expected 0 to 1"),
+        ("precision=16", "c.yaml: 'precision' is '16', expected one of"),
+        ("network.front=3", "c.yaml: network.front is 3"),
+        ("loss.mask_weights=[]", "c.yaml: loss.mask_weights is empty"),
+        ("loss.spatial=-1", "c.yaml: 'loss.spatial' is -1"),
+        ("phases=[]", "c.yaml: 'phases' is empty"),
+        ("phases=[{occlusion: 1}]", r"c.yaml: 'phases\[0\]' needs either"),
+        ("phases=[{epochs: 1, steps: 5}]", r"c.yaml: 'phases\[0\]' needs either"),
+        ("phases=[{epochs: -1, steps: 5}]", r"c.yaml: 'phases\[0\].epochs' is -1"),
+    ],
+)
+def test_a_wrong_override_is_named(tmp_path: Path, override: str, message: str) -> None:
+    with pytest.raises(NteError, match=message) as error:
+        load_train_config(written(tmp_path), [override])
+    assert "\n" not in str(error.value)
+
+
+@pytest.mark.parametrize(
+    ("text", "message"),
+    [
+        ("", "'data.clips' is missing: give it a value"),
+        ("42", "expected a YAML mapping"),
+        ("[1, 2]", "expected a YAML mapping"),
+        ("name: x\nseed: [1", "not readable as YAML: .* in line 3"),
+        ("name: x\nname: y\n", "duplicate key name in line 2"),
+        (b"\xff\xfe\x00", "not readable as YAML"),
+        ("name: !!python/object/apply:os.getcwd []\n", "could not determine a constructor"),
+        ("name: ${oc.env:HOME}\n" + GOOD[8:], "'name': .* calls a resolver"),
+        ("data: {clips: ['${oc.env:HOME}']}", r"'data.clips\[0\]': .* calls a resolver"),
+        (GOOD + "sed: 1\n", "'sed': Key 'sed' not in"),
+        (GOOD + "seed: one\n", "'seed': Value 'one'"),
+    ],
+)
+def test_a_wrong_file_is_named_with_its_key_or_line(tmp_path: Path, text: str | bytes, message: str) -> None:
+    with pytest.raises(NteError, match=r"c\.yaml: .*" + message) as error:
+        load_train_config(written(tmp_path, text), [])
+    assert "\n" not in str(error.value)
+
+
+def test_a_missing_file_and_a_folder(tmp_path: Path) -> None:
+    with pytest.raises(NteError, match=r"c\.yaml: cannot be read: No such file"):
+        load_train_config(tmp_path / "c.yaml", [])
+    with pytest.raises(NteError, match="cannot be read: Is a directory"):
+        load_train_config(tmp_path, [])

@@ -1,0 +1,103 @@
+"""The protocol, and running a denoiser over a sequence."""
+
+import warnings
+from collections.abc import Iterator
+from typing import Any
+
+import numpy as np
+import pytest
+import torch
+
+import nte
+from nte import Denoiser, Frame, Noisy, NteError, Result, Session, denoise
+from nte.frames.bad import BadPixelWarning
+
+
+class Counting:
+    """A denoiser whose image says how many frames its state has seen."""
+
+    needs: tuple[str, ...] = ("color",)
+    optional: tuple[str, ...] = ()
+    target = "color"
+
+    def step(self, frame: Frame, state: Any, extras: tuple[str, ...] = ()) -> tuple[Result, Any]:
+        seen = (state or 0) + 1
+        image = np.full_like(frame["color"], seen)
+        return Result(image, dict.fromkeys(extras, image)), seen
+
+
+def frames(count: int) -> list[Frame]:
+    return [Frame({"color": np.ones((1, 3, 2, 2), np.float32)}, i) for i in range(count)]
+
+
+def test_the_state_goes_from_frame_to_frame_and_two_sequences_have_two() -> None:
+    counting = Counting()
+    assert isinstance(counting, Denoiser)
+    assert [result.image[0, 0, 0, 0] for result in denoise(counting, frames(3))] == [1, 2, 3]
+    one, other = Session(counting), Session(counting)
+    one.denoise(frames(1)[0])
+    assert one.denoise(frames(1)[0]).max() == 2
+    assert other.denoise(frames(1)[0]).max() == 1
+    one.reset()
+    assert one.denoise(frames(1)[0]).max() == 1
+
+
+def test_denoising_is_lazy() -> None:
+    taken: list[int] = []
+
+    def endless() -> Iterator[Frame]:
+        for i in range(1000):
+            taken.append(i)
+            yield frames(1)[0]
+
+    results = denoise(Counting(), endless())
+    next(results)
+    next(results)
+    assert taken == [0, 1]
+
+
+def test_extras_are_handed_on() -> None:
+    result = Session(Counting()).step(frames(1)[0], ("history_length",))
+    assert result.extras["history_length"].max() == 1
+
+
+def test_a_missing_channel_is_named_before_the_denoiser_runs() -> None:
+    counting = Counting()
+    counting.needs = ("color", "albedo", "motion")
+    with pytest.raises(NteError, match="frame 4: Counting needs albedo, motion, which is missing; there is color"):
+        Session(counting).denoise(Frame({"color": np.ones((1, 3, 2, 2), np.float32)}, 4))
+
+
+def test_bad_pixels_are_reported_once_a_sequence() -> None:
+    bad = frames(3)
+    for frame in bad:
+        frame["color"][0, 0, 0, 0] = np.nan
+    session = Session(Noisy())
+    with warnings.catch_warnings(record=True) as caught:
+        warnings.simplefilter("always")
+        for frame in bad:
+            session.denoise(frame)
+        assert len(caught) == 1
+        session.reset()
+        session.denoise(bad[0])
+    assert [w.category for w in caught] == [BadPixelWarning] * 2
+
+
+def test_noisy_is_the_input() -> None:
+    (frame,) = frames(1)
+    assert Session(Noisy()).denoise(frame) is frame["color"]
+
+
+def test_results_take_the_kind_of_array_of_the_frame() -> None:
+    (frame,) = frames(1)
+    tensor = Result(torch.ones(1, 3, 2, 2, requires_grad=True), {"alpha": torch.ones(1)})
+    as_numpy = tensor.like(frame)
+    assert isinstance(as_numpy.image, np.ndarray)
+    assert isinstance(as_numpy.extras["alpha"], np.ndarray)
+    assert tensor.like(frame.torch()) is tensor
+    assert isinstance(as_numpy.like(frame.torch()).image, torch.Tensor)
+
+
+def test_the_package_offers_its_names() -> None:
+    assert set(nte.__all__) <= set(dir(nte))
+    assert nte.__version__

@@ -1,0 +1,154 @@
+"""`nte denoise` on files: linear EXR in and out, every other layer as it was, nothing lost."""
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+from PIL import Image
+
+from nte.denoiser import Noisy, Session
+from nte.errors import NteError
+from nte.filters.taa import Taa
+from nte.frames.clip import Clip, frame_path, read_frame
+from nte.frames.exr import read_layers, write_exr
+from nte.sequences import denoise_files
+from tests.synthetic import disc_clip
+
+
+def contents(folder: Path) -> dict[str, bytes]:
+    return {str(p.relative_to(folder)): p.read_bytes() for p in folder.rglob("*") if p.is_file()}
+
+
+def engine_frames(folder: Path, count: int = 3, first: int = 7) -> list[Path]:
+    """Frames as an engine writes them: float albedo, one whole reference, ids, a layer that nobody knows."""
+    rng = np.random.default_rng(0)
+    folder.mkdir(parents=True, exist_ok=True)
+    paths = [folder / f"shot.{number:04d}.exr" for number in range(first, first + count)]
+    for path in paths:
+        layers = {f"{name}.{c}": rng.random((8, 9), np.float32) for name in ("albedo", "reference") for c in "RGB"}
+        layers |= {f"color.{c}": rng.random((8, 9), np.float32).astype(np.float16) for c in "RGB"}
+        layers |= {f"{name}.{c}": np.zeros((8, 9), np.float32) for name in ("motion", "forward_motion") for c in "XY"}
+        layers |= {"crypto.ID": rng.integers(0, 2**32, (8, 9), np.uint32), "mist.V": rng.random((8, 9), np.float32)}
+        write_exr(path, layers)
+    return paths
+
+
+def test_a_clip_stays_a_clip_with_the_denoised_image_in_place_of_the_noisy(noisy_disc: Path, tmp_path: Path) -> None:
+    written = denoise_files([noisy_disc], Taa(), tmp_path / "out")
+    clip = Clip(tmp_path / "out")
+    assert written == [frame_path(clip.folder, i) for i in range(4)]
+    running = Session(Taa())
+    for frame, source in zip(clip, Clip(noisy_disc), strict=True):
+        assert set(frame.channels) == set(source.channels)
+        expected = running.denoise(source)
+        np.testing.assert_allclose(frame["color"], expected, rtol=1e-3, atol=1e-4)
+        for name in source.channels:
+            if name != "color":
+                np.testing.assert_array_equal(frame[name], source[name])
+
+
+def test_a_clip_tells_the_exposure_that_was_used(noisy_disc: Path, tmp_path: Path) -> None:
+    denoise_files([noisy_disc], Noisy(), tmp_path / "estimated")
+    denoise_files([noisy_disc], Noisy(), tmp_path / "given", exposure=2.5)
+    assert Clip(tmp_path / "given").info["exposure"] == 2.5
+    assert Clip(tmp_path / "estimated").info["exposure"] not in (1, 2.5)
+    denoise_files([tmp_path / "given"], Noisy(), tmp_path / "again")
+    assert Clip(tmp_path / "again").info["exposure"] == 2.5
+
+
+def test_every_other_layer_is_kept_bit_for_bit(tmp_path: Path) -> None:
+    paths = engine_frames(tmp_path / "in")
+    written = denoise_files(paths, Taa("none"), tmp_path / "out")
+    assert [path.name for path in written] == [path.name for path in paths]
+    for path, source in zip(written, paths, strict=True):
+        ours, theirs = read_layers(path), read_layers(source)
+        assert ours.keys() == theirs.keys()
+        for name, values in theirs.items():
+            assert ours[name].dtype == values.dtype
+            if not name.startswith("color."):
+                np.testing.assert_array_equal(ours[name], values)
+    last = read_frame(written[-1])["color"]
+    assert not np.array_equal(last, read_frame(paths[-1])["color"])
+
+
+def test_loose_frames_are_taken_in_the_order_of_their_numbers(tmp_path: Path) -> None:
+    paths = engine_frames(tmp_path / "in", count=4, first=8)  # 8, 9, 10, 11
+    ordered = denoise_files(paths, Taa("none"), tmp_path / "a")
+    shuffled = denoise_files([paths[i] for i in (2, 0, 3, 1)], Taa("none"), tmp_path / "b")
+    assert [p.name for p in ordered] == [p.name for p in shuffled] == [p.name for p in paths]
+    assert contents(tmp_path / "a") == contents(tmp_path / "b")
+    assert not (tmp_path / "a" / "clip.json").exists()
+
+
+def test_pictures_beside_the_frames(noisy_disc: Path, tmp_path: Path) -> None:
+    written = denoise_files([noisy_disc], Noisy(), tmp_path / "out", png=True)
+    for path in written:
+        with Image.open(path.with_suffix(".png")) as picture:
+            assert picture.size == (40, 24)
+
+
+def test_nothing_is_overwritten_without_force(noisy_disc: Path, tmp_path: Path) -> None:
+    out = tmp_path / "out"
+    denoise_files([noisy_disc], Noisy(), out, png=True)
+    before = contents(out)
+    frame = engine_frames(tmp_path / "in", count=1)
+    for sources, png, named in (
+        ([noisy_disc], False, r"frame_0000\.exr"),
+        (frame, False, r"clip\.json"),  # another clip lives there
+    ):
+        with pytest.raises(NteError, match=f"{named}: exists: choose another folder, or overwrite it with --force"):
+            denoise_files(sources, Noisy(), out, png=png)
+    loose = tmp_path / "loose"
+    loose.mkdir()
+    (loose / "shot.0007.png").write_bytes(b"mine")
+    with pytest.raises(NteError, match=r"shot\.0007\.png: exists"):
+        denoise_files(frame, Noisy(), loose, png=True)
+    assert contents(out) == before
+    denoise_files([noisy_disc], Taa(), out, force=True)
+    assert contents(out) != before
+
+
+def test_the_noisy_frames_themselves_are_never_overwritten(tmp_path: Path) -> None:
+    clip = disc_clip(tmp_path / "clip", frames=2)
+    before = contents(clip)
+    (tmp_path / "link").symlink_to(clip)
+    for out in (clip, tmp_path / "link"):
+        with pytest.raises(NteError, match="holds the noisy frames themselves: choose another folder"):
+            denoise_files([clip], Noisy(), out, force=True)
+    assert contents(clip) == before
+
+
+def test_a_mistake_does_not_touch_what_was_there_even_with_force(noisy_disc: Path, tmp_path: Path) -> None:
+    out = tmp_path / "out"
+    denoise_files([noisy_disc], Noisy(), out)
+    before = contents(out)
+    bare = tmp_path / "bare"
+    disc_clip(bare, frames=2)
+    frame_path(bare, 0).write_bytes(frame_path(bare, 0).read_bytes()[:300])
+    denoiser = Noisy()
+    denoiser.needs = ("color", "glossy")
+    for sources, what in (([bare], Noisy()), ([noisy_disc], denoiser), ([tmp_path / "frame_0000.exr"], Noisy())):
+        with pytest.raises(NteError):
+            denoise_files(sources, what, out, force=True)
+    assert contents(out) == before
+
+
+def test_what_does_not_fit_is_named(noisy_disc: Path, tmp_path: Path) -> None:
+    paths = engine_frames(tmp_path / "in", count=4)
+    out = tmp_path / "out"
+    other = engine_frames(tmp_path / "other", count=1)
+    write_exr(tmp_path / "big.0008.exr", {f"color.{c}": np.ones((9, 9), np.float32) for c in "RGB"})
+    write_exr(tmp_path / "strange.exr", {"mist.V": np.ones((9, 9), np.float32)})
+    for sources, exposure, message in (
+        ([paths[0], paths[2]], None, r"shot\.0009\.exr: follows number 7: frame 8 is missing"),
+        ([paths[0], paths[0]], None, r"shot\.0007\.exr: .*two frames have this name|named twice"),
+        ([*paths[:1], *other], None, "two frames have this name|named twice"),
+        ([paths[0], tmp_path / "big.0008.exr"], None, r"big\.0008\.exr: 9x9 after 9x8: frames must have one size"),
+        ([tmp_path / "strange.exr"], None, r"strange\.exr: has no channel of ours"),
+        ([tmp_path / "nowhere.exr"], None, r"nowhere\.exr: cannot be read: No such file"),
+        ([tmp_path], None, "no clip.json: the clip is not finished; expected a folder"),
+        ([noisy_disc, noisy_disc], None, "two frames have this name|Is a directory"),
+        *((paths, bad, "exposure is .*, expected a positive number") for bad in (0.0, -1.0, np.nan, np.inf)),
+    ):
+        with pytest.raises(NteError, match=message):
+            denoise_files(sources, Noisy(), out, exposure=exposure)

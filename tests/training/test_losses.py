@@ -1,0 +1,135 @@
+"""Eqs. 5 and 6 with numbers that can be checked by hand."""
+
+import pytest
+import torch
+from torch import Tensor, nn
+
+from nte.color import display
+from nte.denoiser import Result
+from nte.errors import NteError
+from nte.frames.frame import Frame
+from nte.models.temporal import TemporalState
+from nte.training.batch import Batch
+from nte.training.losses import LossConfig, SequenceLoss, occlusion_loss, to_space
+
+LINEAR = LossConfig(space="linear")
+
+
+class Painter(nn.Module):
+    """A stand-in for the network: its image is `color`, its mask the first component of `normal`."""
+
+    def step(
+        self, frame: Frame, state: TemporalState | None, extras: tuple[str, ...]
+    ) -> tuple[Result, TemporalState]:
+        color = frame["color"]
+        state = TemporalState(color, color[:, :1], frame.exposure, frame.depth_scale)  # type: ignore[arg-type]
+        return Result(color, {"disoccluded": frame["normal"][:, :1]}), state
+
+
+def batch(images: list[float], references: list[float], masks: list[float] | None = None) -> Batch:
+    """A frame per number: a constant image, a constant reference and a constant mask."""
+
+    def constant(value: float) -> Tensor:
+        return torch.full((1, 3, 2, 2), value)
+
+    scalars = {"exposure": torch.ones(1), "depth_scale": torch.ones(1)}
+    return [
+        {"color": constant(i), "reference": constant(r), "albedo": constant(0.5), "normal": constant(m)} | scalars
+        for i, r, m in zip(images, references, masks or [0.0] * len(images), strict=True)
+    ]
+
+
+def loss(config: LossConfig, frames: Batch, occlusion: float = 0.0, warmup: int = 0) -> tuple[float, dict[str, float]]:
+    total, parts = SequenceLoss(Painter(), config)(frames, occlusion, warmup)  # type: ignore[arg-type]
+    return total.item(), {name: part.item() for name, part in parts.items()}
+
+
+def test_spatial_and_temporal_loss_by_hand() -> None:
+    # |I − R| = 1, 3, 1 and the changes of I − R are 4 and 2; the first frame has no temporal loss.
+    total, parts = loss(LINEAR, batch([3, 4, 9], [2, 7, 10]))
+    assert parts == pytest.approx({"spatial": 5 / 3, "temporal": 6 / 2})
+    assert total == pytest.approx((5 + 6) / 3)
+
+
+def test_one_frame_has_no_temporal_loss() -> None:
+    assert loss(LINEAR, batch([3], [2])) == (1, {"spatial": 1})
+
+
+def test_weights_scale_their_parts() -> None:
+    config = LossConfig(space="linear", spatial=10.0, temporal=0.5, irradiance=2.0)
+    total, parts = loss(config, batch([3, 4], [2, 7]))
+    assert parts == pytest.approx({"spatial": 2, "temporal": 4, "irradiance": 2 / 0.5})
+    assert total == pytest.approx((10 * 4 + 0.5 * 4 + 2 * 8) / 2)
+
+
+def test_warm_up_frames_are_not_counted_but_are_the_past_of_the_first_that_is() -> None:
+    total, parts = loss(LINEAR, batch([100, 4, 9], [2, 7, 10]), warmup=1)
+    assert parts == pytest.approx({"spatial": 2, "temporal": (101 + 2) / 2})
+    assert total == pytest.approx((3 + 1 + 101 + 2) / 2)
+
+
+def test_masks_of_three_frames_weigh_the_occlusion_loss() -> None:
+    # Σ w_k M_k with w = 1, 0.8, 0.6. An earlier mask that is missing is the frame's own:
+    # frame 0: 1·(1 + 0.8 + 0.6); frame 1: 0·1 + 1·0.8 + 0·0.6; frame 2: 0 + 0 + 0.6; frame 3: 0.
+    frames = batch([1, 1, 1, 1], [0, 0, 0, 0], masks=[1, 0, 0, 0])
+    _, parts = loss(LINEAR, frames, occlusion=1.0)
+    assert parts["occlusion"] == pytest.approx((2.4 + 0.8 + 0.6) / 4)
+
+
+def test_masks_of_warm_up_frames_are_remembered() -> None:
+    frames = batch([1, 1], [0, 0], masks=[1, 0])
+    _, parts = loss(LINEAR, frames, occlusion=1.0, warmup=1)
+    assert parts["occlusion"] == pytest.approx(0.8)
+
+
+def test_the_phase_and_the_configuration_both_weigh_the_occlusion_loss() -> None:
+    frames = batch([1], [0], masks=[1])
+    for configured, phase in ((1.0, 0.5), (0.5, 1.0), (0.25, 2.0)):
+        total, _ = loss(LossConfig(space="linear", occlusion=configured), frames, occlusion=phase)
+        assert total == pytest.approx(1 + 0.5 * 2.4)
+    assert "occlusion" not in loss(LINEAR, frames, occlusion=0.0)[1]
+
+
+def test_the_occlusion_loss_grows_with_the_mask_unless_it_is_normalised() -> None:
+    image, reference = torch.zeros(2, 3, 2, 4), torch.ones(2, 3, 2, 4)
+    reference[..., 1:] = 3
+    mask = torch.zeros(2, 1, 2, 4)
+    assert occlusion_loss(image, reference, mask, normalise=False) == 0
+    assert occlusion_loss(image, reference, mask, normalise=True) == 0
+    mask[..., 0] = 2
+    assert occlusion_loss(image, reference, mask, normalise=False) == 2 * 1 / 4
+    torch.testing.assert_close(occlusion_loss(image, reference, mask, normalise=True), torch.tensor(1.0))
+    mask[1] = 0  # a sequence without hidden pixels adds nothing
+    torch.testing.assert_close(occlusion_loss(image, reference, mask, normalise=True), torch.tensor(0.5))
+
+
+def test_spaces() -> None:
+    radiance, exposure = torch.rand(2, 3, 4, 5) * 10, torch.tensor([0.5, 2.0])
+    exposed = radiance * exposure.view(2, 1, 1, 1)
+    torch.testing.assert_close(to_space(radiance, exposure, "linear"), exposed)
+    torch.testing.assert_close(to_space(radiance, exposure, "log"), (1 + exposed).log())
+    torch.testing.assert_close(to_space(radiance, exposure, "display"), display(radiance, exposure))
+    brighter = to_space(radiance * 4, exposure / 4, "log")
+    torch.testing.assert_close(brighter, to_space(radiance, exposure, "log"))
+
+
+@pytest.mark.parametrize("space", ["linear", "log", "display"])
+def test_a_perfect_image_costs_nothing_in_any_space(space: str) -> None:
+    config = LossConfig(space=space, irradiance=1.0)
+    total, _ = loss(config, batch([3, 5], [3, 5], masks=[1, 1]), occlusion=1.0)
+    assert total == 0
+
+
+def test_gradients_are_finite_in_every_space_even_in_the_dark() -> None:
+    for space in ("linear", "log", "display"):
+        image = torch.tensor([0.0, 1e-6, 1.0, 1e6]).view(1, 1, 2, 2).expand(1, 3, 2, 2).clone().requires_grad_()
+        to_space(image, torch.ones(1), space).sum().backward()
+        assert image.grad is not None
+        assert image.grad.isfinite().all()
+
+
+def test_a_configuration_that_makes_no_loss() -> None:
+    with pytest.raises(NteError, match=r"loss.space is 'srgb'"):
+        LossConfig(space="srgb").check()
+    with pytest.raises(NteError, match=r"loss.mask_weights is empty"):
+        LossConfig(mask_weights=[]).check()

@@ -1,0 +1,115 @@
+"""Killed at any moment, interrupted, resumed: the run ends as if nothing had happened. With real processes."""
+
+import os
+import random
+import signal
+import subprocess
+import time
+from pathlib import Path
+
+import pytest
+
+from nte.training.loop import train
+from tests.training.runs import assert_same_run, checkpoint, config_file, metrics, start, tiny_config
+
+pytestmark = pytest.mark.slow
+LONG = "phases=[{steps: 12}, {steps: 8, occlusion: 0.5}]"
+
+
+@pytest.fixture(scope="module")
+def undisturbed(tmp_path_factory: pytest.TempPathFactory, noisy_disc: Path) -> Path:
+    """A run of 20 steps in this process, which is also one with a history. Only to be read."""
+    return train(tiny_config(tmp_path_factory.mktemp("undisturbed"), noisy_disc, LONG), device="cpu")
+
+
+def wait_for_step(process: "subprocess.Popen[str]", step: int) -> None:
+    """Return when the process says that it has done a step."""
+    assert process.stdout is not None
+    for line in process.stdout:
+        if line.startswith(f"step {step}:"):
+            return
+    raise AssertionError(f"ended before step {step}: {process.communicate()}")
+
+
+def stop(process: "subprocess.Popen[str]", number: signal.Signals) -> tuple[str, str]:
+    """Send a signal to the process and its workers; returns what it still says on stdout and stderr."""
+    os.killpg(process.pid, number)
+    return process.communicate(timeout=60)
+
+
+def finish(path: Path, *overrides: str) -> None:
+    process = start(path, LONG, "resume=true", *overrides)
+    _, errors = process.communicate(timeout=120)
+    assert process.returncode == 0, errors
+
+
+def test_killed_at_random_moments_and_again_while_resuming(
+    undisturbed: Path, tmp_path: Path, noisy_disc: Path
+) -> None:
+    path, run = config_file(tmp_path, noisy_disc), tmp_path / "runs" / "tiny"
+    process = start(path, LONG)
+    wait_for_step(process, 1)  # before the first checkpoint
+    stop(process, signal.SIGKILL)
+    assert process.returncode == -signal.SIGKILL
+    reached = 0
+    rng = random.Random()  # another moment in every run of this test: each must do
+    for _ in range(4):
+        process = start(path, LONG, "resume=true")
+        # A step takes about 20 ms: the kill falls between steps, inside one, into a checkpoint or a validation.
+        wait_for_step(process, reached + rng.randint(1, 4))
+        time.sleep(rng.uniform(0, 0.05))
+        stop(process, signal.SIGKILL)
+        reached = int(str(checkpoint(run)["step"])) if (run / "checkpoint.safetensors").exists() else 0
+        assert reached % 2 == 0
+        if reached > 14:
+            break
+    finish(path)
+    assert_same_run(run, undisturbed)
+    assert not list(run.glob(".*"))
+
+
+def test_ctrl_c_stops_after_the_step_and_can_be_resumed(undisturbed: Path, tmp_path: Path, noisy_disc: Path) -> None:
+    path, run = config_file(tmp_path, noisy_disc), tmp_path / "runs" / "tiny"
+    process = start(path, LONG, "data.workers=2", launcher=("-m", "nte", "train"))
+    wait_for_step(process, 3)
+    output, errors = stop(process, signal.SIGINT)
+    assert process.returncode == 0, errors
+    assert "Traceback" not in errors
+    done = checkpoint(run)["step"]
+    assert f"stopped after step {done} of 20; continue with resume=true" in output
+    assert [line["step"] for line in metrics(run) if "loss" in line] == list(range(1, int(str(done)) + 1))
+    finish(path, "data.workers=2")
+    assert_same_run(run, undisturbed)
+
+
+def test_no_space_for_the_checkpoint_is_one_line(tmp_path: Path, noisy_disc: Path) -> None:
+    # A file may not grow beyond 8 KiB: the same failure as a full disk, without one.
+    limited = (
+        "import resource, runpy, sys; resource.setrlimit(resource.RLIMIT_FSIZE, (8192, 8192)); "
+        "runpy.run_path('train.py', run_name='__main__')"
+    )
+    process = start(config_file(tmp_path, noisy_disc), launcher=("-c", limited))
+    _, errors = process.communicate(timeout=60)
+    assert process.returncode == 2, errors
+    lines = [line for line in errors.splitlines() if line.startswith("nte:")]
+    assert len(lines) == 1
+    assert "checkpoint.safetensors: cannot be written" in lines[0]
+    assert "Traceback" not in errors
+    run = tmp_path / "runs" / "tiny"
+    assert not [file for file in run.iterdir() if file.name.endswith(".tmp") or file.name.startswith("checkpoint")]
+
+
+def test_two_processes_train_one_network_and_one_of_them_writes(tmp_path: Path, noisy_disc: Path) -> None:
+    torchrun = ("-m", "torch.distributed.run", "--standalone", "--nproc_per_node=2", "train.py")
+    process = start(config_file(tmp_path, noisy_disc), "data.batch=1", launcher=torchrun)
+    output, errors = process.communicate(timeout=120)
+    assert process.returncode == 0, errors
+    run = tmp_path / "runs" / "tiny"
+    assert [line["step"] for line in metrics(run) if "loss" in line] == list(range(1, 9))
+    assert len(list(run.glob("events.*"))) == 1
+    assert output.count("step 8: loss") == 1
+    # Each process contributes a sequence of its own: neither alone would have come here.
+    alone = train(tiny_config(tmp_path, noisy_disc, "data.batch=1", "name=alone"), device="cpu")
+    weight = "denoiser.unet.encoders.0.0.weight"
+    assert checkpoint(run)["step"] == "8"
+    assert not (checkpoint(run)[weight] == checkpoint(alone)[weight]).all()

@@ -1,0 +1,228 @@
+"""A run in this process: what it leaves behind, repeats, continues and refuses."""
+
+import json
+import re
+import shutil
+from collections.abc import Callable
+from pathlib import Path
+
+import numpy as np
+import pytest
+import torch
+from safetensors.torch import load_file, save_file
+
+from nte.errors import NteError
+from nte.frames.clip import Clip, read_frame
+from nte.training.config import OptimiserConfig
+from nte.training.loop import learning_rate, train
+from nte.training.run import load_run
+from tests.synthetic import write_clip
+from tests.training.runs import TIMINGS, assert_same_run, checkpoint, metrics, tiny_config
+
+
+@pytest.fixture(scope="module")
+def finished(tmp_path_factory: pytest.TempPathFactory, noisy_disc: Path) -> Path:
+    """A run of 8 steps that nothing disturbed. Only to be read."""
+    folder = tmp_path_factory.mktemp("finished")
+    return train(tiny_config(folder, noisy_disc), device="cpu")
+
+
+def copied(finished: Path, folder: Path) -> Path:
+    """The finished run once more, where `tiny_config(folder, …)` expects it."""
+    return Path(shutil.copytree(finished, folder / "runs" / "tiny"))
+
+
+def contents(folder: Path) -> dict[str, bytes]:
+    return {path.name: path.read_bytes() for path in folder.iterdir()}
+
+
+def test_a_run_folder_says_everything_about_its_run(finished: Path, noisy_disc: Path) -> None:
+    names = sorted(re.sub("tfevents.*", "tfevents", path.name) for path in finished.iterdir())
+    assert names == ["checkpoint.safetensors", "config.yaml", "events.out.tfevents", "metrics.jsonl", "versions.json"]
+    assert json.loads((finished / "versions.json").read_text())["torch"] == torch.__version__
+    assert str(noisy_disc) in (finished / "config.yaml").read_text()
+    assert checkpoint(finished)["step"] == "8"
+
+
+def test_the_log_has_losses_validation_and_what_training_costs(finished: Path) -> None:
+    lines = [json.loads(line) for line in (finished / "metrics.jsonl").read_text().splitlines()]
+    steps = [line for line in lines if "loss" in line]
+    assert [line["step"] for line in steps] == list(range(1, 9))
+    for line in steps:
+        assert {"loss", "spatial", "temporal", "learning_rate", *TIMINGS} <= line.keys()
+        assert ("occlusion" in line) == (line["step"] > 4)
+        assert 0 <= line["loader_wait"] <= 1
+    assert [line["step"] for line in lines if "validation_psnr" in line] == [4, 8]
+
+
+def test_the_same_seed_gives_the_same_weights_and_another_seed_others(
+    finished: Path, tmp_path: Path, noisy_disc: Path
+) -> None:
+    assert_same_run(train(tiny_config(tmp_path, noisy_disc), device="cpu"), finished)
+    other = train(tiny_config(tmp_path, noisy_disc, "seed=2", "name=other"), device="cpu")
+    name = "denoiser.unet.encoders.0.0.weight"
+    assert not torch.equal(checkpoint(other)[name], checkpoint(finished)[name])
+
+
+@pytest.mark.slow
+def test_training_learns(tmp_path: Path, noisy_disc: Path) -> None:
+    # Noise that is wanted: kernels that average, as they do in the beginning, are the wrong ones.
+    frames = [read_frame(noisy_disc / f"frame_{i:04d}.exr") for i in range(4)]
+    clip = write_clip(tmp_path / "clip", [frame | {"reference": frame["color"]} for frame in frames])
+    errors = []
+    for steps in (1, 60):
+        config = tiny_config(tmp_path, clip, f"phases=[{{steps: {steps}}}]", f"name=run{steps}", "optimiser.ema=0")
+        errors.append(metrics(train(config, device="cpu"))[-1]["validation_l1"])
+    assert errors[1] < 0.5 * errors[0]
+
+
+def test_a_loaded_run_is_its_moving_average(finished: Path, tmp_path: Path, noisy_disc: Path) -> None:
+    state = checkpoint(finished)
+    name = "unet.encoders.0.0.weight"
+    loaded = load_run(finished)
+    assert torch.equal(loaded.state_dict()[name], state[f"average.module.{name}"])
+    assert not torch.equal(state[f"average.module.{name}"], state[f"denoiser.{name}"])
+    assert not any(parameter.requires_grad for parameter in loaded.parameters())
+    plain = train(tiny_config(tmp_path, noisy_disc, "optimiser.ema=0", "phases=[{steps: 1}]"), device="cpu")
+    assert torch.equal(load_run(plain).state_dict()[name], checkpoint(plain)[f"denoiser.{name}"])
+
+
+def test_a_finished_run_can_be_resumed_without_a_change_wherever_it_lies(
+    finished: Path, tmp_path: Path, noisy_disc: Path
+) -> None:
+    run = copied(finished, tmp_path)
+    train(tiny_config(tmp_path, noisy_disc, "resume=true"), device="cpu")
+    assert_same_run(run, finished)
+
+
+def test_bfloat16_trains(tmp_path: Path, noisy_disc: Path) -> None:
+    run = train(tiny_config(tmp_path, noisy_disc, "precision=bf16-mixed", "phases=[{steps: 2}]"), device="cpu")
+    weights = checkpoint(run)["denoiser.unet.encoders.0.0.weight"]
+    assert weights.dtype == torch.float32
+    assert weights.isfinite().all()
+
+
+def test_what_exists_is_not_touched(finished: Path, tmp_path: Path, noisy_disc: Path) -> None:
+    run = copied(finished, tmp_path)
+    before = contents(run)
+    with pytest.raises(NteError, match="tiny: exists: continue it with resume=true, or overwrite it with --force"):
+        train(tiny_config(tmp_path, noisy_disc), device="cpu")
+    for override, message in (
+        ("seed=3", "another configuration: 'seed' is 1 there and 3 here"),
+        ("network.channels=[4,6]", r"'network.channels' is \[4, 4\] there and \[4, 6\] here"),
+        ("phases=[{steps: 9}]", "'phases' is"),
+    ):
+        with pytest.raises(NteError, match=message):
+            train(tiny_config(tmp_path, noisy_disc, "resume=true", override), device="cpu")
+    (run / "notes.txt").write_text("mine")
+    with pytest.raises(NteError, match=r"notes.txt: not a file of a run: .* nothing was overwritten"):
+        train(tiny_config(tmp_path, noisy_disc), force=True, device="cpu")
+    (run / "notes.txt").unlink()
+    assert contents(run) == before
+
+
+def test_force_starts_anew_even_over_what_a_killed_process_left(
+    finished: Path, tmp_path: Path, noisy_disc: Path
+) -> None:
+    run = copied(finished, tmp_path)
+    (run / ".checkpoint.safetensors.0123abcd.tmp").write_bytes(b"half a checkpoint")
+    assert_same_run(train(tiny_config(tmp_path, noisy_disc), force=True, device="cpu"), finished)
+    assert not list(run.glob(".*"))
+
+
+def test_resume_cleans_up_and_begins_what_had_hardly_begun(finished: Path, tmp_path: Path, noisy_disc: Path) -> None:
+    run = tmp_path / "runs" / "tiny"
+    run.mkdir(parents=True)
+    (run / "versions.json").write_text("{}")
+    (run / ".config.yaml.0123abcd.tmp").write_text("name: ti")
+    train(tiny_config(tmp_path, noisy_disc, "resume=true"), device="cpu")
+    assert_same_run(run, finished)
+    assert not list(run.glob(".*"))
+
+
+def test_resume_forgets_what_was_logged_after_the_checkpoint(finished: Path, tmp_path: Path, noisy_disc: Path) -> None:
+    run = copied(finished, tmp_path)
+    with (run / "metrics.jsonl").open("a") as file:
+        file.write('{"step": 9, "loss": 1}\n{"step": 10, "lo')
+    train(tiny_config(tmp_path, noisy_disc, "resume=true"), device="cpu")
+    assert metrics(run) == metrics(finished)
+
+
+def damage(path: Path, change: Callable[[dict[str, torch.Tensor]], object]) -> None:
+    state = load_file(path)
+    change(state)
+    save_file(state, path, metadata={"step": "8"})
+
+
+WEIGHT = "denoiser.unet.encoders.0.0.weight"
+
+
+@pytest.mark.parametrize(
+    ("change", "message"),
+    [
+        (lambda s: s.pop(WEIGHT), "does not fit the configuration: 'unet.encoders.0.0.weight' is nothing"),
+        (lambda s: s.update({WEIGHT: torch.ones(2)}), r"'unet.encoders.0.0.weight' is \(2,\), expected"),
+        (lambda s: s.update({"denoiser.more": torch.ones(2)}), "'more' has no place in the network"),
+        (lambda s: s.pop("average.module.unet.encoders.0.0.bias"), "'module.unet.encoders.0.0.bias' is nothing"),
+        (lambda s: [s.pop(name) for name in list(s) if name.startswith("optimiser.3.")], "no optimiser state of .* 3"),
+        (lambda s: s.pop("random.torch"), "'random.torch' is missing"),
+    ],
+)
+def test_a_checkpoint_that_does_not_fit_is_refused(
+    finished: Path, tmp_path: Path, noisy_disc: Path, change: Callable[[dict[str, torch.Tensor]], object], message: str
+) -> None:
+    config = tiny_config(tmp_path, noisy_disc, "resume=true")
+    run = copied(finished, tmp_path)
+    damage(run / "checkpoint.safetensors", change)
+    before = contents(run)
+    with pytest.raises(NteError, match=r"checkpoint.safetensors: .*" + message):
+        train(config, device="cpu")
+    assert contents(run) == before
+
+
+@pytest.mark.parametrize("damaged", [b"", b"not safetensors", None])
+def test_a_damaged_checkpoint_is_refused(finished: Path, tmp_path: Path, damaged: bytes | None) -> None:
+    (tmp_path / "config.yaml").write_bytes((finished / "config.yaml").read_bytes())
+    with pytest.raises(NteError, match=r"checkpoint.safetensors: missing: .* not reached its first checkpoint"):
+        load_run(tmp_path)
+    whole = (finished / "checkpoint.safetensors").read_bytes()
+    (tmp_path / "checkpoint.safetensors").write_bytes(whole[:-100] if damaged is None else damaged)
+    with pytest.raises(NteError, match=r"checkpoint.safetensors: not a checkpoint of ours, or damaged") as error:
+        load_run(tmp_path)
+    assert "\n" not in str(error.value)
+
+
+def test_what_is_no_run_and_what_cannot_be_written(tmp_path: Path, noisy_disc: Path) -> None:
+    with pytest.raises(NteError, match=r"config.yaml is missing"):
+        load_run(tmp_path)
+    (tmp_path / "runs").write_text("a file in the way")
+    with pytest.raises(NteError, match=r"runs.*: cannot be made a folder"):
+        train(tiny_config(tmp_path, noisy_disc), device="cpu")
+
+
+def test_a_loss_that_is_not_finite_stops_before_the_checkpoint(tmp_path: Path, noisy_disc: Path) -> None:
+    frames = [read_frame(noisy_disc / f"frame_{i:04d}.exr") for i in range(4)]
+    for frame in frames:
+        frame["reference"][:, 12, 20] = np.nan
+    clip = write_clip(tmp_path / "clip", frames)
+    with pytest.raises(NteError, match="step 0: the loss is nan"):
+        train(tiny_config(tmp_path, clip, "data.crop=24"), device="cpu")
+    assert not (tmp_path / "runs" / "tiny" / "checkpoint.safetensors").exists()
+    assert len(Clip(clip)) == 4
+
+
+@pytest.mark.parametrize("device", ["cuda", "abacus", "cuda:7"])
+def test_a_device_that_is_not_there(tmp_path: Path, noisy_disc: Path, device: str) -> None:
+    if torch.cuda.is_available():
+        pytest.skip("it is there")
+    with pytest.raises(NteError, match=f"--device {device}: "):
+        train(tiny_config(tmp_path, noisy_disc), device=device)
+
+
+def test_the_learning_rate_is_a_function_of_the_step() -> None:
+    cosine = OptimiserConfig(learning_rate=2.0, schedule="cosine", warmup_steps=4)
+    rates = [learning_rate(cosine, step, 100) for step in range(100)]
+    assert rates[:2] == pytest.approx([0.5, 1.0], rel=1e-2)
+    assert rates[50] == pytest.approx(1.0)
+    assert rates[99] < 0.001
+    assert learning_rate(OptimiserConfig(learning_rate=2.0), 99, 100) == 2.0
