@@ -13,10 +13,9 @@ from nte.render.backend import load_mitsuba, share_cores
 from nte.render.components import check_components, noisy, references
 from nte.render.integrator import guides, radiance
 from nte.render.output import claim, files_of, is_whole
-from nte.render.recipe import ClipPlan, plan, read_recipe
+from nte.render.recipe import ClipPlan, make_scene, plan, read_recipe
 from nte.render.scene import Pixels
-from nte.render.scenes import FAMILIES
-from nte.render.seeds import derive_generator, derive_seed
+from nte.render.seeds import derive_seed
 from nte.render.stage import Stage
 
 FPS = 24
@@ -66,8 +65,7 @@ def render_clip(unit: ClipPlan, out: Path, advance: Callable[[int], None] = lamb
     if not missing and (folder / "clip.json").is_file():
         return
     (folder / "clip.json").unlink(missing_ok=True)  # the clip is not finished, so nothing may say it is
-    scene = FAMILIES[group.scene](derive_generator(unit.seed, unit.name, "scene"))
-    stage = Stage(scene, group.width, group.height, group.max_depth)
+    stage = Stage(make_scene(unit), group.width, group.height, group.max_depth)
     for index in missing:
         _render_frame(unit, stage, folder, index)
         advance(1)

@@ -2,13 +2,16 @@
 
 from dataclasses import dataclass, field
 from pathlib import Path
+from typing import Any
 
 from omegaconf import MISSING
 
 import nte
 from nte.config import load_config, to_yaml
 from nte.errors import NteError
+from nte.render.scene import Scene
 from nte.render.scenes import FAMILIES
+from nte.render.seeds import derive_generator
 
 SPLITS = ("train", "test")
 _AT_LEAST = {
@@ -21,6 +24,7 @@ class Group:
     """Clips of one kind."""
 
     scene: str = "rooms"  # family of scenes
+    parameters: dict[str, Any] = field(default_factory=dict)  # of the family, by name; datasets/SCENES.md lists them
     clips: int = MISSING
     width: int = 128  # pixels
     height: int = 128
@@ -58,6 +62,12 @@ class ClipPlan:
         return f"{self.split}/{self.group.scene}_{self.number:03d}"
 
 
+def make_scene(unit: ClipPlan) -> Scene:
+    """The scene of a clip: the same whenever and wherever it is asked for."""
+    rng = derive_generator(unit.seed, unit.name, "scene")
+    return FAMILIES[unit.group.scene](rng, unit.split, unit.group.parameters)
+
+
 def read_recipe(path: Path) -> Recipe:
     """Read and check a recipe. Raises NteError that names the file and the key, with what was expected."""
     recipe = load_config(Recipe, path)
@@ -89,6 +99,10 @@ def plan(recipe: Recipe) -> list[ClipPlan]:
 def _check(where: str, group: Group) -> None:
     if group.scene not in FAMILIES:
         raise NteError(f"{where}.scene is '{group.scene}': expected one of {', '.join(FAMILIES)}")
+    try:
+        FAMILIES[group.scene].read(group.parameters)
+    except NteError as error:
+        raise NteError(f"{where}.parameters: scene '{group.scene}': {error}") from error
     for key, least in _AT_LEAST.items():
         if (value := getattr(group, key)) < least:
             raise NteError(f"{where}.{key} is {value}: expected at least {least}")

@@ -1,5 +1,6 @@
 """What an animated scene is: meshes with materials that move, area lights, and a camera. No Mitsuba here."""
 
+from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Literal
 
@@ -10,7 +11,7 @@ from nte.render.transforms import Floats, Track, transform_directions, transform
 
 Pixels = npt.NDArray[np.float32]
 Colour = tuple[float, float, float]
-Surface = Literal["diffuse", "glossy", "metal"]
+Surface = Literal["diffuse", "glossy", "metal", "glass"]
 
 NEAR, FAR = 0.01, 1000.0  # clipping planes of every camera, scene units
 DISTANT = 1e5  # scene units: where a point at infinity is put, when it has to be a point
@@ -33,8 +34,8 @@ class Mesh:
 class Material:
     """How a surface looks: `color` (H, W, 3) is a periodic texture in [0, 1], linear; (1, 1, 3) is plain.
 
-    It is the diffuse reflectance, and the specular colour of a metal. roughness: perceptual, in [0, 1];
-    1 for diffuse.
+    It is the diffuse reflectance, the specular colour of a metal, and what glass lets through. roughness:
+    perceptual, in [0, 1]; 1 for diffuse.
     """
 
     color: Pixels
@@ -46,7 +47,7 @@ class Material:
 class SceneObject:
     """A rigid mesh on a track; an area light where `radiance` is given.
 
-    All that the renderer asks is `at(time)`: an object that deforms is another class with the same method.
+    All that the renderer asks is `at(time)`.
     """
 
     mesh: Mesh
@@ -59,6 +60,20 @@ class SceneObject:
         matrix = self.track(time)
         positions = transform_points(matrix, self.mesh.positions)
         return positions, transform_directions(matrix, self.mesh.normals)
+
+
+@dataclass(frozen=True)
+class DeformingObject:
+    """A mesh whose vertices each go their own way; `mesh` gives faces and uv, and the vertices' number."""
+
+    mesh: Mesh
+    material: Material
+    shape: Callable[[float], tuple[Floats, Floats]]  # time in frames → world positions and normals (V, 3)
+    radiance: Colour | None = None
+
+    def at(self, time: float) -> tuple[Floats, Floats]:
+        """World positions and normals (V, 3) of the vertices at a time in frames."""
+        return self.shape(time)
 
 
 @dataclass(frozen=True)
@@ -88,8 +103,12 @@ class Camera:
 
 @dataclass(frozen=True)
 class Scene:
-    """Objects and a camera, and light from all around. The instance number of objects[i] is i + 1."""
+    """Objects and a camera. The instance number of objects[i] is i + 1.
 
-    objects: tuple[SceneObject, ...]
+    environment: radiance from infinitely far, linear: the same from everywhere, or (H, W, 3) with rows from
+    straight up to straight down and columns from −z over +x, +z and −x (kit.sky makes one).
+    """
+
+    objects: tuple[SceneObject | DeformingObject, ...]
     camera: Camera
-    environment: Colour | None = None  # radiance
+    environment: Colour | Pixels | None = None

@@ -9,7 +9,7 @@ import numpy as np
 import numpy.typing as npt
 
 from nte.render.backend import load_mitsuba
-from nte.render.scene import FAR, NEAR, Material, Scene, SceneObject
+from nte.render.scene import FAR, NEAR, DeformingObject, Material, Scene, SceneObject
 
 
 class Stage:
@@ -26,8 +26,8 @@ class Stage:
             "type": "scene",
             "integrator": {"type": "path", "max_depth": max_depth},
             "sensor": _sensor(scene, width, height),
+            **_environment(mi, scene),
             **self.meshes,
-            **_environment(scene),
         })  # fmt: skip
         self.sensor: Any = self.mi_scene.sensors()[0]
         # What light components see beyond the first hit (nte.render.components).
@@ -57,13 +57,16 @@ def _sensor(scene: Scene, width: int, height: int) -> dict[str, Any]:
     }  # fmt: skip
 
 
-def _environment(scene: Scene) -> dict[str, Any]:
-    if scene.environment is None:
+def _environment(mi: Any, scene: Scene) -> dict[str, Any]:
+    given = scene.environment
+    if given is None:
         return {}
-    return {"environment": {"type": "constant", "radiance": {"type": "rgb", "value": list(scene.environment)}}}
+    if isinstance(given, tuple):
+        return {"environment": {"type": "constant", "radiance": {"type": "rgb", "value": list(given)}}}
+    return {"environment": {"type": "envmap", "bitmap": mi.Bitmap(np.ascontiguousarray(given, np.float32))}}
 
 
-def _mesh(mi: Any, obj: SceneObject) -> Any:
+def _mesh(mi: Any, obj: SceneObject | DeformingObject) -> Any:
     properties = mi.Properties()
     properties["bsdf"] = mi.load_dict(_bsdf(mi, obj.material))
     if obj.radiance is not None:
@@ -88,8 +91,10 @@ def _bsdf(mi: Any, material: Material) -> dict[str, Any]:
     if material.surface == "diffuse":
         return {"type": "diffuse", "reflectance": texture}
     metallic = 1.0 if material.surface == "metal" else 0.0
-    roughness = material.roughness
-    return {"type": "principled", "base_color": texture, "roughness": roughness, "metallic": metallic}
+    bsdf = {"type": "principled", "base_color": texture, "roughness": material.roughness, "metallic": metallic}
+    if material.surface == "glass":  # not `dielectric`, which has neither an albedo nor a roughness to show
+        bsdf |= {"spec_trans": 1.0, "eta": 1.5}
+    return bsdf
 
 
 def _flat(values: npt.NDArray[np.floating]) -> npt.NDArray[np.float32]:

@@ -54,6 +54,11 @@ def moving(path: Path3, axis: npt.ArrayLike, spin: float, phase: float = 0.0) ->
     return lambda time: translation(path(time)) @ rotation(axis, phase + spin * time)
 
 
+def attached(parent: Track, child: Track) -> Track:
+    """The track of what moves by `child` within `parent`: an arm on a shoulder."""
+    return lambda time: parent(time) @ child(time)
+
+
 def transform_points(matrix: Floats, points: npt.NDArray[np.floating]) -> Floats:
     """Apply a rigid 4×4 to points (N, 3)."""
     return points @ matrix[:3, :3].T + matrix[:3, 3]

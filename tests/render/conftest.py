@@ -6,7 +6,9 @@ from pathlib import Path
 import pytest
 
 if importlib.util.find_spec("mitsuba") is None:  # found, not imported: nte.render must choose the LLVM first
-    collect_ignore = ["test_clips.py", "test_gbuffer.py", "test_mitsuba.py"]
+    collect_ignore = [
+        "test_clips.py", "test_family_clips.py", "test_gbuffer.py", "test_mitsuba.py", "test_surroundings.py",
+    ]  # fmt: skip
 
 RECIPE = """\
 name: tiny

@@ -1,10 +1,36 @@
-"""Families of procedural scenes: name → a function that makes one scene from a random generator."""
+"""Families of procedural scenes, by the name that recipes use."""
 
-from collections.abc import Callable
+from typing import Any
 
-import numpy as np
+from nte.render.scenes import (
+    apples,
+    dining,
+    fence,
+    motion_blur,
+    ocean,
+    penumbra,
+    pica,
+    pinkroom,
+    restaurant,
+    robot,
+    rooms,
+    spheres,
+    temple,
+)  # fmt: skip
+from nte.render.scenes.family import Family
 
-from nte.render.scene import Scene
-from nte.render.scenes.rooms import make_room
-
-FAMILIES: dict[str, Callable[[np.random.Generator], Scene]] = {"rooms": make_room}
+FAMILIES: dict[str, Family[Any]] = {
+    "rooms": Family(rooms.Parameters, rooms.make_room),
+    "fence": Family(fence.Parameters, fence.make_fence),
+    "pica": Family(pica.Parameters, pica.make_pica),
+    "temple": Family(temple.Parameters, temple.make_temple),
+    "restaurant": Family(restaurant.Parameters, restaurant.make_restaurant),
+    "apples": Family(apples.Parameters, apples.make_apples),
+    "pinkroom": Family(pinkroom.Parameters, pinkroom.make_pinkroom),
+    "robot": Family(robot.Parameters, robot.make_robot),
+    "penumbra": Family(penumbra.Parameters, penumbra.make_penumbra),
+    "dining": Family(dining.Parameters, dining.make_dining),
+    "spheres": Family(spheres.Parameters, spheres.make_spheres),
+    "motion_blur": Family(motion_blur.Parameters, motion_blur.make_motion_blur),
+    "ocean": Family(ocean.Parameters, ocean.make_ocean),
+}

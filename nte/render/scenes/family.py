@@ -1,0 +1,86 @@
+"""What a family of scenes is: a function of random choices and of parameters that a recipe may set."""
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field, fields
+from typing import Any, Generic, TypeVar
+
+import numpy as np
+
+from nte.errors import NteError
+from nte.render.scene import Scene
+
+Parameters = TypeVar("Parameters")
+_HELD_OUT = (0.4, 0.6)  # the share of every split range that belongs to the test clips
+
+
+class Dice(np.random.Generator):
+    """A generator that knows whether it makes a training or a test scene."""
+
+    def __init__(self, rng: np.random.Generator, split: str) -> None:
+        super().__init__(rng.bit_generator)
+        self.split = split
+
+    def apart(self, low: float, high: float) -> float:
+        """A number in [low, high] that is never the same in training and in test scenes.
+
+        Test scenes draw from the middle fifth of the range, training scenes from both sides of it: what a
+        network is tested on lies within what it has learned, but it has not seen it.
+        """
+        start, end = _HELD_OUT
+        share = self.uniform()
+        if self.split == "test":
+            share = start + (end - start) * share
+        else:
+            share *= 1 - (end - start)
+            share += (end - start) * (share >= start)
+        return low + (high - low) * share
+
+
+@dataclass(frozen=True)
+class Family(Generic[Parameters]):
+    """Scenes of one kind. `parameters` is a dataclass whose defaults are what a recipe gets if it sets nothing."""
+
+    parameters: type[Parameters]
+    make: Callable[[Dice, Parameters], Scene]
+
+    def __call__(self, rng: np.random.Generator, split: str = "train", given: Mapping[str, Any] | None = None) -> Scene:
+        """One scene; `given` sets parameters by name. Raises NteError as `read` does."""
+        return self.make(Dice(rng, split), self.read(given or {}))
+
+    def read(self, given: Mapping[str, Any]) -> Parameters:
+        """The parameters with those in `given` set. Raises NteError that says what was expected."""
+        known = {entry.name: entry for entry in fields(self.parameters)}  # type: ignore[arg-type]
+        for name, value in given.items():
+            if name not in known:
+                what = f"expected one of {', '.join(known)}" if known else "this scene has none"
+                raise NteError(f"'{name}' is not a parameter: {what}")
+            kind, expected = type(known[name].default), known[name].metadata["expected"]
+            is_whole_for_float = kind is float and type(value) is int
+            if not (type(value) is kind or is_whole_for_float) or not known[name].metadata["allows"](value):
+                raise NteError(f"'{name}' is {value!r}: expected {expected}")
+        return self.parameters(**given)
+
+
+def between(default: float, low: float, high: float) -> Any:
+    """A dataclass field for a number in [low, high]; whole if the default is."""
+    expected = f"{'a whole number' if type(default) is int else 'a number'} from {low:g} to {high:g}"
+    return _setting(default, expected, lambda value: low <= value <= high)
+
+
+def one_of(*choices: str) -> Any:
+    """A dataclass field for one of these words; the first is the default."""
+    return _setting(choices[0], f"one of {', '.join(choices)}", lambda value: value in choices)
+
+
+def switch(default: bool) -> Any:
+    """A dataclass field for true or false."""
+    return _setting(default, "true or false", lambda value: True)
+
+
+def describe(family: Family[Any]) -> dict[str, tuple[str, str]]:
+    """Name of each parameter → what is allowed, and the default."""
+    return {entry.name: (entry.metadata["expected"], str(entry.default).lower()) for entry in fields(family.parameters)}
+
+
+def _setting(default: Any, expected: str, allows: Callable[[Any], bool]) -> Any:
+    return field(default=default, metadata={"expected": expected, "allows": allows})

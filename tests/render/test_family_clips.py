@@ -1,0 +1,32 @@
+"""A few frames of every family: nte check finds no fault with their vectors, and there is light."""
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from nte.check import check_clip
+from nte.frames import Clip
+from nte.render.clips import render_clip
+from nte.render.recipe import ClipPlan, Group
+from nte.render.scenes import FAMILIES
+
+# No motion of textured surfaces, so nothing to decide: only the light moves, or nothing at all.
+STILL = {"penumbra"}
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("family", FAMILIES)
+def test_three_frames_pass_the_check(family: str, tmp_path: Path):
+    group = Group(scene=family, clips=1, width=64, height=64, frames=3, spp=1, reference_spp=8, max_depth=4)
+    unit = ClipPlan("test", 5, "test", 0, group)
+    render_clip(unit, tmp_path)
+    clip = Clip(tmp_path / unit.name)
+    report = check_clip(clip)
+    assert report.verdict == ("undecidable" if family in STILL else "plausible"), report.reason
+    assert all(statistics.bad == 0 for statistics in report.statistics.values())
+    frame = clip.frame(1)
+    luminance = frame["reference"].mean(1)
+    assert (luminance > 0.02 * luminance.mean()).mean() > 0.8  # no large black areas
+    assert np.quantile(luminance, 0.95) > 1.5 * np.quantile(luminance, 0.2)  # contrast
+    assert 0.1 < frame["albedo"].mean() < 0.9
