@@ -10,6 +10,7 @@ import nte
 from nte.frames.clip import write_clip_info, write_frame
 from nte.progress import Progress
 from nte.render.backend import load_mitsuba, share_cores
+from nte.render.components import check_components, noisy, references
 from nte.render.integrator import guides, radiance
 from nte.render.output import claim, files_of, is_whole
 from nte.render.recipe import ClipPlan, make_scene, plan, read_recipe
@@ -18,10 +19,16 @@ from nte.render.seeds import derive_seed
 from nte.render.stage import Stage
 
 FPS = 24
+Channels = dict[str, Pixels]
 GUIDES = (
     "albedo", "normal", "roughness", "emission", "depth", "position", "instance", "motion", "forward_motion",
 )  # fmt: skip
-CHANNELS_OF_FRAME = (*GUIDES, "color", "reference_a", "reference_b")
+REFERENCES = ("reference_a", "reference_b")
+COMPONENTS = (
+    "visibility", "indirect", "indirect_radiance", "indirect_direction", "glossy", "shadow_motion",
+    "reflection_motion", "reflection_covariance",
+)  # fmt: skip
+COMPONENT_REFERENCES = ("direct", "reference_visibility", "reference_indirect", "reference_glossy")
 
 
 def render_recipe(
@@ -36,6 +43,8 @@ def render_recipe(
     out = Path(out)
     recipe = read_recipe(Path(recipe_path))
     load_mitsuba()  # before anything is written: it may be missing
+    if any(group.components for group in (*recipe.train, *recipe.test)):
+        check_components()
     claim(out, recipe, force)
     plans = plan(recipe)
     with Progress("render", sum(p.group.frames for p in plans), "frame", progress) as told:
@@ -65,24 +74,45 @@ def render_clip(unit: ClipPlan, out: Path, advance: Callable[[int], None] = lamb
 
 def _render_frame(unit: ClipPlan, stage: Stage, folder: Path, index: int) -> None:
     """Write the files of one frame; those of further seeds first, so that the main file completes it."""
+    channels = guides(stage, index)
+    fill = _with_components if unit.group.components else _colour_only
+    seeds = fill(unit, stage, index, channels)
+    files = files_of(folder, index, unit.group.seeds)
+    for path, noisy_channels in reversed(list(zip(files, seeds, strict=True))):
+        write_frame(path, channels | noisy_channels if path == files[0] else noisy_channels)
+
+
+def _colour_only(unit: ClipPlan, stage: Stage, index: int, channels: Channels) -> list[Channels]:
+    """Add the references to `channels`; returns the noisy channels of each seed."""
     group = unit.group
 
     def render(channel: str, spp: int, seed: int = 0) -> Pixels:
-        return radiance(stage, spp, derive_seed(unit.seed, unit.name, index, channel, seed))
+        return radiance(stage, spp, _seed(unit, index, channel, seed))
 
-    channels = guides(stage, index)
-    main, *others = files_of(folder, index, group.seeds)
-    for seed, path in enumerate(others, start=1):
-        write_frame(path, {"color": render("color", group.spp, seed)})
-    channels["color"] = render("color", group.spp)
-    for half in ("reference_a", "reference_b"):
-        channels[half] = render(half, group.reference_spp // 2)
-    write_frame(main, channels)
+    seeds = [{"color": render("color", group.spp, seed)} for seed in range(group.seeds)]
+    channels.update({half: render(half, group.reference_spp // 2) for half in REFERENCES})
+    return seeds
+
+
+def _with_components(unit: ClipPlan, stage: Stage, index: int, channels: Channels) -> list[Channels]:
+    """The same with the light components and their references, and `direct`."""
+    keys = [_seed(unit, index, "color", seed) for seed in range(unit.group.seeds)]
+    channels["direct"], seeds = noisy(stage, index, keys, channels["emission"])
+    first, second = (_seed(unit, index, half, 0) for half in REFERENCES)
+    channels.update(references(stage, unit.group.reference_spp, (first, second)))
+    return seeds
+
+
+def _seed(unit: ClipPlan, index: int, channel: str, seed: int) -> int:
+    return derive_seed(unit.seed, unit.name, index, channel, seed)
 
 
 def _is_done(unit: ClipPlan, folder: Path, index: int) -> bool:
     main, *others = files_of(folder, index, unit.group.seeds)
-    return is_whole(main, CHANNELS_OF_FRAME, unit) and all(is_whole(path, ("color",), unit) for path in others)
+    more = unit.group.components
+    per_seed = ("color", *(COMPONENTS if more else ()))
+    once = (*GUIDES, *REFERENCES, *(COMPONENT_REFERENCES if more else ()))
+    return is_whole(main, (*once, *per_seed), unit) and all(is_whole(path, per_seed, unit) for path in others)
 
 
 def _info(unit: ClipPlan, stage: Stage) -> dict[str, Any]:

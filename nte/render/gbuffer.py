@@ -13,7 +13,7 @@ import numpy.typing as npt
 import torch
 
 from nte.motion.camera import project
-from nte.render.rays import Hits, trace_centres, trace_surfaces
+from nte.render.rays import points_at, trace_centres, trace_surfaces
 from nte.render.scene import Pixels
 from nte.render.stage import Stage
 from nte.render.transforms import Floats
@@ -31,7 +31,7 @@ def geometry(stage: Stage, time: float) -> dict[str, Pixels]:
     hits = trace_centres(stage)
     hit = hits.instance > 0
     times = (time - 1, time, time + 1)
-    points = np.stack([_points(stage, hits, then) for then in times])
+    points = np.stack([points_at(stage, hits, then) for then in times])
     before, here, after = _project(stage, hit, points, times)
     now, view = points[1], stage.scene.camera.view(time)
     return {
@@ -58,23 +58,6 @@ def surface(stage: Stage) -> dict[str, Pixels]:
         "roughness": _image(stage, np.where(seen.hit > 0, seen.roughness / np.maximum(seen.hit, 1), 1)),
         "emission": _image(stage, seen.emission / SAMPLES),
     }
-
-
-def _points(stage: Stage, hits: Hits, time: float) -> Floats:
-    """Where the surface points of `hits` are at a time: (P, 3), world; the ray's direction for a miss.
-
-    Interpolated from the triangle's own vertices at that time, so it holds for whatever moves them, and a
-    point at rest has exactly the same position at every time.
-    """
-    points = hits.direction.copy()
-    for number, obj in enumerate(stage.scene.objects, start=1):
-        mine = hits.instance == number
-        if mine.any():
-            positions, _ = obj.at(time)
-            a, b, c = positions[obj.mesh.faces[hits.triangle[mine]]].transpose(1, 0, 2)
-            u, v = hits.barycentric[mine, :1], hits.barycentric[mine, 1:]
-            points[mine] = (1 - u - v) * a + u * b + v * c
-    return points
 
 
 def _project(stage: Stage, hit: npt.NDArray[np.bool_], points: Floats, times: Sequence[float]) -> Floats:

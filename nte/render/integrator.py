@@ -37,14 +37,14 @@ def radiance(stage: Stage, spp: int, seed: int) -> Pixels:
     return np.ascontiguousarray((total / spp).transpose(2, 0, 1), np.float32)
 
 
-def launches(spp: int, pixels: int) -> Iterator[int]:
-    """Split samples per pixel into as few renderings as memory allows, each a power of four.
+def launches(spp: int, pixels: int, samples: int = _SAMPLES) -> Iterator[int]:
+    """Split samples per pixel into as few renderings of at most `samples` as possible, each a power of four.
 
     A square, because the samples of a rendering are stratified over the pixel; and a power of two, because
     only then does each pixel's sum stay within one thread: renderings with 100 spp differ in the last bit
     from run to run, those with 64 do not.
     """
-    most = max(1, _SAMPLES // pixels)
+    most = max(1, samples // pixels)
     while spp:
         count = 1
         while 4 * count <= min(spp, most):

@@ -17,12 +17,16 @@ _RAYS = 1 << 22  # in flight at once: 4 M keep the pass under 1 GB
 
 @dataclass(frozen=True)
 class Hits:
-    """What the rays through the pixel centres meet: one row per pixel, row by row."""
+    """What rays meet: one row per ray."""
 
     instance: Indices  # (P,) 0 = miss, else index in scene.objects + 1
     triangle: Indices  # (P,)
     barycentric: Floats  # (P, 2), weights of the triangle's second and third vertex
     direction: Floats  # (P, 3), world: where a miss looks
+
+    def of(self, rows: npt.NDArray[np.bool_]) -> "Hits":
+        """The rays that `rows` (P,) selects."""
+        return Hits(self.instance[rows], self.triangle[rows], self.barycentric[rows], self.direction[rows])
 
 
 @dataclass(frozen=True)
@@ -36,13 +40,71 @@ class Surfaces:
     hit: Floats
 
 
+@dataclass(frozen=True)
+class Seen:
+    """What single camera rays meet: one row per ray; meaningless where `hit` is false."""
+
+    point: Floats  # (R, 3) world
+    normal: Floats  # (R, 3) shading normal, world
+    roughness: Floats  # (R,) perceptual
+    hit: npt.NDArray[np.bool_]  # (R,)
+
+
+def trace_film(stage: Stage, pixel: Floats) -> Seen:
+    """What is seen at pixel positions (R, 2), inside or outside the image; vectorised variants only."""
+    mi, dr = load_mitsuba(), load_drjit()
+    film = (pixel / (stage.width, stage.height)).astype(np.float32)
+    x, y = (mi.Float(np.ascontiguousarray(column)) for column in film.T)
+    ray, _ = stage.sensor.sample_ray(0.0, 0.5, mi.Point2f(x, y), mi.Point2f(0.5))
+    si = stage.mi_scene.ray_intersect(ray)
+    hit = si.is_valid()
+    columns = [si.p, si.sh_frame.n, _roughness(si, hit), hit]
+    dr.eval(columns)
+    point, normal, roughness, found = (np.array(column).T for column in columns)
+    return Seen(point.astype(float), normal.astype(float), roughness.astype(float), found)
+
+
 def trace_centres(stage: Stage) -> Hits:
     """Hits of the rays through the pixel centres, at the time that `stage` is set to."""
     centre = np.full((1, 2), 0.5)
     shape, triangle, barycentric, direction = np.split(_trace(stage, centre, _intersect), [1, 2, 4], axis=1)
+    return Hits(instances(stage)[shape[:, 0].astype(np.int64)], triangle[:, 0].astype(np.int64), barycentric, direction)
+
+
+def to_hits(stage: Stage, hit: Any, direction: Any) -> Hits:
+    """The rows of a PreliminaryIntersection3f and of the directions (3,) that its rays had."""
     return Hits(
-        _instances(stage)[shape[:, 0].astype(np.int64)], triangle[:, 0].astype(np.int64), barycentric, direction
+        instances(stage)[np.array(shape_key(hit.shape), np.int64)],
+        np.array(hit.prim_index, np.int64),
+        np.array(hit.prim_uv, float).T,
+        np.array(direction, float).T,
     )
+
+
+def points_at(stage: Stage, hits: Hits, time: float) -> Floats:
+    """Where the surface points of `hits` are at a time: (P, 3), world; the ray's direction for a miss.
+
+    Interpolated from the triangle's own vertices at that time, so it holds for whatever moves them, and a
+    point at rest has exactly the same position at every time.
+    """
+    return _interpolated(stage, hits, [obj.at(time)[0] for obj in stage.scene.objects])
+
+
+def normals_at(stage: Stage, hits: Hits, time: float) -> Floats:
+    """Unit shading normals (P, 3) of `hits` at a time, outwards; the ray's direction for a miss."""
+    normals = _interpolated(stage, hits, [obj.at(time)[1] for obj in stage.scene.objects])
+    return np.asarray(normals / np.linalg.norm(normals, axis=1, keepdims=True))
+
+
+def _interpolated(stage: Stage, hits: Hits, vertices: list[Floats]) -> Floats:
+    values = hits.direction.copy()
+    for number, obj in enumerate(stage.scene.objects):
+        mine = hits.instance == number + 1
+        if mine.any():
+            a, b, c = vertices[number][obj.mesh.faces[hits.triangle[mine]]].transpose(1, 0, 2)
+            u, v = hits.barycentric[mine, :1], hits.barycentric[mine, 1:]
+            values[mine] = (1 - u - v) * a + u * b + v * c
+    return values
 
 
 def trace_surfaces(stage: Stage, offsets: Floats) -> Surfaces:
@@ -78,9 +140,9 @@ def _trace(stage: Stage, offsets: Floats, look: Callable[[Any, Any, Any], list[A
 
 
 def _intersect(mi: Any, scene: Any, ray: Any) -> list[Any]:
-    """Key of the shape (see _instances), triangle, two barycentric weights, direction (3)."""
+    """Key of the shape (see instances), triangle, two barycentric weights, direction (3)."""
     hit = scene.ray_intersect_preliminary(ray)
-    return [_key(mi, hit.shape), hit.prim_index, hit.prim_uv.x, hit.prim_uv.y, *ray.d]
+    return [shape_key(hit.shape), hit.prim_index, hit.prim_uv.x, hit.prim_uv.y, *ray.d]
 
 
 def _look(mi: Any, scene: Any, ray: Any) -> list[Any]:
@@ -95,26 +157,32 @@ def _look(mi: Any, scene: Any, ray: Any) -> list[Any]:
         normal = si.sh_frame.n * (1 if si.wi.z >= 0 else -1)
         return [*bsdf.eval_diffuse_reflectance(si), *normal, rough, *emission, 1.0]
     dr = load_drjit()
-    known = bsdf.has_attribute("roughness", hit)
-    rough = dr.select(known, bsdf.eval_attribute_1("roughness", si, hit & known), 1)
+    rough = _roughness(si, hit)
     normal = dr.select(hit, si.sh_frame.n * dr.select(si.wi.z >= 0, 1, -1), 0)
     albedo = bsdf.eval_diffuse_reflectance(si, hit)  # the metals' specular colour too, in `principled`
     return [*albedo, *normal, dr.select(hit, rough, 0), *emitter.eval(si), dr.select(hit, mi.Float(1), 0)]
 
 
-def _key(mi: Any, shape: Any) -> Any:
+def _roughness(si: Any, hit: Any) -> Any:
+    """Perceptual roughness in [0, 1]; 1 where the BSDF has none. Vectorised variants only."""
+    bsdf = si.bsdf()
+    known = bsdf.has_attribute("roughness", hit)
+    return load_drjit().select(known, bsdf.eval_attribute_1("roughness", si, hit & known), 1)
+
+
+def shape_key(shape: Any) -> Any:
     """A whole number per shape: Dr.Jit's registry id, which is 1-based, in no fixed order; 0 for none."""
     if is_scalar():
         return int(shape.id().rsplit("_", 1)[1]) + 1 if shape else 0
     dr = load_drjit()
-    return dr.reinterpret_array(mi.UInt32, shape)
+    return dr.reinterpret_array(load_mitsuba().UInt32, shape)
 
 
-def _instances(stage: Stage) -> Indices:
+def instances(stage: Stage) -> Indices:
     """Table from keys of shapes to instance numbers: index in scene.objects + 1."""
     mi = load_mitsuba()
     scalar = is_scalar()
-    keys = [int(_key(mi, m) if scalar else _key(mi, mi.ShapePtr(m))[0]) for m in stage.meshes.values()]
+    keys = [int(shape_key(m) if scalar else shape_key(mi.ShapePtr(m))[0]) for m in stage.meshes.values()]
     table = np.zeros(max(keys) + 1, np.int64)
     table[keys] = np.arange(len(keys)) + 1
     return table

@@ -32,6 +32,7 @@ class Group:
     spp: int = 1  # samples per pixel of `color`, per seed
     seeds: int = 1  # independent noise seeds of `color`
     reference_spp: int = 256  # of both halves together
+    components: bool = False  # light separated into components, and shadow and reflection vectors
     max_depth: int = 4  # path segments: 1 sees lights only, 2 direct light, 3 one bounce of indirect light
 
 
@@ -105,5 +106,9 @@ def _check(where: str, group: Group) -> None:
     for key, least in _AT_LEAST.items():
         if (value := getattr(group, key)) < least:
             raise NteError(f"{where}.{key} is {value}: expected at least {least}")
+    if group.components and group.spp != 1:
+        raise NteError(
+            f"{where}.spp is {group.spp}: expected 1 with components (vectors have no mean): use seeds for more"
+        )
     if group.reference_spp % 2:
         raise NteError(f"{where}.reference_spp is {group.reference_spp}: expected an even number (two halves)")

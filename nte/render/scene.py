@@ -14,6 +14,7 @@ Colour = tuple[float, float, float]
 Surface = Literal["diffuse", "glossy", "metal", "glass"]
 
 NEAR, FAR = 0.01, 1000.0  # clipping planes of every camera, scene units
+DISTANT = 1e5  # scene units: where a point at infinity is put, when it has to be a point
 
 
 @dataclass(frozen=True)
@@ -97,9 +98,7 @@ class Camera:
         """
         scale = 0.5 / np.tan(np.radians(self.fov) / 2)
         z = FAR / (FAR - NEAR)
-        return np.array(
-            [[-scale, 0, 0.5, 0], [0, -scale * width / height, 0.5, 0], [0, 0, z, -NEAR * z], [0, 0, 1, 0]]
-        )
+        return np.array([[-scale, 0, 0.5, 0], [0, -scale * width / height, 0.5, 0], [0, 0, z, -NEAR * z], [0, 0, 1, 0]])
 
 
 @dataclass(frozen=True)

@@ -30,6 +30,8 @@ class Stage:
             **self.meshes,
         })  # fmt: skip
         self.sensor: Any = self.mi_scene.sensors()[0]
+        # What light components see beyond the first hit (nte.render.components).
+        self.beyond: Any = mi.load_dict({"type": "path", "max_depth": max_depth - 1})
         self._parameters: Any = mi.traverse(self.mi_scene)
 
     def set_time(self, time: float) -> None:

@@ -1,0 +1,132 @@
+"""The light components of a frame: one noisy sample of each, and the references that they are estimates of.
+
+The estimators and their expectations are written in datasets/README.md, «Estimators».
+"""
+
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+from nte.errors import NteError
+from nte.render.backend import is_scalar, load_drjit, load_mitsuba
+from nte.render.integrator import launches
+from nte.render.rays import instances, to_hits
+from nte.render.resampling import sample_direct, trace_shadow
+from nte.render.scene import Pixels
+from nte.render.seeds import derive_seed
+from nte.render.stage import Stage
+from nte.render.transforms import Floats
+from nte.render.transport import camera_ray, trace_path
+from nte.render.vectors import Bounce, Shadow, reflection_vectors, shadow_vectors
+
+_SAMPLES = 1 << 22  # paths per launch: their components are stored before they are summed, 200 MB
+_Row = npt.NDArray[Any]
+
+
+def check_components() -> None:
+    """Raise NteError where Mitsuba runs without LLVM: components are computed on arrays of rays only."""
+    if is_scalar():
+        raise NteError("components need Mitsuba's llvm variant: pip install karellen-llvm-core, or components: false")
+
+
+def noisy(stage: Stage, time: float, seeds: Sequence[int], emission: Pixels) -> tuple[Pixels, list[dict[str, Pixels]]]:
+    """`direct` (3, H, W) and, for each seed, every noisy channel (C, H, W) at 1 spp, at a time in frames.
+
+    direct is the mean over the candidates of all seeds. The channels: color, visibility, indirect,
+    indirect_radiance, indirect_direction, glossy, shadow_motion, reflection_motion, reflection_covariance.
+    emission (3, H, W) is that of the guides. `stage` must be set to `time`, and is left so.
+    """
+    samples = [_sample(stage, seed) for seed in seeds]
+    direct = np.asarray(np.mean([direct for direct, *_ in samples], axis=0, dtype=np.float32))
+    for _, channels, shadow, _ in samples:
+        channels["visibility"][:, ~direct.any(0)] = 1
+        channels["color"] = emission + direct * channels["visibility"] + channels["glossy"] + channels["indirect"]
+        channels["shadow_motion"] = shadow_vectors(stage, shadow, time)
+    for (_, channels, _, _), (motion, covariance) in zip(
+        samples, reflection_vectors(stage, [bounce for *_, bounce in samples], time), strict=True
+    ):
+        channels["reflection_motion"], channels["reflection_covariance"] = motion, covariance
+    return direct, [channels for _, channels, _, _ in samples]
+
+
+def references(stage: Stage, spp: int, seeds: tuple[int, int]) -> dict[str, Pixels]:
+    """reference_a, reference_b, reference_visibility, reference_indirect and reference_glossy (C, H, W).
+
+    spp paths per pixel in all, half of them from each seed, at the time that `stage` is set to. The halves'
+    expectation is that of `radiance`, a plain path trace.
+    """
+    first, second = (_sums(stage, spp // 2, seed) for seed in seeds)
+    both = first + second
+    unshadowed, shadowed = both[3:4], both[4:5]
+    visibility = np.divide(shadowed, unshadowed, out=np.ones_like(shadowed), where=unshadowed > 0)
+    channels = {
+        "reference_a": first[:3] / (spp // 2),
+        "reference_b": second[:3] / (spp // 2),
+        "reference_visibility": visibility,
+        "reference_indirect": both[5:8] / spp,
+        "reference_glossy": both[8:11] / spp,
+    }
+    return {name: np.ascontiguousarray(values, np.float32) for name, values in channels.items()}
+
+
+def _sample(stage: Stage, seed: int) -> tuple[Pixels, dict[str, Pixels], Shadow, Bounce]:
+    """direct, the light channels, and what the shadow ray and the path met, for one seed."""
+    mi, dr = load_mitsuba(), load_drjit()
+    pixels = stage.width * stage.height
+    candidates = sample_direct(stage, derive_seed(seed, "direct"))
+    shadow = trace_shadow(stage, candidates, derive_seed(seed, "direct"))
+    sampler = mi.load_dict({"type": "independent"})
+    sampler.seed(dr.opaque(mi.UInt32, derive_seed(seed, "path")), pixels)
+    path = trace_path(stage, camera_ray(stage, dr.arange(mi.UInt32, pixels), sampler.next_2d()), sampler)
+    light = [path.indirect, path.indirect_radiance, path.indirect_direction, path.glossy]
+    dr.eval(shadow, light, path.first, path.second, path.direction, path.is_reflection)
+
+    def image(*columns: Any) -> Pixels:
+        rows = np.stack([np.array(column, np.float32) for column in columns])
+        return rows.reshape(-1, stage.height, stage.width)
+
+    channels = {
+        "visibility": image(shadow.visible),
+        "indirect": image(*path.indirect),
+        "indirect_radiance": image(*path.indirect_radiance),
+        "indirect_direction": image(*path.indirect_direction),
+        "glossy": image(*path.glossy),
+    }
+    return (
+        candidates.direct,
+        channels,
+        Shadow(
+            receiver=to_hits(stage, shadow.receiver, shadow.view),
+            blocker=to_hits(stage, shadow.blocker, shadow.view),
+            light=instances(stage)[np.array(shadow.light, np.int64)],
+            light_point=np.array(shadow.light_point, float).T,
+            blocked=np.array(shadow.blocked),
+        ),
+        Bounce(
+            first=to_hits(stage, path.first, path.direction),
+            second=to_hits(stage, path.second, path.direction),
+            reflected=np.array(path.is_reflection),
+        ),
+    )
+
+
+def _sums(stage: Stage, spp: int, seed: int) -> Floats:
+    """Sums (11, H, W) over `spp` paths: colour, luminance unshadowed and shadowed, indirect, glossy."""
+    mi, dr = load_mitsuba(), load_drjit()
+    pixels = stage.width * stage.height
+    total = np.zeros((11, pixels))
+    for number, count in enumerate(launches(spp, pixels, _SAMPLES)):
+        sampler = stage.sensor.sampler().clone()
+        sampler.set_sample_count(count)
+        sampler.set_samples_per_wavefront(count)
+        sampler.seed(dr.opaque(mi.UInt32, derive_seed(seed, number)), pixels * count)
+        pixel = dr.arange(mi.UInt32, pixels * count) // dr.opaque(mi.UInt32, count)
+        path = trace_path(stage, camera_ray(stage, pixel, sampler.next_2d()), sampler)
+        color = path.emission + path.shadowed + path.glossy + path.indirect
+        luminances = mi.luminance(path.unshadowed), mi.luminance(path.shadowed)
+        columns = [*color, *luminances, *path.indirect, *path.glossy]
+        dr.eval(columns)
+        total += np.stack([np.array(dr.block_sum(column, count), float) for column in columns])
+    return total.reshape(11, stage.height, stage.width)

@@ -1,0 +1,175 @@
+"""Motion of what a surface shows instead of the surface: its shadow, and the reflection in it.
+
+Zeng et al. 2021, «Temporally Reliable Motion Vectors for Real-time Ray Tracing», sections 4.1 and 4.2. One row
+per pixel, NumPy float64. Every vector starts at the point in the pixel that the path has really hit, so
+that the camera's jitter is not in it.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+import numpy.typing as npt
+
+from nte.render.rays import Hits, Indices, normals_at, points_at, trace_film
+from nte.render.scene import DISTANT, Pixels
+from nte.render.stage import Stage
+from nte.render.transforms import Floats
+
+_GRAZING = 0.05  # least cosine at which a lobe meets a plane: the ellipse does not become infinite
+Rows = npt.NDArray[np.bool_]
+
+
+@dataclass(frozen=True)
+class Shadow:
+    """What the shadow rays met, one row per pixel."""
+
+    receiver: Hits
+    blocker: Hits
+    light: Indices  # (P,) the light's instance; 0 where it has none
+    light_point: Floats  # (P, 3) world
+    blocked: Rows  # (P,)
+
+
+@dataclass(frozen=True)
+class Bounce:
+    """What the paths met, one row per pixel."""
+
+    first: Hits
+    second: Hits
+    reflected: Rows  # (P,) whether a lobe other than the diffuse one has reflected the path
+
+
+def shadow_vectors(stage: Stage, shadow: Shadow, time: float) -> Pixels:
+    """shadow_motion (2, H, W), pixels, to where the same shadow was at time − 1; NaN where there is none.
+
+    Eq. 3: x^V = P(intersect[line(T⁻¹l, T⁻¹b), T⁻¹plane(s)]), all at time − 1; each of light, blocker and
+    receiver with its own T. Invalid, thus NaN too, where the line is parallel to the plane or meets it behind
+    the light or the camera.
+    """
+    rows = shadow.blocked
+    receiver, blocker = shadow.receiver.of(rows), shadow.blocker.of(rows)
+    light = _moved(stage, shadow.light[rows], shadow.light_point[rows], time)
+    point, normal = points_at(stage, receiver, time - 1), normals_at(stage, receiver, time - 1)
+    along = points_at(stage, blocker, time - 1) - light
+    with np.errstate(divide="ignore", invalid="ignore"):
+        t = _dot(point - light, normal) / _dot(along, normal)
+        before = light + t * along
+    before[~(t[:, 0] > 0)] = np.nan
+    return _motion(stage, rows, receiver, before, time)
+
+
+def reflection_vectors(stage: Stage, bounces: Sequence[Bounce], time: float) -> list[tuple[Pixels, Pixels]]:
+    """(reflection_motion (2, H, W) px, reflection_covariance (3, H, W) px²) for each of `bounces`.
+
+    Eq. 5: x^R = sample(P(mirror[T⁻¹h, T⁻¹plane(s)]), Σ), all at time − 1; its two parameters are returned, the
+    mean as a vector from the pixel. NaN where no lobe but the diffuse one has reflected the path, where the
+    mirrored point is behind the camera, and where no surface is seen there at time − 1.
+
+    Σ is the image of the lobe that goes from the mirrored point to the surface s^C seen there, with the
+    roughness at s^C: directions are Gaussian about the axis, of deviation √2 α, which is how far a
+    Beckmann distribution of α = roughness² turns reflected light; the tangent plane cuts it in an ellipse.
+    `stage` must be set to `time`, and is left so.
+    """
+    found = []
+    stage.set_time(time - 1)
+    for bounce in bounces:
+        rows = bounce.reflected
+        first, second = bounce.first.of(rows), bounce.second.of(rows)
+        point, normal = points_at(stage, first, time - 1), normals_at(stage, first, time - 1)
+        target = points_at(stage, second, time - 1)
+        distant = second.instance == 0
+        target[distant] = point[distant] + DISTANT * target[distant]
+        height = _dot(target - point, normal)
+        image = target - 2 * height * normal
+        eye = np.linalg.inv(stage.scene.camera.view(time - 1))[:3, 3]
+        image[(height * _dot(eye - point, normal))[:, 0] <= 0] = np.nan  # it turned away: no reflection is seen
+        covariance = footprint(stage, image, time - 1)
+        image[np.isnan(covariance).any(1)] = np.nan
+        found.append((_motion(stage, rows, first, image, time), _scattered(stage, rows, covariance)))
+    stage.set_time(time)
+    return found
+
+
+def footprint(stage: Stage, image: Floats, time: float) -> Floats:
+    """Covariance (R, 3), XX XY YY, px², of the lobes from mirrored points (R, 3), as seen at `time`."""
+    pixel = _project(stage, image, time)
+    usable = np.isfinite(pixel).all(1)
+    covariance = np.full((len(image), 3), np.nan)
+    if not usable.any():
+        return covariance
+    seen = trace_film(stage, pixel[usable])
+    axis = seen.point - image[usable]
+    distance = np.linalg.norm(axis, axis=1, keepdims=True)
+    axis /= np.maximum(distance, 1e-9)
+    # Any two axes of the round lobe give the same covariance.
+    across = np.cross(axis, np.where(np.abs(axis[:, :1]) < 0.9, [[1.0, 0, 0]], [[0, 1.0, 0]]))
+    across /= np.linalg.norm(across, axis=1, keepdims=True)
+    spread = distance * np.sqrt(2) * seen.roughness[:, None] ** 2
+    cosine = _dot(axis, seen.normal)
+    cosine = np.copysign(np.maximum(np.abs(cosine), _GRAZING), cosine)
+    total = np.zeros((len(axis), 3))
+    for side in (across, np.cross(axis, across)):
+        end = spread * (side - axis * _dot(side, seen.normal) / cosine)  # slid along the axis into the plane
+        x, y = _image_of(stage, seen.point, end, time).T
+        total += np.stack([x * x, x * y, y * y], 1)
+    total[~seen.hit] = np.nan
+    covariance[usable] = total
+    return covariance
+
+
+def _moved(stage: Stage, instance: Indices, points: Floats, time: float) -> Floats:
+    """Points (R, 3) on the surface of `instance` at `time`, where they were at time − 1; 0 stands still.
+
+    By the affine motion that fits the object's vertices best, which for a rigid one is its own.
+    """
+    moved = points.copy()
+    for number in np.unique(instance[instance > 0]):
+        now, before = (stage.scene.objects[number - 1].at(t)[0] for t in (time, time - 1))
+        middle = now.mean(0)
+        if (now != before).any():
+            turn = np.linalg.lstsq(now - middle, before - before.mean(0), rcond=1e-6)[0]
+            mine = instance == number
+            moved[mine] = (points[mine] - middle) @ turn + before.mean(0)
+    return moved
+
+
+def _motion(stage: Stage, rows: Rows, here: Hits, before: Floats, time: float) -> Pixels:
+    """Vectors (2, H, W) from the pixel positions of `here` at `time` to those of `before` (R, 3) at time − 1."""
+    motion = _project(stage, before, time - 1) - _project(stage, points_at(stage, here, time), time)
+    return _scattered(stage, rows, motion)
+
+
+def _scattered(stage: Stage, rows: Rows, values: Floats) -> Pixels:
+    """Values (R, C) of the pixels in `rows` (P,) → (C, H, W), NaN elsewhere."""
+    image = np.full((len(rows), values.shape[1]), np.nan, np.float32)
+    image[rows] = values
+    return np.ascontiguousarray(image.T.reshape(-1, stage.height, stage.width))
+
+
+def _project(stage: Stage, points: Floats, time: float) -> Floats:
+    """Pixel positions (R, 2) of world points (R, 3); NaN behind the camera."""
+    clip = _clip(stage, points, time)
+    with np.errstate(divide="ignore", invalid="ignore"):
+        position = clip[:, :2] / clip[:, 2:]
+    return np.where(clip[:, 2:] > 0, position, np.nan)
+
+
+def _image_of(stage: Stage, points: Floats, offsets: Floats, time: float) -> Floats:
+    """How far in pixels (R, 2) small offsets (R, 3) of points (R, 3) move them in the image: first order."""
+    clip = _clip(stage, points, time)
+    step = _clip(stage, points + offsets, time) - clip
+    return np.asarray((step[:, :2] - clip[:, :2] / clip[:, 2:] * step[:, 2:]) / clip[:, 2:])
+
+
+def _clip(stage: Stage, points: Floats, time: float) -> Floats:
+    """Homogeneous pixel coordinates (R, 3): x·w, y·w, w."""
+    camera = stage.scene.camera
+    matrix = camera.projection(stage.width, stage.height) @ camera.view(time)
+    rows = matrix[[0, 1, 3]] * np.array([[stage.width], [stage.height], [1]])
+    return np.asarray(points @ rows[:, :3].T + rows[:, 3])
+
+
+def _dot(a: Floats, b: Floats) -> Floats:
+    """(R, 1)."""
+    return np.asarray((a * b).sum(1, keepdims=True))

@@ -1,0 +1,67 @@
+"""What light components cost beside a bare mi.render: python tests/benchmarks/components.py [SIZE]
+
+Everything in one run, kernels warm. Of the short tasks the best of several repetitions counts, as other work on the
+machine only adds time; of the long ones the median of ratios to the task that ran just before.
+"""
+
+import sys
+import time
+from collections.abc import Callable
+
+import numpy as np
+
+from nte.render.backend import load_mitsuba
+from nte.render.components import noisy, references
+from nte.render.integrator import guides, launches, radiance
+from nte.render.scenes import FAMILIES
+from nte.render.seeds import derive_generator
+from nte.render.stage import Stage
+
+SPP, TIMES = 128, 7
+
+
+def main(size: int) -> int:
+    """Print the ratios and return 0 if all are within what the project promises, else 1."""
+    mi = load_mitsuba()
+    stage = Stage(FAMILIES["rooms"](derive_generator("benchmark")), size, size, 4)
+
+    def bare(spp: int) -> None:
+        for number, count in enumerate(launches(spp, size * size)):
+            mi.render(stage.mi_scene, spp=count, seed=number).numpy()
+
+    def frame(index: int) -> None:
+        noisy(stage, index, [index], guides(stage, index)["emission"])
+
+    def colour_reference() -> None:
+        radiance(stage, SPP // 2, 1)
+        radiance(stage, SPP // 2, 2)
+
+    stage.set_time(0)
+    tasks: dict[str, Callable[[], object]] = {
+        "bare 1 spp": lambda: bare(1),
+        "1 spp frame, all channels": lambda: frame(len(spent["bare 1 spp"])),
+        f"bare {SPP} spp": lambda: (bare(SPP // 2), bare(SPP // 2)),
+        "colour reference": colour_reference,
+        "with component references": lambda: references(stage, SPP, (1, 2)),
+    }
+    spent: dict[str, list[float]] = {name: [] for name in tasks}
+    for _ in range(1 + TIMES):
+        for name, task in tasks.items():
+            start = time.perf_counter()
+            task()
+            spent[name].append(time.perf_counter() - start)
+    one, frame_time, many, colour, all_references = (np.array(times[1:]) for times in spent.values())
+    best = one.min()
+    checks = [
+        ("1 spp frame with everything", frame_time.min(), 2.5 * best + 0.3, f"2.5 × {best:.3f} + 0.3 s"),
+        ("colour reference", np.median(colour / many), 1.1, f"× bare {SPP} spp, {many.min():.2f} s"),
+        ("with component references", np.median(all_references / many), 2.0, "× the same"),
+    ]
+    print(f"{size}×{size}, kernels warm, {TIMES} repetitions")
+    for name, value, limit, meaning in checks:
+        print(f"{'ok  ' if value <= limit else 'SLOW'} {name:28} {value:.3f}, at most {limit:.3f} = {meaning}")
+    return int(any(value > limit for _, value, limit, _ in checks))
+
+
+if __name__ == "__main__":
+    sys.exit(main(int(sys.argv[1]) if len(sys.argv) > 1 else 128))

@@ -1,0 +1,215 @@
+"""Shadow and reflection vectors where the answer is known in closed form."""
+
+from collections.abc import Callable
+
+import numpy as np
+import pytest
+
+from nte.render import stage
+from nte.render.components import noisy
+from nte.render.gbuffer import surface
+from nte.render.scene import Camera, Material, Scene, SceneObject
+from nte.render.scenes import FAMILIES, shapes
+from nte.render.seeds import derive_generator
+from nte.render.stage import Stage
+from nte.render.transforms import Track, look_at, moving, rotation, still, translation
+from nte.render.vectors import footprint
+
+SIZE, FOV = 48, 50.0
+GREY = np.full((1, 1, 3), 0.6, np.float32)
+UP = (0.0, 1.0, 0.0)
+
+
+def drift(*speed: float) -> Callable[[tuple[float, float, float]], Track]:
+    """place → a track through it at time 1, moving by `speed` per frame."""
+    return lambda place: moving(lambda time: np.array(place) + np.array(speed) * (time - 1), UP, 0.0)
+
+
+def turning(angle: float) -> Callable[[tuple[float, float, float]], Track]:
+    return lambda place: lambda time: translation(place) @ rotation(UP, angle * (time - 1))
+
+
+def square(size: float) -> shapes.Mesh:
+    """Centred, in the plane y = 0, facing up."""
+    return shapes.rectangle((-size, 0, size), (2 * size, 0, 0), (0, 0, -2 * size))
+
+
+def thing(mesh, place, motion, radiance=None, **material) -> SceneObject:
+    return SceneObject(mesh, Material(GREY, **material), motion(place), radiance)
+
+
+def vectors(scene: Scene) -> dict[str, np.ndarray]:
+    made = Stage(scene, SIZE, SIZE, 3)
+    made.set_time(1)
+    return noisy(made, 1, [5], surface(made)["emission"])[1][0]
+
+
+def pixels(camera: Camera, time: float, points: np.ndarray) -> np.ndarray:
+    """(2, H, W) of world points (3, H, W)."""
+    matrix = camera.projection(SIZE, SIZE) @ camera.view(time)
+    clip = np.einsum("ij,jhw->ihw", matrix, np.concatenate([points, np.ones_like(points[:1])]))
+    return clip[:2] / clip[3:] * SIZE
+
+
+def on_plane(camera: Camera, time: float, position: np.ndarray, height: float) -> np.ndarray:
+    """Points (3, H, W) of the plane y = height that are seen at pixel positions (2, H, W)."""
+    to_world = np.linalg.inv(camera.view(time))
+    scale = camera.projection(SIZE, SIZE)[0, 0]
+    x, y = (position / SIZE - 0.5) / scale
+    ray = np.einsum("ij,jhw->ihw", to_world[:3, :3], np.stack([x, y, np.ones_like(x)]))
+    eye = to_world[:3, 3][:, None, None]
+    return eye + ray * (height - eye[1]) / ray[1]
+
+
+CENTRES = np.stack(np.meshgrid(np.arange(SIZE) + 0.5, np.arange(SIZE) + 0.5))
+STILL, LAMP, PLATE = drift(0, 0, 0), np.array([0.5, 4.0, 0.2]), np.array([0.1, 1.5, 0.0])
+
+
+@pytest.mark.parametrize(
+    ("lamp", "plate", "floor", "camera"),
+    [
+        (STILL, drift(0.1, 0.05, -0.06), STILL, (0, 0, 0)),
+        (drift(-0.15, 0.1, 0.1), STILL, STILL, (0, 0, 0)),
+        (STILL, STILL, drift(0.05, 0.07, 0.02), (0, 0, 0)),
+        (drift(0.1, 0, 0), drift(0.1, 0.05, -0.06), drift(0, 0.05, 0), (0.05, -0.02, 0.03)),
+        (STILL, STILL, STILL, (0, 0, 0)),
+    ],
+    ids=["blocker", "light", "receiver", "everything", "nothing"],
+)
+def test_shadow_of_a_plate_on_a_floor(lamp, plate, floor, camera):
+    """With a lamp that is almost a point, the shadow is the plate seen from the lamp, projected on the floor."""
+    eye = moving(lambda time: np.array(camera) * (time - 1), UP, 0.0)
+    seen_from = Camera(lambda time: eye(time) @ look_at((0, 5, -4), (0, 0, 0)), FOV)
+    over = lambda place: lambda time: lamp(place)(time) @ rotation((1, 0, 0), np.pi)  # noqa: E731  it looks down
+    scene = Scene(
+        (
+            thing(square(6), (0, 0, 0), floor),
+            thing(square(0.8), tuple(PLATE), plate),
+            thing(square(1e-3), tuple(LAMP), over, (3e6, 3e6, 3e6)),
+        ),
+        seen_from,
+    )
+    found = vectors(scene)
+    shadowed = found["visibility"][0] == 0
+    motion = found["shadow_motion"]
+    assert shadowed.mean() > 0.02
+    assert np.isfinite(motion[:, shadowed]).all()
+    assert np.isnan(motion[:, ~shadowed]).all()
+
+    here = on_plane(seen_from, 1, CENTRES, 0.0)
+    # The blocker: where the line from the lamp to the pixel's point crosses the plate's plane.
+    to_lamp = LAMP[:, None, None] - here
+    blocker = here + to_lamp * PLATE[1] / to_lamp[1]
+    source = lamp(tuple(LAMP))(0)[:3, 3]
+    blocker = blocker + (plate(tuple(PLATE))(0)[:3, 3] - PLATE)[:, None, None]
+    height = floor((0, 0, 0))(0)[1, 3]
+    line = blocker - source[:, None, None]
+    before = source[:, None, None] + line * (height - source[1]) / line[1]
+    expected = pixels(seen_from, 0, before) - CENTRES
+    # The vector starts at a random point of the pixel: its expected value varies within a pixel by its slope.
+    slope = np.abs(np.gradient(expected, axis=(1, 2))).sum((0, 1))
+    inner = shadowed & (slope < 0.15)
+    assert inner.sum() > 0.9 * shadowed.sum()
+    error = np.abs(motion - expected).max(0)[inner]
+    assert error.max() < 0.1
+    moves = np.abs(expected[:, inner]).max()
+    assert (moves > 0.5) == any(track is not STILL for track in (lamp, plate, floor))
+
+
+def mirror_scene(ball, camera: Track, floor=STILL) -> Scene:
+    return Scene(
+        (
+            thing(square(20), (0, 0, 0), floor, surface="metal", roughness=0.0),
+            thing(square(3), (0, 1.5, 2.0), lambda place: lambda t: ball(place)(t) @ rotation((1, 0, 0), -np.pi / 2)),
+            thing(
+                square(1), (0, 9, 0), lambda place: still(translation(place) @ rotation((1, 0, 0), np.pi)), (9, 9, 9)
+            ),
+        ),
+        Camera(camera, FOV),
+    )
+
+
+@pytest.mark.parametrize(
+    ("wall", "camera", "floor"),
+    [
+        (drift(0.1, 0.05, -0.1), still(look_at((0, 3, -4), (0, 0, 0))), STILL),
+        (
+            STILL,
+            lambda time: translation((0.1 * time, 0.05 * time, 0)) @ look_at((0, 3, -4), (0.1 * time, 0, 0)),
+            STILL,
+        ),
+        (
+            turning(0.05),
+            lambda time: translation((0.05 * time, 0, 0)) @ look_at((0, 3, -4), (0, 0, 0)),
+            drift(0, 0.06, 0),
+        ),
+    ],
+    ids=["object", "camera", "all"],
+)
+def test_reflection_in_a_plane_mirror(wall, camera, floor, monkeypatch: pytest.MonkeyPatch):
+    """The mirror image of a wall moves like a wall behind the mirror."""
+    ours = stage._bsdf
+    monkeypatch.setattr(stage, "_bsdf", lambda mi, m: {"type": "conductor"} if m.surface == "metal" else ours(mi, m))
+    scene = mirror_scene(wall, camera, floor)
+    found = vectors(scene)
+    motion, covariance = found["reflection_motion"], found["reflection_covariance"]
+    reflects = np.isfinite(motion).all(0)
+    assert reflects.mean() > 0.4
+
+    # Follow each pixel's centre by hand: mirror the eye, meet the wall, carry it back, mirror it, project.
+    here = on_plane(scene.camera, 1, CENTRES, 0.0)
+    eye = np.linalg.inv(scene.camera.view(1))[:3, 3]
+    below = (eye * (1, -1, 1))[:, None, None]
+    now, then = (wall((0, 1.5, 2.0))(t) for t in (1, 0))
+    normal = now[:3, 2]  # the wall's mesh looks along y, turned to −z
+    along = here - below
+    t = (normal @ (now[:3, 3] - below[:, 0, 0])) / np.einsum("i,ihw->hw", normal, along)
+    hit = below + t * along
+    local = np.einsum("ij,jhw->ihw", np.linalg.inv(now)[:3, :3], hit - now[:3, 3][:, None, None])
+    on_wall = reflects & (np.abs(local[:2]) < 2.9).all(0)
+    assert on_wall.mean() > 0.1
+    before = np.einsum("ij,jhw->ihw", then[:3, :3], local) + then[:3, 3][:, None, None]
+    height = floor((0, 0, 0))(0)[1, 3]
+    before[1] = 2 * height - before[1]
+    expected = pixels(scene.camera, 0, before) - CENTRES
+    slope = np.abs(np.gradient(expected, axis=(1, 2))).sum((0, 1))
+    inner = on_wall & (slope < 0.15)
+    assert inner.sum() > 0.8 * on_wall.sum()
+    assert np.abs(motion - expected).max(0)[inner].max() < 0.1
+    assert np.abs(expected[:, inner]).max() > 0.5
+    assert np.isfinite(covariance[:, reflects]).all()
+
+
+def test_covariance_is_that_of_a_lobe_cut_by_the_floor():
+    """A slow twin: many rays of the lobe, from the mirrored point to the floor and into the image."""
+    roughness, image = 0.15, np.array([0.7, -1.2, 1.5])
+    floor = thing(square(20), (0, 0, 0), STILL, surface="metal", roughness=roughness)
+    lamp = thing(square(1), (0, 9, 0), STILL, (9, 9, 9))
+    made = Stage(Scene((floor, lamp), Camera(still(look_at((0, 3, -4), (0, 0, 0))), FOV)), SIZE, SIZE, 3)
+    made.set_time(0)
+    found = footprint(made, image[None], 0)[0]
+
+    eye = np.array([0, 3, -4])
+    axis = (eye - image) * image[1] / (image[1] - eye[1])  # to the floor
+    axis /= np.linalg.norm(axis)
+    across = np.linalg.svd(axis[None])[2][1:]
+    rng = np.random.default_rng(0)
+    ray = axis + np.sqrt(2) * roughness**2 * rng.normal(size=(100_000, 2)) @ across
+    met = image - ray * image[1] / ray[:, 1:2]
+    position = pixels(made.scene.camera, 0, met.T[:, :, None])[:, :, 0]
+    expected = np.cov(position)
+    np.testing.assert_allclose(found, expected[[0, 0, 1], [0, 1, 1]], atol=0.05 * np.trace(expected))
+
+
+def test_a_deep_room_has_finite_vectors_or_none():
+    made = Stage(FAMILIES["rooms"](derive_generator("vectors")), SIZE, SIZE, 3)
+    made.set_time(2)
+    channels = noisy(made, 2, [1], surface(made)["emission"])[1][0]
+    for name in ("shadow_motion", "reflection_motion"):
+        known = np.isfinite(channels[name])
+        assert (known[0] == known[1]).all()
+        assert known.any()
+    assert (np.isnan(channels["reflection_motion"][0]) == np.isnan(channels["reflection_covariance"][0])).all()
+    assert (np.isfinite(channels["shadow_motion"][0]) <= (channels["visibility"][0] == 0)).all()
+    xx, xy, yy = channels["reflection_covariance"]
+    assert not (xx * yy - xy**2 < -1e-3 * (xx + yy) ** 2).any()
