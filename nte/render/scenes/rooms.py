@@ -6,16 +6,15 @@ pixels per frame, the camera moves the background by one to three.
 """
 
 from collections.abc import Callable
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 
 from nte.render.scene import Camera, Colour, Material, Mesh, Scene, SceneObject
 from nte.render.scenes import shapes
+from nte.render.scenes.daylight import let_daylight_in
 from nte.render.scenes.family import switch
-from nte.render.scenes.kit import sky
 from nte.render.scenes.patterns import plain, random_texture
-from nte.render.scenes.solids import framed
 from nte.render.transforms import Floats, Path3, Track, look_at, moving, rotation, still, translation
 
 _LIGHT_ALBEDO = np.full((1, 1, 3), 0.8, np.float32)  # so that dividing by albedo does nothing odd to lights
@@ -43,29 +42,8 @@ def make_room(rng: np.random.Generator, parameters: Parameters) -> Scene:
     objects = [*_walls(room, rng), *_lights(room, rng), *_movers(room, rng)]
     objects += _furniture(room, rng, _OBJECTS - len(objects))
     camera = _camera(room, rng)
-    return _open_to_the_sky(room, rng, objects, camera) if parameters.window else Scene(tuple(objects), camera)
-
-
-def _open_to_the_sky(room: _Room, rng: np.random.Generator, objects: list[SceneObject], camera: Camera) -> Scene:
-    """The same room with a window instead of one side wall, the lamps dimmed, and one thing turned to glass."""
-    side = int(rng.integers(2))
-    x = room.width / 2 * (-1, 1)[side]
-    corner, along = ((x, 0, room.depth), (0, 0, -room.depth)) if side == 0 else ((x, 0, 0), (0, 0, room.depth))
-    hole = (rng.uniform(0.15, 0.3), rng.uniform(0.7, 0.85), rng.uniform(0.15, 0.25), rng.uniform(0.8, 0.9))
-    wall = objects[1 + side]
-    objects[1 + side] = replace(wall, mesh=framed(corner, along, (0, room.height, 0), hole))
-    objects = [_dimmed(obj, 0.25) for obj in objects]
-    tint = Material(np.array([[rng.uniform(0.75, 1, 3)]], np.float32), "glass", rng.uniform(0.05, 0.15))
-    objects[-1] = replace(objects[-1], material=tint)
-    sun = (x, rng.uniform(0.5, 0.8) * abs(x), rng.uniform(-1.5, 1.5))
-    return Scene(tuple(objects), camera, sky(rng, sun, rng.uniform(1.2, 2.5)))
-
-
-def _dimmed(obj: SceneObject, share: float) -> SceneObject:
-    if obj.radiance is None:
-        return obj
-    r, g, b = obj.radiance
-    return replace(obj, radiance=(r * share, g * share, b * share))
+    size = room.width, room.height, room.depth
+    return let_daylight_in(size, rng, objects, camera) if parameters.window else Scene(tuple(objects), camera)
 
 
 def _walls(room: _Room, rng: np.random.Generator) -> list[SceneObject]:
