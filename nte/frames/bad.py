@@ -24,7 +24,9 @@ def count_bad(frame: Frame) -> dict[str, int]:
         if row is None:
             continue
         # NaN fails every comparison; written with operators that NumPy and PyTorch share.
-        bad = ~(abs(values) < (limit if row.kind == "motion" else float("inf")))
+        # A shadow or a reflection, which are noisy, may really have been that far away.
+        longest = limit if row.kind == "motion" and not row.noisy else float("inf")
+        bad = ~(abs(values) < longest)
         if row.kind in ("radiance", "reflectance"):
             bad = bad | (values < 0)
         if row.nan_means:

@@ -11,7 +11,9 @@ from tests.synthetic import random_channels
 
 
 def good() -> dict[str, np.ndarray]:
-    return random_channels(np.random.default_rng(0), batch=2)
+    rng = np.random.default_rng(0)
+    far = {name: rng.normal(0, 3, (2, 2, 24, 36)).astype(np.float32) for name in ("shadow_motion", "reflection_motion")}
+    return {**random_channels(rng, batch=2), **far}
 
 
 def test_a_good_frame_has_none() -> None:
@@ -27,6 +29,7 @@ def test_a_good_frame_has_none() -> None:
         ("depth", np.nan, True), ("motion", -30, False), ("motion", 144.5, True), ("motion", -1e6, True),
         ("motion", np.nan, True), ("previous_forward_motion", np.nan, False),
         ("previous_forward_motion", np.inf, True), ("previous_forward_motion", 1e6, True),
+        ("shadow_motion", 1e6, False), ("shadow_motion", np.inf, True), ("reflection_motion", np.nan, False),
     ],
 )  # fmt: skip
 def test_what_is_bad_depends_on_the_channel(name: str, value: float, bad: bool) -> None:
