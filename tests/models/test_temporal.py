@@ -76,6 +76,33 @@ def test_the_first_frame_takes_the_noisy_image_for_the_warped_one() -> None:
     assert torch.equal(compressed, warped)
 
 
+def test_later_frames_take_the_warped_history() -> None:
+    network = small_network()
+    frame, following = random_frames(2)
+    following["motion"][:] = 0
+    seen: list[Tensor] = []
+    network.unet.register_forward_hook(lambda _, inputs, __: seen.append(inputs[0]))
+    history = run(network, [frame, following], "history")[0]
+    torch.testing.assert_close(seen[1][:, -3:], torch.log1p(history), atol=1e-4, rtol=1e-4)
+
+
+def test_alpha_weighs_the_current_frame() -> None:
+    network = small_network()
+    frame, following = random_frames(2)
+    following["motion"][:] = 0
+    black = following.with_channels(color=np.zeros_like(following["color"]))
+    for bias, now, past in ((50.0, True, False), (-50.0, False, True)):
+        network.heads.heads[0].bias[0] = bias  # of α before the sigmoid
+        _, state = network.step(frame, None)
+        forgotten = state._replace(history=torch.zeros_like(state.history))
+        expected, changed, alone = (
+            network.step(f, s, ("alpha",))[0] for f, s in ((following, state), (black, state), (following, forgotten))
+        )
+        assert (expected.extras["alpha"] == float(now)).all()
+        assert (changed.image.max() == 0) == now  # black now, and nothing of the past
+        assert (alone.image.max() == 0) == past  # a black past, and nothing of now
+
+
 def test_history_where_it_is_invalid_has_no_influence() -> None:
     network = small_network()
     frame, following = random_frames(2)

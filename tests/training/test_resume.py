@@ -13,12 +13,12 @@ from nte.training.loop import train
 from tests.training.runs import assert_same_run, checkpoint, config_file, metrics, start, tiny_config
 
 pytestmark = pytest.mark.slow
-LONG = "phases=[{steps: 12}, {steps: 8, occlusion: 0.5}]"
+LONG = "phases=[{steps: 25}, {steps: 25, occlusion: 0.5}]"
 
 
 @pytest.fixture(scope="module")
 def undisturbed(tmp_path_factory: pytest.TempPathFactory, noisy_disc: Path) -> Path:
-    """A run of 20 steps in this process, which is also one with a history. Only to be read."""
+    """A run of 50 steps in this process, which is also one with a history. Only to be read."""
     return train(tiny_config(tmp_path_factory.mktemp("undisturbed"), noisy_disc, LONG), device="cpu")
 
 
@@ -56,12 +56,12 @@ def test_killed_at_random_moments_and_again_while_resuming(
     for _ in range(4):
         process = start(path, LONG, "resume=true")
         # A step takes about 20 ms: the kill falls between steps, inside one, into a checkpoint or a validation.
-        wait_for_step(process, reached + rng.randint(1, 4))
+        wait_for_step(process, reached + rng.randint(1, 8))
         time.sleep(rng.uniform(0, 0.05))
         stop(process, signal.SIGKILL)
         reached = int(str(checkpoint(run)["step"])) if (run / "checkpoint.safetensors").exists() else 0
         assert reached % 2 == 0
-        if reached > 14:
+        if reached > 40:
             break
     finish(path)
     assert_same_run(run, undisturbed)
@@ -76,7 +76,7 @@ def test_ctrl_c_stops_after_the_step_and_can_be_resumed(undisturbed: Path, tmp_p
     assert process.returncode == 0, errors
     assert "Traceback" not in errors
     done = checkpoint(run)["step"]
-    assert f"stopped after step {done} of 20; continue with resume=true" in output
+    assert f"stopped after step {done} of 50; continue with resume=true" in output
     assert [line["step"] for line in metrics(run) if "loss" in line] == list(range(1, int(str(done)) + 1))
     finish(path, "data.workers=2")
     assert_same_run(run, undisturbed)

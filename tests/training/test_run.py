@@ -53,6 +53,8 @@ def test_the_log_has_losses_validation_and_what_training_costs(finished: Path) -
         assert ("occlusion" in line) == (line["step"] > 4)
         assert 0 <= line["loader_wait"] <= 1
     assert [line["step"] for line in lines if "validation_psnr" in line] == [4, 8]
+    schedule = OptimiserConfig(learning_rate=1e-2, schedule="cosine")
+    assert [line["learning_rate"] for line in steps] == [learning_rate(schedule, step, 8) for step in range(8)]
 
 
 def test_the_same_seed_gives_the_same_weights_and_another_seed_others(
@@ -93,6 +95,18 @@ def test_a_finished_run_can_be_resumed_without_a_change_wherever_it_lies(
     run = copied(finished, tmp_path)
     train(tiny_config(tmp_path, noisy_disc, "resume=true"), device="cpu")
     assert_same_run(run, finished)
+
+
+def test_the_moving_average_by_hand(tmp_path: Path, noisy_disc: Path) -> None:
+    name = "unet.encoders.0.0.weight"
+    weights, averages = [], []
+    for steps in (1, 2):
+        choices = f"phases=[{{steps: {steps}}}]", f"name=run{steps}", "optimiser.schedule=constant"
+        state = checkpoint(train(tiny_config(tmp_path, noisy_disc, *choices), device="cpu"))
+        weights.append(state[f"denoiser.{name}"])
+        averages.append(state[f"average.module.{name}"])
+    assert torch.equal(averages[0], weights[0])
+    torch.testing.assert_close(averages[1], 0.9 * weights[0] + 0.1 * weights[1])
 
 
 def test_bfloat16_trains(tmp_path: Path, noisy_disc: Path) -> None:
