@@ -5,6 +5,7 @@ import re
 import shutil
 from collections.abc import Callable
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -15,6 +16,7 @@ from nte.errors import NteError
 from nte.frames.clip import Clip, read_frame
 from nte.training.config import OptimiserConfig
 from nte.training.loop import learning_rate, train
+from nte.training.losses import SequenceLoss
 from nte.training.run import load_run
 from tests.synthetic import write_clip
 from tests.training.runs import TIMINGS, assert_same_run, checkpoint, metrics, tiny_config
@@ -223,6 +225,23 @@ def test_a_loss_that_is_not_finite_stops_before_the_checkpoint(tmp_path: Path, n
         train(tiny_config(tmp_path, clip, "data.crop=24"), device="cpu")
     assert not (tmp_path / "runs" / "tiny" / "checkpoint.safetensors").exists()
     assert len(Clip(clip)) == 4
+
+
+def test_a_gradient_that_is_not_finite_stops_before_the_checkpoint(
+    tmp_path: Path, noisy_disc: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    whole = SequenceLoss.forward
+
+    def forward(self: SequenceLoss, *arguments: Any) -> tuple[torch.Tensor, dict[str, torch.Tensor]]:
+        loss, parts = whole(self, *arguments)
+        return loss + (0 * next(self.parameters()).sum()).sqrt(), parts  # the slope of a root at zero
+
+    monkeypatch.setattr(SequenceLoss, "forward", forward)
+    for clip_norm in (0, 1):
+        overrides = f"optimiser.clip_norm={clip_norm}", "checkpoint_every=1", f"name=run{clip_norm}"
+        with pytest.raises(NteError, match="step 0: the gradient is not finite"):
+            train(tiny_config(tmp_path, noisy_disc, *overrides), device="cpu")
+    assert not list(tmp_path.glob("runs/*/checkpoint*"))
 
 
 @pytest.mark.parametrize("device", ["cuda", "abacus", "cuda:7"])
