@@ -17,6 +17,7 @@ from nte.errors import NteError
 from nte.frames.frame import Frame
 from nte.models.temporal import TemporalDenoiser
 from nte.motion import geometric
+from nte.registry import load_denoiser
 from nte.runtime import session
 from nte.runtime.session import OnnxDenoiser
 from tests.synthetic import random_channels, random_frames
@@ -171,6 +172,9 @@ def test_scalars_extras_and_providers_that_are_wrong(exported: OnnxDenoiser, mod
         exported.step(frame, None, ("kernels",))
     with pytest.raises(NteError, match=r"'AbacusExecutionProvider' is not available; there are .*CPUExecutionProvider"):
         OnnxDenoiser(model, providers=["AbacusExecutionProvider"])
+    with pytest.raises(NteError, match="'ABACUSExecutionProvider' is not available"):
+        load_denoiser(str(model), device="abacus:0")
+    assert isinstance(load_denoiser(str(model)), OnnxDenoiser)
 
 
 def test_files_that_are_no_model_of_ours(model: Path, tmp_path: Path) -> None:

@@ -2,6 +2,7 @@
 
 import json
 import os
+import shutil
 import subprocess
 import sys
 from pathlib import Path
@@ -69,3 +70,13 @@ def assert_same_run(run: Path, expected: Path) -> None:
     for name, tensor in ours.items():
         assert tensor.numpy().tobytes() == theirs[name].numpy().tobytes(), name
     assert metrics(run) == metrics(expected)
+
+
+def copied(finished: Path, folder: Path) -> Path:
+    """The finished run once more, where `tiny_config(folder, …)` expects it."""
+    return Path(shutil.copytree(finished, folder / "runs" / "tiny"))
+
+
+def contents(folder: Path) -> dict[str, bytes]:
+    """Every file of a folder."""
+    return {path.name: path.read_bytes() for path in folder.iterdir()}
