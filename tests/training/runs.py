@@ -41,11 +41,14 @@ def tiny_config(folder: Path, clip: Path, *overrides: str) -> TrainConfig:
 
 
 def start(path: Path, *overrides: str, launcher: tuple[str, ...] = ("train.py",)) -> "subprocess.Popen[str]":
-    """`python train.py CONFIG.yaml key=value …` in a process group of its own."""
+    """`python train.py CONFIG.yaml key=value …` in a process group of its own.
+
+    What it says goes through a short pipe: it cannot run far ahead of who listens, however busy the machine is.
+    """
     command = [sys.executable, *launcher, str(path), *overrides, "--device", "cpu"]
     return subprocess.Popen(
         command, cwd=ROOT, env=os.environ | {"PYTHONUNBUFFERED": "1"}, text=True, start_new_session=True,
-        stdout=subprocess.PIPE, stderr=subprocess.PIPE,
+        stdout=subprocess.PIPE, stderr=subprocess.PIPE, pipesize=4096,
     )  # fmt: skip
 
 

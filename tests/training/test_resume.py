@@ -13,12 +13,12 @@ from nte.training.loop import train
 from tests.training.runs import assert_same_run, checkpoint, config_file, metrics, start, tiny_config
 
 pytestmark = pytest.mark.slow
-LONG = "phases=[{steps: 25}, {steps: 25, occlusion: 0.5}]"
+LONG = "phases=[{steps: 40}, {steps: 40, occlusion: 0.5}]"
 
 
 @pytest.fixture(scope="module")
 def undisturbed(tmp_path_factory: pytest.TempPathFactory, noisy_disc: Path) -> Path:
-    """A run of 50 steps in this process, which is also one with a history. Only to be read."""
+    """A run of 80 steps in this process, which is also one with a history. Only to be read."""
     return train(tiny_config(tmp_path_factory.mktemp("undisturbed"), noisy_disc, LONG), device="cpu")
 
 
@@ -34,12 +34,12 @@ def wait_for_step(process: "subprocess.Popen[str]", step: int) -> None:
 def stop(process: "subprocess.Popen[str]", number: signal.Signals) -> tuple[str, str]:
     """Send a signal to the process and its workers; returns what it still says on stdout and stderr."""
     os.killpg(process.pid, number)
-    return process.communicate(timeout=60)
+    return process.communicate(timeout=300)
 
 
 def finish(path: Path, *overrides: str) -> None:
     process = start(path, LONG, "resume=true", *overrides)
-    _, errors = process.communicate(timeout=120)
+    _, errors = process.communicate(timeout=300)
     assert process.returncode == 0, errors
 
 
@@ -61,7 +61,7 @@ def test_killed_at_random_moments_and_again_while_resuming(
         stop(process, signal.SIGKILL)
         reached = int(str(checkpoint(run)["step"])) if (run / "checkpoint.safetensors").exists() else 0
         assert reached % 2 == 0
-        if reached > 40:
+        if reached > 70:
             break
     finish(path)
     assert_same_run(run, undisturbed)
@@ -76,7 +76,7 @@ def test_ctrl_c_stops_after_the_step_and_can_be_resumed(undisturbed: Path, tmp_p
     assert process.returncode == 0, errors
     assert "Traceback" not in errors
     done = checkpoint(run)["step"]
-    assert f"stopped after step {done} of 50; continue with resume=true" in output
+    assert f"stopped after step {done} of 80; continue with resume=true" in output
     assert [line["step"] for line in metrics(run) if "loss" in line] == list(range(1, int(str(done)) + 1))
     finish(path, "data.workers=2")
     assert_same_run(run, undisturbed)
@@ -89,7 +89,7 @@ def test_no_space_for_the_checkpoint_is_one_line(tmp_path: Path, noisy_disc: Pat
         "runpy.run_path('train.py', run_name='__main__')"
     )
     process = start(config_file(tmp_path, noisy_disc), launcher=("-c", limited))
-    _, errors = process.communicate(timeout=60)
+    _, errors = process.communicate(timeout=300)
     assert process.returncode == 2, errors
     lines = [line for line in errors.splitlines() if line.startswith("nte:")]
     assert len(lines) == 1
@@ -102,7 +102,7 @@ def test_no_space_for_the_checkpoint_is_one_line(tmp_path: Path, noisy_disc: Pat
 def test_two_processes_train_one_network_and_one_of_them_writes(tmp_path: Path, noisy_disc: Path) -> None:
     torchrun = ("-m", "torch.distributed.run", "--standalone", "--nproc_per_node=2", "train.py")
     process = start(config_file(tmp_path, noisy_disc), "data.batch=1", launcher=torchrun)
-    output, errors = process.communicate(timeout=120)
+    output, errors = process.communicate(timeout=300)
     assert process.returncode == 0, errors
     run = tmp_path / "runs" / "tiny"
     assert [line["step"] for line in metrics(run) if "loss" in line] == list(range(1, 9))
