@@ -9,7 +9,7 @@ import sys
 import warnings
 from collections.abc import Sequence
 from pathlib import Path
-from typing import Any
+from typing import Any, NoReturn
 
 from nte.errors import NteError, needs_extra
 
@@ -20,7 +20,12 @@ _EXTRA_OF = {
 
 def main(argv: Sequence[str] | None = None) -> int:
     """Run the command line; returns the exit status."""
-    options = _parser().parse_args(argv)
+    parser = _parser()
+    options, rest = parser.parse_known_args(argv)
+    if options.command == "train" and all("=" in item and item[0] != "-" for item in rest):
+        options.overrides += rest  # argparse takes no more positionals after an option; users mix them
+    elif rest:
+        parser.error(f"unrecognised arguments: {' '.join(rest)}")
     warnings.showwarning = _tell_warning
     try:
         return int(options.run(options) or 0)
@@ -37,15 +42,21 @@ def main(argv: Sequence[str] | None = None) -> int:
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
         return 0
     except KeyboardInterrupt:
-        print("nte: interrupted; nothing half-written is left, the same command goes on", file=sys.stderr)
+        print("nte: interrupted; nothing half-written is left", file=sys.stderr)
         return 130
+
+
+class _Parser(argparse.ArgumentParser):
+    def error(self, message: str) -> NoReturn:
+        """Say what is wrong in one line, as for any other wrong input; the usage is a --help away."""
+        self.exit(2, f"{self.prog}: error: {message}; see {self.prog} --help\n")
 
 
 def _parser() -> argparse.ArgumentParser:
     from nte import __version__
     from nte.cli_import import add_import
 
-    parser = argparse.ArgumentParser(prog="nte", description="Neural temporal denoising of path-traced sequences")
+    parser = _Parser(prog="nte", description="Neural temporal denoising of path-traced sequences")
     parser.add_argument("--version", action="version", version=f"nte {__version__}")
     commands = parser.add_subparsers(dest="command", metavar="COMMAND", required=True)
 
@@ -162,6 +173,7 @@ def _check(options: argparse.Namespace) -> int:
     from nte.check import check_clip
     from nte.check_output import describe, draw
     from nte.frames.clip import Clip, find_clips
+    from nte.frames.exr import make_folder
     from nte.frames.show import write_png
 
     implausible = 0
@@ -174,7 +186,7 @@ def _check(options: argparse.Namespace) -> int:
             path = options.picture / f"{'_'.join(folder.parts[-2:])}.png"
             if path.exists() and not options.force:
                 raise NteError(f"{path}: exists: choose another folder, or overwrite it with --force")
-            path.parent.mkdir(parents=True, exist_ok=True)
+            make_folder(path.parent)
             write_png(path, draw(clip, report.telling_frame))
             print(f"  picture of frame {report.telling_frame}: {path}")
     return 2 if implausible else 0

@@ -132,7 +132,14 @@ def test_wrong_usage_is_status_2(arguments: tuple[str, ...], capsys: pytest.Capt
     with pytest.raises(SystemExit) as left:
         main(arguments)
     assert left.value.code == 2
-    assert "error: " in capsys.readouterr().err
+    (line,) = capsys.readouterr().err.splitlines()
+    assert "error: " in line
+
+
+def test_options_and_overrides_of_train_mix(folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    # Both overrides arrive: the second one is what is complained about.
+    assert main(["train", "tiny.yaml", "seed=3", "--device", "cpu", "data.frames=none"]) == 2
+    assert "data.frames" in capsys.readouterr().err
 
 
 def test_version_and_help(capsys: pytest.CaptureFixture[str]) -> None:
