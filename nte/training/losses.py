@@ -56,7 +56,8 @@ def occlusion_loss(image: Tensor, reference: Tensor, weights: Tensor, normalise:
 class SequenceLoss(nn.Module):
     """Unrolls the denoiser over a clip; the loss is the mean of its frames' losses.
 
-    The paper sums them, which Adam does not see. One module, so that DistributedDataParallel sees the whole recurrence as one forward pass.
+    The paper sums them, which Adam does not see. One module, so that DistributedDataParallel sees the whole
+    recurrence as one forward pass.
     """
 
     def __init__(self, denoiser: TemporalDenoiser, config: LossConfig, precision: str = "32-true") -> None:
