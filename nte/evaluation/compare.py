@@ -9,8 +9,9 @@ from typing import Any
 
 from nte.denoiser import Denoiser, check_needs
 from nte.errors import NteError
-from nte.evaluation.run import ClipRun, Shown, mean, reference_of
+from nte.evaluation.run import ClipRun, Shown, mean
 from nte.evaluation.table import METRICS
+from nte.evaluation.truth import reference_of
 from nte.frames.clip import Clip, find_clips
 from nte.frames.exr import write_whole
 from nte.registry import load_denoiser
@@ -22,7 +23,7 @@ Progress = Callable[[int, int, str], None]  # frames done, frames in all, clip a
 
 @dataclass(frozen=True)
 class Evaluation:
-    """The content of metrics.json, and one frame of each clip for the report."""
+    """The content of metrics.json, and one frame of each clip and target for the report."""
 
     metrics: dict[str, Any]
     shown: list[Shown]
@@ -62,7 +63,7 @@ def evaluate(
             if progress:
                 progress(done, total, f"{label}, frame {index}")
         rows += run.rows()
-        shown.append(run.shown)
+        shown += run.shown.values()
     metrics = {"format": FORMAT, "rows": rows, "means": means_of(rows)}
     text = json.dumps(metrics, indent=1, allow_nan=False) + "\n"
     write_whole(out / "metrics.json", lambda temporary: temporary.write_text(text, encoding="utf-8") and None)
@@ -91,13 +92,21 @@ def prepare_folder(out: Path, force: bool) -> None:
         raise NteError(f"{out}: cannot be made: {error.strerror}") from error
 
 
-def means_of(rows: Iterable[Mapping[str, Any]], region: str = "all") -> dict[str, dict[str, float | None]]:
-    """Spec → metric → mean over the clips that have a number, of the rows of a region."""
+def means_of(
+    rows: Sequence[Mapping[str, Any]], region: str = "all", target: str | None = None
+) -> dict[str, dict[str, float | None]]:
+    """Spec → metric → mean over the clips that have a number, of the rows of a region.
+
+    target: the light that is scored; None takes what each denoiser gives as its image.
+    """
+    own: dict[str, str] = {}  # a denoiser's own target stands in its first row
+    for row in rows:
+        own.setdefault(row["denoiser"], row["target"])
     by_spec: dict[str, list[Mapping[str, Any]]] = {}
     for row in rows:
-        if row["region"] == region:
+        if row["region"] == region and row["target"] == (target or own[row["denoiser"]]):
             by_spec.setdefault(row["denoiser"], []).append(row)
-    return {spec: {m.name: mean(row[m.name] for row in own) for m in METRICS} for spec, own in by_spec.items()}
+    return {spec: {m.name: mean(row[m.name] for row in chosen) for m in METRICS} for spec, chosen in by_spec.items()}
 
 
 def _check(label: str, clip: Clip, denoisers: Mapping[str, Denoiser], first_frame: bool) -> None:

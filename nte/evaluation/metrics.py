@@ -12,12 +12,15 @@ import torch
 from torch import Tensor
 from torchmetrics.functional.image import peak_signal_noise_ratio, structural_similarity_index_measure
 
+from nte.color import luminance
 from nte.errors import NteError
 from nte.frames.frame import Frame
 from nte.motion.geometric import frame_vectors, traditional_motion
 
-REGIONS = ("all", "disoccluded", "static", "moving")
+REGIONS = ("all", "disoccluded", "static", "moving", "shadowed", "glossy")
 MOVING_PX = 0.1  # a pixel that moved further than this since the previous frame is «moving»
+SHADOWED = 0.99  # of less visibility: shadow and penumbra, beyond the noise of the reference
+GLOSSY = 0.1  # share of the light, in luminance, that other lobes than the diffuse one give
 PSNR_MAX = 100.0  # dB, also that of identical images: below it lies the rounding of a display value
 FLIP_PPD = 67.0  # pixels per degree: 0.7 m in front of a 0.7 m wide screen of 3840 pixels
 _SSIM_SMALLEST = 6  # the 11×11 window is mirrored at the border
@@ -116,23 +119,29 @@ def temporal_l1_floor(a: Tensor, a_before: Tensor, b: Tensor, b_before: Tensor) 
 
 
 def regions_of(frame: Frame, previous_depth: Tensor | None = None) -> dict[str, Tensor]:
-    """Region → (N, 1, H, W) bool, of a PyTorch frame; without `motion` there is only «all».
+    """Region → (N, 1, H, W) bool, of a PyTorch frame: those that its channels define, «all» at least.
 
     disoccluded: the mask of the dual vectors, sharper with the depth of the frame before; nothing is
     disoccluded in frame 0, which has no history. Where previous_forward_motion is missing it is scattered from
     motion and depth; without depth the region is left out. moving: |motion| > 0.1 px; static: the rest.
+    shadowed: reference visibility below 0.99. glossy: a tenth of the reference or more is glossy light.
     """
     height, width = frame.size
     everywhere = torch.ones(frame.batch, 1, height, width, dtype=torch.bool)
-    if "motion" not in frame:
-        return {"all": everywhere}
-    motion = traditional_motion(frame["motion"]).motion
-    moving = motion.square().sum(1, keepdim=True) > MOVING_PX**2
-    found = {"all": everywhere, "static": ~moving, "moving": moving}
-    if frame.index == 0:
-        found["disoccluded"] = ~everywhere
-    elif "previous_forward_motion" in frame or "depth" in frame:
-        found["disoccluded"] = frame_vectors(frame, previous_depth).disoccluded
+    found = {"all": everywhere}
+    if "motion" in frame:
+        motion = traditional_motion(frame["motion"]).motion
+        moving = motion.square().sum(1, keepdim=True) > MOVING_PX**2
+        found |= {"static": ~moving, "moving": moving}
+        if frame.index == 0:
+            found["disoccluded"] = ~everywhere
+        elif "previous_forward_motion" in frame or "depth" in frame:
+            found["disoccluded"] = frame_vectors(frame, previous_depth).disoccluded
+    if "reference_visibility" in frame:
+        found["shadowed"] = frame["reference_visibility"] < SHADOWED
+    if "reference_glossy" in frame and "reference" in frame:
+        light = luminance(frame["reference"])
+        found["glossy"] = (light > 0) & (luminance(frame["reference_glossy"]) >= GLOSSY * light)
     return found
 
 

@@ -9,7 +9,7 @@ import numpy as np
 
 import nte
 from nte.evaluation.compare import Evaluation, means_of
-from nte.evaluation.metrics import MOVING_PX, REGIONS
+from nte.evaluation.metrics import GLOSSY, MOVING_PX, REGIONS, SHADOWED
 from nte.evaluation.run import Shown
 from nte.evaluation.table import METRICS, Metric, best_of
 from nte.frames.exr import write_whole
@@ -40,7 +40,6 @@ def render_report(evaluation: Evaluation) -> str:
     environment.policies["json.dumps_kwargs"] = {"sort_keys": False, "ensure_ascii": False}
     whole = [row for row in metrics["rows"] if row["region"] == "all"]
     frames = {row["clip"]: row["frames"] for row in whole}
-    regions = {region: _cells(means_of(metrics["rows"], region), REGION_METRICS) for region in REGIONS[1:]}
     return environment.get_template("report.html.jinja").render(
         version=nte.__version__,
         clips=list(frames),
@@ -50,8 +49,10 @@ def render_report(evaluation: Evaluation) -> str:
         metrics=METRICS,
         means=_cells(metrics["means"], METRICS),
         region_metrics=REGION_METRICS,
-        regions=regions,
+        parts=_parts(metrics["rows"]),
         moving_px=MOVING_PX,
+        shadowed=SHADOWED,
+        glossy=GLOSSY,
         scale=_data_uri(png_bytes(quantise(heat(np.linspace(0, 1, 256, dtype=np.float32)[None], "magma")))),
         data={
             "rows": metrics["rows"],
@@ -60,6 +61,20 @@ def render_report(evaluation: Evaluation) -> str:
             "shown": [_pictures(shown) for shown in evaluation.shown],
         },
     )
+
+
+def _parts(rows: list[dict[str, Any]]) -> list[dict[str, Any]]:
+    """A table for each region of each light; the whole image has one already if there is a single light."""
+    targets = list(dict.fromkeys(row["target"] for row in rows))
+    several = len(targets) > 1
+    there = {(row["region"], row["target"]) for row in rows if row["frames"]}
+    return [
+        {"region": region, "target": target if several else "",
+         "rows": _cells(means_of(rows, region, target), REGION_METRICS)}
+        for region in REGIONS[0 if several else 1 :]
+        for target in targets
+        if (region, target) in there
+    ]  # fmt: skip
 
 
 def _cells(means: dict[str, dict[str, float | None]], metrics: tuple[Metric, ...]) -> dict[str, list[dict[str, Any]]]:
@@ -74,6 +89,7 @@ def _cells(means: dict[str, dict[str, float | None]], metrics: tuple[Metric, ...
 def _pictures(shown: Shown) -> dict[str, Any]:
     return {
         "clip": shown.clip,
+        "target": shown.target,
         "frame": shown.frame,
         "disoccluded": shown.disoccluded,
         "images": {name: _data_uri(png_bytes(pixels)) for name, pixels in shown.images.items()},

@@ -4,17 +4,15 @@ import statistics
 import time
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field, replace
-from typing import Any, NamedTuple
+from typing import Any
 
 import torch
 from torch import Tensor
 
-from nte.color import display
 from nte.denoiser import Denoiser, Result, Session, State
-from nte.errors import NteError
-from nte.evaluation.metrics import REGIONS, Scores, region_mean, regions_of, score, temporal_l1, temporal_l1_floor
+from nte.evaluation.metrics import Scores, region_mean, regions_of, score, temporal_l1, temporal_l1_floor
 from nte.evaluation.table import METRICS
-from nte.frames.channels import CHANNELS
+from nte.evaluation.truth import Truth, displayed, read_truth, reference_of
 from nte.frames.clip import Clip
 from nte.frames.frame import Frame
 from nte.frames.scalars import sequence_scalars
@@ -25,31 +23,22 @@ SCORED = tuple(metric.name for metric in METRICS if metric.name != "ms_per_frame
 
 @dataclass(frozen=True)
 class Shown:
-    """One frame of a clip for the report: the input, the references, every output and its FLIP error map."""
+    """One target in one frame of a clip for the report: input, reference, every output and its FLIP error map."""
 
     clip: str
+    target: str
     frame: int
     disoccluded: int  # pixels
     images: dict[str, RGB] = field(default_factory=dict)  # noisy input, reference, then a spec each
     flip: dict[str, RGB] = field(default_factory=dict)  # a spec each
 
 
-class Truth(NamedTuple):
-    """What a target should look like, after the display transform, and its two independent halves if stored."""
-
-    image: Tensor  # (1, 3, H, W)
-    halves: tuple[Tensor, Tensor] | None
-
-
-def reference_of(target: str) -> str:
-    """The channel that a denoiser's output is compared with: the reference of its target."""
-    return "reference" if target == "color" else f"reference_{target}"
-
-
 class ClipRun:
     """Denoisers (spec → denoiser) over one clip: `advance` through the frames in order, then `rows` and `shown`.
 
-    Raises NteError, naming denoiser, clip and frame, for an output or a reference that cannot be scored.
+    A denoiser that filters light components apart (`components`) is scored on each of them as well, where the
+    clip has its reference. Raises NteError, naming denoiser, clip and frame, for an output or a reference
+    that cannot be scored.
     """
 
     def __init__(
@@ -57,9 +46,10 @@ class ClipRun:
     ) -> None:
         self.label, self.clip, self.first_frame, self.device = label, clip, first_frame, device
         self.exposure = torch.from_numpy(sequence_scalars(clip.frame(0))[0])
-        self.runs = [_Run(spec, denoiser, device) for spec, denoiser in denoisers.items()]
+        self.runs = [_Run(spec, denoiser, clip.channels, device) for spec, denoiser in denoisers.items()]
+        self.targets = list(dict.fromkeys(target for run in self.runs for target in run.tracks))
         self.truths: dict[str, Truth] = {}
-        self.shown = Shown(label, -1, -1)
+        self.shown: dict[str, Shown] = {}  # by target
         self._depth: Tensor | None = None  # of the frame before
 
     @torch.no_grad()
@@ -67,89 +57,89 @@ class ClipRun:
         """Read a frame, let every denoiser step, and score what it gives."""
         frame = self.clip.frame(index).torch()
         on_device = frame.torch(self.device)
-        before, self.truths = self.truths, {t: self._truth(frame, t) for t in self._targets()}
+        before = self.truths
+        self.truths = {target: read_truth(frame, target, self.exposure, self.label) for target in self.targets}
         regions = regions_of(frame, self._depth)
         self._depth = frame.get("depth")
         scored = index > 0 or self.first_frame
-        # Denoisers differ most where most came into sight; the last of equals has the longest history.
-        # So the data chooses the frame that is shown, not the results.
-        disoccluded = int(regions["disoccluded"].sum()) if "disoccluded" in regions else 0
-        chosen = scored and disoccluded >= self.shown.disoccluded
-        if chosen:
-            self.shown = Shown(self.label, index, disoccluded, self._given(frame))
+        chosen = scored and self._choose(frame, regions)
         for run in self.runs:
-            target = run.denoiser.target
-            output = run.session.step(run.visible(on_device)).image.cpu()
-            where = f"{run.spec} on {self.label}, frame {index}"
-            image = self._display(output, target, where, tuple(self.truths[target].image.shape[2:]))
-            if scored:
-                maps = run.score(image, self.truths[target], before.get(target), regions)
-                if chosen:
-                    self.shown.images[run.spec] = _picture(image)
-                    self.shown.flip[run.spec] = quantise(heat(maps["flip"][0, 0].numpy(), "magma"))
-            run.before = image
+            for target, output in run.step(on_device).items():
+                where = f"{run.spec} on {self.label}, frame {index}"
+                image = displayed(output.cpu(), target, self.exposure, where, frame.size)
+                track = run.tracks[target]
+                if scored:
+                    maps = track.score(image, self.truths[target], before.get(target), regions)
+                    if chosen:
+                        self.shown[target].images[run.spec] = quantise(image[0].numpy())
+                        self.shown[target].flip[run.spec] = quantise(heat(maps["flip"][0, 0].numpy(), "magma"))
+                track.before = image
 
     def rows(self) -> list[dict[str, Any]]:
-        """The rows of metrics.json, one per denoiser and region."""
+        """The rows of metrics.json, one per denoiser, target and region."""
         return [
             {
                 "denoiser": run.spec,
                 "clip": self.label,
-                "target": run.denoiser.target,
+                "target": target,
                 "region": region,
                 "first_frame": self.first_frame,
-                **run.summary(region),
+                **track.summary(region),
+                "ms_per_frame": run.ms_per_frame,
             }
             for run in self.runs
-            for region in REGIONS
+            for target, track in run.tracks.items()
+            for region in track.regions
         ]
 
-    def _targets(self) -> dict[str, None]:
-        return dict.fromkeys(run.denoiser.target for run in self.runs)
+    def _choose(self, frame: Frame, regions: Mapping[str, Tensor]) -> bool:
+        """Whether this frame is the one to show, so far; starts its pictures with input and reference.
 
-    def _truth(self, frame: Frame, target: str) -> Truth:
-        name = reference_of(target)
-        where = f"'{name}' of {self.label}, frame {frame.index}"
-        halves = [frame[half] for half in (f"{name}_a", f"{name}_b") if half in frame]
-        shown = [self._display(image, target, where, frame.size) for image in (frame[name], *halves)]
-        return Truth(shown[0], (shown[1], shown[2]) if len(halves) == 2 else None)
-
-    def _display(self, image: Tensor, target: str, where: str, size: tuple[int, ...]) -> Tensor:
-        """(1, 3, H, W) in [0, 1]: radiance through the display transform, other quantities as they are."""
-        if tuple(image.shape[2:]) != size:
-            raise NteError(f"{where}: the image is {tuple(image.shape)}, expected (1, C, {size[0]}, {size[1]})")
-        if bad := int((~image.isfinite()).any(1).sum()):
-            raise NteError(f"{where}: {bad} of {image[0, 0].numel()} pixels are not finite: it cannot be scored")
-        if CHANNELS[target].shown == "radiance":
-            return display(image, self.exposure)
-        return image.clamp(0, 1).expand(-1, 3, -1, -1)
-
-    def _given(self, frame: Frame) -> dict[str, RGB]:
-        """Noisy input and reference of each target; no input where a denoiser `noisy` shows it already."""
-        images = {}
+        Denoisers differ most where most came into sight; the last of equals has the longest history. So the
+        data chooses the frame that is shown, not the results.
+        """
+        disoccluded = int(regions["disoccluded"].sum()) if "disoccluded" in regions else 0
+        if any(disoccluded < shown.disoccluded for shown in self.shown.values()):
+            return False
         for target, truth in self.truths.items():
-            suffix = f" ({target})" if len(self.truths) > 1 else ""
-            if target in frame and "noisy" not in [run.spec for run in self.runs]:
-                usable = torch.nan_to_num(frame[target], 0, 0, 0)
-                images[f"noisy input{suffix}"] = _picture(self._display(usable, target, "", frame.size))
-            images[f"reference{suffix}"] = _picture(truth.image)
-        return images
+            images = {"reference": quantise(truth.image[0].numpy())}
+            if target in frame and not any(run.spec == "noisy" and target in run.tracks for run in self.runs):
+                usable = displayed(torch.nan_to_num(frame[target], 0, 0, 0), target, self.exposure, "", frame.size)
+                images = {"noisy input": quantise(usable[0].numpy()), **images}
+            self.shown[target] = Shown(self.label, target, frame.index, disoccluded, images)
+        return True
 
 
 class _Run:
-    """One denoiser on one clip: its session, its output before, and its scores so far."""
+    """One denoiser on one clip: its session, its time, and a track for each output that is scored."""
 
-    def __init__(self, spec: str, denoiser: Denoiser, device: str) -> None:
+    def __init__(self, spec: str, denoiser: Denoiser, channels: Iterable[str], device: str) -> None:
         self.spec, self.denoiser = spec, denoiser
         self.timed = _Timed(denoiser, device)
         self.session = Session(self.timed)
+        offered: tuple[str, ...] = getattr(denoiser, "components", ())
+        self.components = tuple(name for name in offered if reference_of(name) in channels)
+        self.tracks = {target: _Track() for target in (denoiser.target, *self.components)}
+
+    def step(self, frame: Frame) -> dict[str, Tensor]:
+        """Target → output. The denoiser sees what it asks for and nothing else: above all no reference."""
+        wanted = (*self.denoiser.needs, *self.denoiser.optional)
+        visible = replace(frame, channels={name: frame[name] for name in wanted if name in frame})
+        result = self.session.step(visible, self.components)
+        return {self.denoiser.target: result.image, **{name: result.extras[name] for name in self.components}}
+
+    @property
+    def ms_per_frame(self) -> float:
+        """Median without the first frame, which starts the sequence."""
+        return 1000 * statistics.median(self.timed.seconds[1:] or self.timed.seconds)
+
+
+class _Track:
+    """One output of one denoiser on one clip: the image before, and the scores so far."""
+
+    def __init__(self) -> None:
         self.before: Tensor | None = None
         self.scores: list[Scores] = []
-
-    def visible(self, frame: Frame) -> Frame:
-        """The frame with what the denoiser asks for and nothing else: above all without the reference."""
-        wanted = (*self.denoiser.needs, *self.denoiser.optional)
-        return replace(frame, channels={name: frame[name] for name in wanted if name in frame})
 
     def score(
         self, image: Tensor, truth: Truth, before: Truth | None, regions: Mapping[str, Tensor]
@@ -167,13 +157,17 @@ class _Run:
         self.scores.append(scores)
         return maps
 
+    @property
+    def regions(self) -> list[str]:
+        """The regions that any frame had, in order."""
+        return list(dict.fromkeys(region for scores in self.scores for region in scores))
+
     def summary(self, region: str) -> dict[str, Any]:
         """What a row of metrics.json says of a region: means over the frames that have any of its pixels."""
         per_frame = {name: [scores.get(region, {}).get(name) for scores in self.scores] for name in SCORED}
         return {
             "frames": sum(value is not None for value in per_frame["psnr"]),
             **{name: mean(values) for name, values in per_frame.items()},
-            "ms_per_frame": 1000 * statistics.median(self.timed.seconds[1:] or self.timed.seconds),
             "per_frame": per_frame,
         }
 
@@ -205,6 +199,3 @@ def mean(values: Iterable[float | None]) -> float | None:
     numbers = [value for value in values if value is not None]
     return statistics.fmean(numbers) if numbers else None
 
-
-def _picture(image: Tensor) -> RGB:
-    return quantise(image[0].numpy())

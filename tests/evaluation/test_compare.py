@@ -12,7 +12,7 @@ import torch
 from nte import Clip, Frame, NteError, Result
 from nte.denoiser import Denoiser, Noisy, State
 from nte.evaluation import compare
-from nte.evaluation.compare import Evaluation, clip_labels, evaluate
+from nte.evaluation.compare import Evaluation, clip_labels, evaluate, means_of
 from nte.evaluation.metrics import score
 from nte.evaluation.run import mean
 from nte.frames.clip import find_clips
@@ -129,7 +129,38 @@ def test_a_component_is_compared_with_its_own_reference(tmp_path: Path, use) -> 
     evaluation = evaluate([folder], specs, tmp_path / "out")
     assert [row["target"] for row in rows_of(evaluation, region="all")] == specs
     assert all(row["psnr"] == 100 for row in rows_of(evaluation, region="all"))
-    assert "reference (indirect)" in evaluation.shown[0].images
+    assert [shown.target for shown in evaluation.shown] == specs
+    assert all(list(shown.images)[1:] == ["reference", shown.target] for shown in evaluation.shown)
+
+
+class Apart(Noisy):
+    """A denoiser that filters shadows and indirect light apart, one well and one badly."""
+
+    components = ("visibility", "indirect", "glossy")
+    needs = ("color", "visibility", "indirect")
+
+    def step(self, frame: Frame, state: State | None, extras: tuple[str, ...] = ()) -> tuple[Result, State]:
+        found = {"visibility": frame["visibility"], "indirect": frame["indirect"] / 2}
+        return Result(frame["color"], {name: found[name] for name in extras}), ()
+
+
+def test_light_components_are_scored_too_where_the_clip_has_their_reference(tmp_path: Path, use) -> None:
+    frames = [clean_frame(i) for i in range(3)]
+    for channels in frames:
+        channels["indirect"] = channels["reference_indirect"] = channels["reference"]
+        channels["visibility"] = channels["reference_visibility"] = channels["albedo"][:1]
+    evaluation = evaluate([write_clip(tmp_path / "parts", frames)], use(apart=Apart(), plain=Scaled(1)), tmp_path / "out")
+    whole = rows_of(evaluation, region="all")
+    assert [(row["denoiser"], row["target"]) for row in whole] == [
+        ("apart", "color"), ("apart", "visibility"), ("apart", "indirect"), ("plain", "color"),
+    ]  # fmt: skip
+    colour, visibility, indirect, _ = whole
+    assert colour["psnr"] == visibility["psnr"] == 100
+    assert indirect["psnr"] < 40
+    assert evaluation.metrics["means"]["apart"]["psnr"] == 100  # of what it gives as its image
+    assert means_of(evaluation.metrics["rows"], target="indirect").keys() == {"apart"}
+    assert [shown.target for shown in evaluation.shown] == ["color", "visibility", "indirect"]
+    assert list(evaluation.shown[2].images) == ["noisy input", "reference", "apart"]
 
 
 def test_a_denoiser_sees_only_what_it_asks_for(clip: Path, tmp_path: Path, use) -> None:

@@ -206,6 +206,16 @@ def test_regions_need_what_they_are_made_of(frame: Callable[[], Frame], expected
     assert set(regions_of(frame())) == expected
 
 
+def test_shadowed_and_glossy_pixels_are_told_by_the_references() -> None:
+    visibility = torch.tensor([1.0, 0.995, 0.9, 0.0]).view(1, 1, 1, 4)
+    light = torch.tensor([1.0, 1.0, 1.0, 0.0]).view(1, 1, 1, 4).expand(1, 3, 1, 4)
+    glossy = torch.tensor([0.5, 0.11, 0.09, 0.0]).view(1, 1, 1, 4).expand(1, 3, 1, 4)
+    channels = {"reference_visibility": visibility, "reference": light, "reference_glossy": glossy}
+    regions = regions_of(Frame(channels))
+    assert regions["shadowed"].flatten().tolist() == [False, False, True, True]
+    assert regions["glossy"].flatten().tolist() == [True, True, False, False]  # black is no highlight
+
+
 def test_nothing_is_disoccluded_in_the_first_frame() -> None:
     frame = frame_of(2, "previous_forward_motion")
     first = Frame(frame.channels, index=0)

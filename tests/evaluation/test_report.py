@@ -102,7 +102,7 @@ def test_names_cannot_break_the_page(evaluation: Evaluation) -> None:
 def test_what_a_reader_cannot_see_has_a_label(evaluation: Evaluation) -> None:
     page = Page(render_report(evaluation))
     assert all("alt" in attributes for tag, attributes in page.tags if tag == "img")
-    assert page.text["label"][:3] == ["Clip", "Left", "Right"]
+    assert page.text["label"][:4] == ["Clip", "Light", "Left", "Right"]
     assert ("html", {"lang": "en"}) in page.tags
 
 

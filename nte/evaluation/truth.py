@@ -1,0 +1,45 @@
+"""What a target should look like: its reference, after the display transform."""
+
+from typing import NamedTuple
+
+from torch import Tensor
+
+from nte.color import display
+from nte.errors import NteError
+from nte.frames.channels import CHANNELS
+from nte.frames.frame import Frame
+
+
+class Truth(NamedTuple):
+    """A target's reference after the display transform, and its two independent halves if stored."""
+
+    image: Tensor  # (1, 3, H, W)
+    halves: tuple[Tensor, Tensor] | None
+
+
+def reference_of(target: str) -> str:
+    """The channel that an output is compared with: the reference of its target."""
+    return "reference" if target == "color" else f"reference_{target}"
+
+
+def read_truth(frame: Frame, target: str, exposure: Tensor, clip: str) -> Truth:
+    """The truth of a target in a frame; `clip` names it in errors. exposure: (1,), of the sequence."""
+    name = reference_of(target)
+    where = f"'{name}' of {clip}, frame {frame.index}"
+    halves = [frame[half] for half in (f"{name}_a", f"{name}_b") if half in frame]
+    shown = [displayed(image, target, exposure, where, frame.size) for image in (frame[name], *halves)]
+    return Truth(shown[0], (shown[1], shown[2]) if len(halves) == 2 else None)
+
+
+def displayed(image: Tensor, target: str, exposure: Tensor, where: str, size: tuple[int, ...]) -> Tensor:
+    """(1, 3, H, W) in [0, 1]: radiance through the display transform, other quantities as they are.
+
+    Raises NteError, saying `where`, for an image that has another size or that is not finite.
+    """
+    if tuple(image.shape[2:]) != size:
+        raise NteError(f"{where}: the image is {tuple(image.shape)}, expected (1, C, {size[0]}, {size[1]})")
+    if bad := int((~image.isfinite()).any(1).sum()):
+        raise NteError(f"{where}: {bad} of {image[0, 0].numel()} pixels are not finite: it cannot be scored")
+    if CHANNELS[target].shown == "radiance":
+        return display(image, exposure)
+    return image.clamp(0, 1).expand(-1, 3, -1, -1)
