@@ -149,7 +149,8 @@ def test_light_components_are_scored_too_where_the_clip_has_their_reference(tmp_
     for channels in frames:
         channels["indirect"] = channels["reference_indirect"] = channels["reference"]
         channels["visibility"] = channels["reference_visibility"] = channels["albedo"][:1]
-    evaluation = evaluate([write_clip(tmp_path / "parts", frames)], use(apart=Apart(), plain=Scaled(1)), tmp_path / "out")
+    folder = write_clip(tmp_path / "parts", frames)
+    evaluation = evaluate([folder], use(apart=Apart(), plain=Scaled(1)), tmp_path / "out")
     whole = rows_of(evaluation, region="all")
     assert [(row["denoiser"], row["target"]) for row in whole] == [
         ("apart", "color"), ("apart", "visibility"), ("apart", "indirect"), ("plain", "color"),
