@@ -14,7 +14,8 @@ from typing import Any, NoReturn
 from nte.errors import NteError, needs_extra
 
 _EXTRA_OF = {
-    "render": "render", "train": "train", "export": "train", "evaluate": "eval", "check": "eval", "import": "import",
+    "render": "render", "train": "train", "export": "train", "evaluate": "eval", "compare": "eval", "check": "eval",
+    "import": "import",
 }  # fmt: skip
 
 
@@ -79,6 +80,13 @@ def _parser() -> argparse.ArgumentParser:
     evaluate.add_argument("--first-frame", action="store_true", help="score the first frame too")
     _device(evaluate, "cpu")
     _force(evaluate)
+
+    compare = _command(commands, "compare", _compare, "reproduce a published comparison: render, evaluate, report")
+    compare.add_argument("comparison", type=Path, metavar="COMPARISON.yaml")
+    compare.add_argument("--data", type=Path, required=True, help="folder for the rendered clips; continues there")
+    compare.add_argument("--out", type=Path, required=True, help="folder for the reports")
+    _device(compare, "cpu")
+    _force(compare)
 
     export = _command(commands, "export", _export, "export a run as one ONNX file, checked against PyTorch")
     export.add_argument("source", type=Path, metavar="RUN")
@@ -148,6 +156,21 @@ def _evaluate(options: argparse.Namespace) -> None:
     page = write_report(found, options.out)
     print(format_table(found.metrics))
     print(f"report: {page}")
+
+
+def _compare(options: argparse.Namespace) -> None:
+    from nte.evaluation.comparison import read_comparison, run_comparison, summary_table
+    from nte.progress import Progress
+    from nte.render.clips import render_recipe
+
+    comparison = read_comparison(options.comparison)
+    render_recipe(comparison.recipe, options.data)
+    with Progress("compare", 0, "frame") as progress:
+        rows = run_comparison(
+            comparison, options.data, options.out, options.force, options.device, progress.reach
+        )
+    print(summary_table(rows))
+    print(f"reports: {options.out}")
 
 
 def _export(options: argparse.Namespace) -> None:

@@ -1,6 +1,6 @@
 """The table of metrics: what each number is called, which way is better, how it is computed; and the text table."""
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any, Literal
 
@@ -61,11 +61,14 @@ def format_table(metrics: Mapping[str, Any]) -> str:
         best = best_of(means, metric)
         cells = [metric.text(row[metric.name]) + ("*" if spec in best else " ") for spec, row in means.items()]
         columns.append([metric.label + " ", *cells])
-    return "\n".join(_lines(columns))
+    return aligned(columns)
 
 
-def _lines(columns: list[list[str]]) -> Iterable[str]:
+def aligned(columns: list[list[str]]) -> str:
+    """Columns of text side by side: the first to the left, numbers and all others to the right."""
     widths = [max(map(len, column)) for column in columns]
+    lines = []
     for row in zip(*columns, strict=True):
         first, *rest = (cell.rjust(width) for cell, width in zip(row, widths, strict=True))
-        yield "  ".join([row[0].ljust(len(first)), *rest]).rstrip()
+        lines.append("  ".join([row[0].ljust(len(first)), *rest]).rstrip())
+    return "\n".join(lines)
