@@ -6,6 +6,7 @@ from nte.render.scenes import (
     apples,
     dining,
     fence,
+    limits,
     motion_blur,
     ocean,
     penumbra,
@@ -32,5 +33,6 @@ FAMILIES: dict[str, Family[Any]] = {
     "dining": Family(dining.Parameters, dining.make_dining),
     "spheres": Family(spheres.Parameters, spheres.make_spheres),
     "motion_blur": Family(motion_blur.Parameters, motion_blur.make_motion_blur),
+    "limits": Family(limits.Parameters, limits.make_limits),
     "ocean": Family(ocean.Parameters, ocean.make_ocean),
 }
