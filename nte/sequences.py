@@ -13,6 +13,7 @@ from nte.errors import NteError
 from nte.frames.clip import Clip, as_layers, frame_path, read_frame, write_clip_info
 from nte.frames.exr import make_folder, read_layers, write_exr
 from nte.frames.frame import Frame
+from nte.frames.numbering import by_number
 from nte.frames.scalars import sequence_scalars
 from nte.frames.show import show, write_png
 from nte.progress import Progress
@@ -91,13 +92,6 @@ def _loose_frames(paths: Sequence[Path]) -> Iterator[Frame]:
 
 
 def _in_order(sources: Sequence[Path]) -> list[Path]:
-    """Files by the number at the end of their names; raises NteError for a gap in the numbering."""
-    numbers = {path: re.search(r"(\d+)$", path.stem) for path in sources}
-    if not all(numbers.values()):
-        return list(sources)
-    ordered = sorted(sources, key=lambda path: int(numbers[path][0]))  # type: ignore[index]
-    values = [int(numbers[path][0]) for path in ordered]  # type: ignore[index]
-    for before, after, path in zip(values, values[1:], ordered[1:], strict=False):
-        if after != before + 1:
-            raise NteError(f"{path}: follows number {before}: frame {before + 1} is missing, or named twice")
-    return ordered
+    """Files by the numbers in their names, without gaps; as they are given where one has none."""
+    numbered = all(re.search(r"\d", path.stem) for path in sources)
+    return list(by_number(sources).values()) if numbered else list(sources)
