@@ -12,6 +12,7 @@ from nte.evaluation.compare import Evaluation, means_of
 from nte.evaluation.metrics import GLOSSY, MOVING_PX, REGIONS, SHADOWED
 from nte.evaluation.run import Shown
 from nte.evaluation.table import METRICS, Metric, best_of
+from nte.evaluation.truth import BRIGHTENED
 from nte.frames.exr import write_whole
 from nte.frames.show import heat, png_bytes, quantise
 
@@ -50,6 +51,7 @@ def render_report(evaluation: Evaluation) -> str:
         means=_cells(metrics["means"], METRICS),
         region_metrics=REGION_METRICS,
         parts=_parts(metrics["rows"]),
+        brightened=BRIGHTENED,
         moving_px=MOVING_PX,
         shadowed=SHADOWED,
         glossy=GLOSSY,

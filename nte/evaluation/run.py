@@ -12,7 +12,7 @@ from torch import Tensor
 from nte.denoiser import Denoiser, Result, Session, State
 from nte.evaluation.metrics import Scores, region_mean, regions_of, score, temporal_l1, temporal_l1_floor
 from nte.evaluation.table import METRICS
-from nte.evaluation.truth import Truth, displayed, read_truth, reference_of
+from nte.evaluation.truth import Truth, displayed, picture, read_truth, reference_of
 from nte.frames.clip import Clip
 from nte.frames.frame import Frame
 from nte.frames.scalars import sequence_scalars
@@ -71,7 +71,7 @@ class ClipRun:
                 if scored:
                     maps = track.score(image, self.truths[target], before.get(target), regions)
                     if chosen:
-                        self.shown[target].images[run.spec] = quantise(image[0].numpy())
+                        self.shown[target].images[run.spec] = picture(output.cpu(), target, self.exposure)
                         self.shown[target].flip[run.spec] = quantise(heat(maps["flip"][0, 0].numpy(), "magma"))
                 track.before = image
 
@@ -101,11 +101,10 @@ class ClipRun:
         disoccluded = int(regions["disoccluded"].sum()) if "disoccluded" in regions else 0
         if any(disoccluded < shown.disoccluded for shown in self.shown.values()):
             return False
-        for target, truth in self.truths.items():
-            images = {"reference": quantise(truth.image[0].numpy())}
+        for target in self.targets:
+            images = {"reference": picture(frame[reference_of(target)], target, self.exposure)}
             if target in frame and not any(run.spec == "noisy" and target in run.tracks for run in self.runs):
-                usable = displayed(torch.nan_to_num(frame[target], 0, 0, 0), target, self.exposure, "", frame.size)
-                images = {"noisy input": quantise(usable[0].numpy()), **images}
+                images = {"noisy input": picture(frame[target], target, self.exposure), **images}
             self.shown[target] = Shown(self.label, target, frame.index, disoccluded, images)
         return True
 

@@ -5,6 +5,7 @@ from pathlib import Path
 import numpy as np
 
 from nte.evaluation.run import Shown
+from nte.evaluation.truth import BRIGHTENED
 from nte.frames.exr import make_folder
 from nte.frames.show import RGB, Picture, grid, write_png
 
@@ -31,7 +32,9 @@ def strip(shown: Shown, labels: dict[str, str]) -> RGB:
     corner, size = most_different([shown.images[spec] for spec in shown.flip])
     rows, columns = (slice(start, start + length) for start, length in zip(corner, size, strict=True))
     place = f"x {corner[1]}, y {corner[0]}, frame {shown.frame}"
-    whole = [Picture(labels.get(name, name), pixels, shown.target) for name, pixels in images.items()]
+    brightened = BRIGHTENED.get(shown.target)
+    note = f"{shown.target}, {brightened:g} times as bright" if brightened else shown.target
+    whole = [Picture(labels.get(name, name), pixels, note) for name, pixels in images.items()]
     crops = [Picture("", pixels[rows, columns], place) for pixels in images.values()]
     return grid([*whole, *crops], columns=len(images))
 

@@ -1,4 +1,4 @@
-"""What a target should look like: its reference, after the display transform."""
+"""What a target should look like: its reference, after the display transform; and pictures of it."""
 
 from typing import NamedTuple
 
@@ -8,6 +8,10 @@ from nte.color import display
 from nte.errors import NteError
 from nte.frames.channels import CHANNELS
 from nte.frames.frame import Frame
+from nte.frames.show import RGB, quantise
+
+# Indirect light is a small part of a picture; papers print it ten times as bright, and so do our pictures of it.
+BRIGHTENED = {"indirect": 10.0}
 
 
 class Truth(NamedTuple):
@@ -43,3 +47,10 @@ def displayed(image: Tensor, target: str, exposure: Tensor, where: str, size: tu
     if CHANNELS[target].shown == "radiance":
         return display(image, exposure)
     return image.clamp(0, 1).expand(-1, 3, -1, -1)
+
+
+def picture(image: Tensor, target: str, exposure: Tensor) -> RGB:
+    """A target's image (1, C, H, W) to look at: displayed, brightened where BRIGHTENED says so; not finite is black."""
+    usable = image.nan_to_num(0, 0, 0)
+    size = (image.shape[2], image.shape[3])
+    return quantise(displayed(usable, target, exposure * BRIGHTENED.get(target, 1), "", size)[0].numpy())
