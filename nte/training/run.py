@@ -31,6 +31,10 @@ from nte.training.config import TrainConfig
 CHECKPOINT = "checkpoint.safetensors"
 _LEFTOVERS = ".*.tmp"  # of files that a killed process was writing
 _OURS = ("config.yaml", "versions.json", CHECKPOINT, "metrics.jsonl", "events.out.tfevents.*", _LEFTOVERS)
+_HOW_IT_RUNS = (
+    "resume", "runs", "data.workers", "data.cache_gb", "checkpoint_every", "validate_every", "validate_clips",
+    "log_every",
+)  # fmt: skip
 
 
 class RunFolder:
@@ -176,7 +180,7 @@ def load_optimiser(optimiser: Optimizer, state: Mapping[str, Tensor], source: Pa
 
 
 def _choices(config: TrainConfig) -> dict[str, Any]:
-    """Every choice by its dotted key, without those that say where and how the run is started."""
+    """Every choice by its dotted key, without those that do not change what is learned."""
     flat: dict[str, Any] = {}
 
     def collect(prefix: str, values: Mapping[str, Any]) -> None:
@@ -186,8 +190,8 @@ def _choices(config: TrainConfig) -> dict[str, Any]:
             else:
                 flat[prefix + key] = value
 
-    collect("", asdict(replace(config, resume=False, runs="")))
-    return flat
+    collect("", asdict(config))
+    return {key: value for key, value in flat.items() if key not in _HOW_IT_RUNS}
 
 
 def _versions() -> str:

@@ -118,6 +118,12 @@ def test_what_exists_is_not_touched(finished: Path, tmp_path: Path, noisy_disc: 
     assert contents(run) == before
 
 
+def test_how_a_run_is_watched_may_change_when_it_is_resumed(finished: Path, tmp_path: Path, noisy_disc: Path) -> None:
+    copied(finished, tmp_path)
+    changed = ("resume=true", "log_every=1", "validate_every=3", "data.workers=1", "data.cache_gb=0.5")
+    assert_same_run(train(tiny_config(tmp_path, noisy_disc, *changed), device="cpu"), finished)
+
+
 def test_force_starts_anew_even_over_what_a_killed_process_left(
     finished: Path, tmp_path: Path, noisy_disc: Path
 ) -> None:
