@@ -46,7 +46,7 @@ def render_recipe(
     recipe = read_recipe(Path(recipe_path))
     load_mitsuba()  # before anything is written: it may be missing
     plans = plan(recipe)
-    for key in ("components", "shutter"):
+    for key in ("components", "shutter", "unshadowed"):
         if any(getattr(unit.group, key) for unit in plans):
             check_arrays(key)
     claim(out, recipe, force)
@@ -68,7 +68,7 @@ def render_clip(unit: ClipPlan, out: Path, advance: Callable[[int], None] = lamb
     if not missing and (folder / "clip.json").is_file():
         return
     (folder / "clip.json").unlink(missing_ok=True)  # the clip is not finished, so nothing may say it is
-    stage = Stage(make_scene(unit), group.width, group.height, group.max_depth)
+    stage = Stage(make_scene(unit), group.width, group.height, group.max_depth, group.unshadowed)
     for index in missing:
         _render_frame(unit, stage, folder, index)
         advance(1)

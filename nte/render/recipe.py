@@ -36,6 +36,7 @@ class Group:
     reference_spp: int = 256  # of both halves together
     components: bool = False  # light separated into components, and shadow and reflection vectors
     shutter: float = 0.0  # open share of the frame, in [0, 1]; above 0 frames are blurred, and sharp/ has them sharp
+    unshadowed: bool = False  # shading without noise: diffuse light of the first hit, without shadows
     max_depth: int = 4  # path segments: 1 sees lights only, 2 direct light, 3 one bounce of indirect light
 
 
@@ -121,6 +122,8 @@ def _check(where: str, group: Group) -> None:
     for key, least in _AT_LEAST.items():
         if (value := getattr(group, key)) < least:
             raise NteError(f"{where}.{key} is {value}: expected at least {least}")
+    if group.components and group.unshadowed:
+        raise NteError(f"{where}.unshadowed is true: expected false with components, which are those of a whole path")
     _check_shutter(where, group)
     if group.components and group.spp != 1:
         raise NteError(
