@@ -103,6 +103,7 @@ _ROWS = (
     ),
     Channel("time", ("T",), "half", "open shutter, [0, 1]", "scalar", noisy=True),
     Channel("shutter_motion", XY, "float", "px over the open shutter, forward in time", "motion", noisy=True),
+    Channel("shutter_depth", ("Z",), "float", "scene units", "depth", noisy=True),
 )  # fmt: skip
 
 CHANNELS: dict[str, Channel] = {row.name: row for row in _ROWS}

@@ -76,6 +76,12 @@ def is_scalar() -> bool:
     return str(load_mitsuba().variant()).startswith("scalar")
 
 
+def check_arrays(key: str) -> None:
+    """Raise NteError where Mitsuba runs without LLVM: what a recipe's `key` asks for works on arrays of rays only."""
+    if is_scalar():
+        raise NteError(f"'{key}' needs Mitsuba's llvm variant: pip install karellen-llvm-core, or leave '{key}' out")
+
+
 def share_cores(jobs: int) -> None:
     """Leave the other jobs their share of the cores; for processes that render side by side."""
     if not is_scalar():

@@ -9,13 +9,14 @@ from typing import Any
 import nte
 from nte.frames.clip import write_clip_info, write_frame
 from nte.progress import Progress
-from nte.render.backend import load_mitsuba, share_cores
-from nte.render.components import check_components, noisy, references
+from nte.render.backend import check_arrays, load_mitsuba, share_cores
+from nte.render.components import noisy, references
 from nte.render.integrator import guides, radiance
 from nte.render.output import claim, files_of, is_whole
 from nte.render.recipe import ClipPlan, make_scene, plan, read_recipe
 from nte.render.scene import Pixels
 from nte.render.seeds import derive_seed
+from nte.render.shutter import blurred, centre_motion
 from nte.render.stage import Stage
 
 FPS = 24
@@ -28,6 +29,7 @@ COMPONENTS = (
     "visibility", "indirect", "indirect_radiance", "indirect_direction", "glossy", "shadow_motion",
     "reflection_motion", "reflection_covariance",
 )  # fmt: skip
+SHUTTER = ("time", "shutter_motion", "shutter_depth")
 COMPONENT_REFERENCES = ("direct", "reference_visibility", "reference_indirect", "reference_glossy")
 
 
@@ -43,29 +45,30 @@ def render_recipe(
     out = Path(out)
     recipe = read_recipe(Path(recipe_path))
     load_mitsuba()  # before anything is written: it may be missing
-    if any(group.components for group in (*recipe.train, *recipe.test)):
-        check_components()
-    claim(out, recipe, force)
     plans = plan(recipe)
+    for key in ("components", "shutter", "unshadowed"):
+        if any(getattr(unit.group, key) for unit in plans):
+            check_arrays(key)
+    claim(out, recipe, force)
     with Progress("render", sum(p.group.frames for p in plans), "frame", progress) as told:
         if jobs > 1:
             _render_parallel(plans, out, jobs, told)
         else:
             for unit in plans:
                 render_clip(unit, out, told.advance)
-                told.say(unit.name)
-    return [out / p.name for p in plans]
+                told.say(unit.folder)
+    return [out / p.folder for p in plans]
 
 
 def render_clip(unit: ClipPlan, out: Path, advance: Callable[[int], None] = lambda frames: None) -> None:
     """Render what is missing of one clip; clip.json comes last. advance(1) is called after each frame."""
-    group, folder = unit.group, out / unit.name
+    group, folder = unit.group, out / unit.folder
     missing = [index for index in range(group.frames) if not _is_done(unit, folder, index)]
     advance(group.frames - len(missing))
     if not missing and (folder / "clip.json").is_file():
         return
     (folder / "clip.json").unlink(missing_ok=True)  # the clip is not finished, so nothing may say it is
-    stage = Stage(make_scene(unit), group.width, group.height, group.max_depth)
+    stage = Stage(make_scene(unit), group.width, group.height, group.max_depth, group.unshadowed)
     for index in missing:
         _render_frame(unit, stage, folder, index)
         advance(1)
@@ -75,7 +78,7 @@ def render_clip(unit: ClipPlan, out: Path, advance: Callable[[int], None] = lamb
 def _render_frame(unit: ClipPlan, stage: Stage, folder: Path, index: int) -> None:
     """Write the files of one frame; those of further seeds first, so that the main file completes it."""
     channels = guides(stage, index)
-    fill = _with_components if unit.group.components else _colour_only
+    fill = _with_components if unit.group.components else _blurred if unit.blurred else _colour_only
     seeds = fill(unit, stage, index, channels)
     files = files_of(folder, index, unit.group.seeds)
     for path, noisy_channels in reversed(list(zip(files, seeds, strict=True))):
@@ -89,8 +92,18 @@ def _colour_only(unit: ClipPlan, stage: Stage, index: int, channels: Channels) -
     def render(channel: str, spp: int, seed: int = 0) -> Pixels:
         return radiance(stage, spp, _seed(unit, index, channel, seed))
 
-    seeds = [{"color": render("color", group.spp, seed)} for seed in range(group.seeds)]
+    motion = {"shutter_motion": centre_motion(stage, index, group.shutter)} if unit.sharp else {}
+    seeds = [{"color": render("color", group.spp, seed), **motion} for seed in range(group.seeds)]
     channels.update({half: render(half, group.reference_spp // 2) for half in REFERENCES})
+    return seeds
+
+
+def _blurred(unit: ClipPlan, stage: Stage, index: int, channels: Channels) -> list[Channels]:
+    """The same with the samples of a pixel spread over the shutter."""
+    keys = [_seed(unit, index, "color", seed) for seed in range(unit.group.seeds)]
+    halves = [_seed(unit, index, half, 0) for half in REFERENCES]
+    seeds, references = blurred(stage, index, unit.group.shutter, unit.group.reference_spp, keys, halves)
+    channels.update(zip(REFERENCES, references, strict=True))
     return seeds
 
 
@@ -110,7 +123,8 @@ def _seed(unit: ClipPlan, index: int, channel: str, seed: int) -> int:
 def _is_done(unit: ClipPlan, folder: Path, index: int) -> bool:
     main, *others = files_of(folder, index, unit.group.seeds)
     more = unit.group.components
-    per_seed = ("color", *(COMPONENTS if more else ()))
+    over_shutter = SHUTTER if unit.blurred else ("shutter_motion",) if unit.sharp else ()
+    per_seed = ("color", *over_shutter, *(COMPONENTS if more else ()))
     once = (*GUIDES, *REFERENCES, *(COMPONENT_REFERENCES if more else ()))
     return is_whole(main, (*once, *per_seed), unit) and all(is_whole(path, per_seed, unit) for path in others)
 
@@ -122,6 +136,7 @@ def _info(unit: ClipPlan, stage: Stage) -> dict[str, Any]:
     return {
         "width": group.width, "height": group.height, "frames": group.frames, "fps": FPS,
         "spp": group.spp, "seeds": group.seeds, "reference_spp": group.reference_spp,
+        **({"shutter": group.shutter} if group.shutter else {}),
         "cameras": [{"view": camera.view(i).tolist(), "projection": projection} for i in range(group.frames)],
         "origin": {"generator": "nte render", "version": nte.__version__, "recipe": unit.recipe,
                    "seed": unit.seed, "clip": unit.name},
@@ -136,6 +151,6 @@ def _render_parallel(plans: list[ClipPlan], out: Path, jobs: int, told: Progress
         for future in as_completed(futures):
             future.result()
             told.advance(futures[future].group.frames)
-            told.say(futures[future].name)
+            told.say(futures[future].folder)
     finally:
         pool.shutdown(wait=True, cancel_futures=True)

@@ -9,8 +9,7 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from nte.errors import NteError
-from nte.render.backend import is_scalar, load_drjit, load_mitsuba
+from nte.render.backend import load_drjit, load_mitsuba
 from nte.render.integrator import launches
 from nte.render.rays import instances, to_hits
 from nte.render.resampling import sample_direct, trace_shadow
@@ -23,12 +22,6 @@ from nte.render.vectors import Bounce, Shadow, reflection_vectors, shadow_vector
 
 _SAMPLES = 1 << 22  # paths per launch: their components are stored before they are summed, 200 MB
 _Row = npt.NDArray[Any]
-
-
-def check_components() -> None:
-    """Raise NteError where Mitsuba runs without LLVM: components are computed on arrays of rays only."""
-    if is_scalar():
-        raise NteError("components need Mitsuba's llvm variant: pip install karellen-llvm-core, or components: false")
 
 
 def noisy(stage: Stage, time: float, seeds: Sequence[int], emission: Pixels) -> tuple[Pixels, list[dict[str, Pixels]]]:

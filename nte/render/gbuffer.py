@@ -32,14 +32,14 @@ def geometry(stage: Stage, time: float) -> dict[str, Pixels]:
     hit = hits.instance > 0
     times = (time - 1, time, time + 1)
     points = np.stack([points_at(stage, hits, then) for then in times])
-    before, here, after = _project(stage, hit, points, times)
+    before, here, after = project_rows(stage, hit, points, times)
     now, view = points[1], stage.scene.camera.view(time)
     return {
-        "depth": _image(stage, np.where(hit, now @ view[2, :3] + view[2, 3], 0)),
-        "position": _image(stage, np.where(hit[:, None], now, 0)),
-        "instance": _image(stage, hits.instance),
-        "motion": _image(stage, before - here),
-        "forward_motion": _image(stage, after - here),
+        "depth": to_image(stage, np.where(hit, now @ view[2, :3] + view[2, 3], 0)),
+        "position": to_image(stage, np.where(hit[:, None], now, 0)),
+        "instance": to_image(stage, hits.instance),
+        "motion": to_image(stage, before - here),
+        "forward_motion": to_image(stage, after - here),
     }
 
 
@@ -53,14 +53,14 @@ def surface(stage: Stage) -> dict[str, Pixels]:
     seen = trace_surfaces(stage, _pattern(SAMPLES))
     length = np.linalg.norm(seen.normal, axis=1, keepdims=True)
     return {
-        "albedo": _image(stage, np.clip(seen.albedo / SAMPLES, 0, 1)),
-        "normal": _image(stage, np.divide(seen.normal, length, where=length > 0, out=np.zeros_like(seen.normal))),
-        "roughness": _image(stage, np.where(seen.hit > 0, seen.roughness / np.maximum(seen.hit, 1), 1)),
-        "emission": _image(stage, seen.emission / SAMPLES),
+        "albedo": to_image(stage, np.clip(seen.albedo / SAMPLES, 0, 1)),
+        "normal": to_image(stage, np.divide(seen.normal, length, where=length > 0, out=np.zeros_like(seen.normal))),
+        "roughness": to_image(stage, np.where(seen.hit > 0, seen.roughness / np.maximum(seen.hit, 1), 1)),
+        "emission": to_image(stage, seen.emission / SAMPLES),
     }
 
 
-def _project(stage: Stage, hit: npt.NDArray[np.bool_], points: Floats, times: Sequence[float]) -> Floats:
+def project_rows(stage: Stage, hit: npt.NDArray[np.bool_], points: Floats, times: Sequence[float]) -> Floats:
     """Pixel positions (T, P, 2) of `points` (T, P, 3) as the camera sees them at `times`.
 
     What lies behind the camera counts as far outside the image: motion vectors are always finite.
@@ -84,6 +84,6 @@ def _pattern(count: int) -> Floats:
     return (np.stack([np.arange(count), mirrored], axis=1) + 0.5) / count
 
 
-def _image(stage: Stage, rows: npt.NDArray[Any]) -> Pixels:
+def to_image(stage: Stage, rows: npt.NDArray[Any]) -> Pixels:
     """One row per pixel, (P,) or (P, C) → (C, H, W) float32."""
     return np.ascontiguousarray(rows.reshape(stage.height, stage.width, -1).transpose(2, 0, 1), np.float32)

@@ -28,7 +28,7 @@ def radiance(stage: Stage, spp: int, seed: int) -> Pixels:
     total = np.zeros((stage.height, stage.width, 3))
     for number, count in enumerate(launches(spp, stage.width * stage.height)):
         try:
-            image = mi.render(stage.mi_scene, spp=count, seed=derive_seed(seed, number))
+            image = mi.render(stage.mi_scene, integrator=stage.integrator, spp=count, seed=derive_seed(seed, number))
         except RuntimeError as error:  # how Dr.Jit hands on Ctrl-C
             if isinstance(error.__cause__, KeyboardInterrupt):
                 raise error.__cause__ from None

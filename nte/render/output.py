@@ -6,7 +6,7 @@ from pathlib import Path
 from nte.errors import NteError
 from nte.frames.clip import frame_path, read_frame
 from nte.frames.exr import write_whole
-from nte.render.recipe import SPLITS, ClipPlan, Recipe, recipe_text
+from nte.render.recipe import SHARP, SPLITS, ClipPlan, Recipe, recipe_text
 from nte.render.scenes import FAMILIES
 
 _OURS = re.compile(r"(seed_\d{2}/)?(\.?frame_\d{4}\.exr(\.\w+\.tmp)?|\.?clip\.json(\.\w+\.tmp)?)")
@@ -53,7 +53,7 @@ def files_of(folder: Path, index: int, seeds: int) -> list[Path]:
 
 def _remove_clips(out: Path) -> None:
     """Delete the clips below `out`: only files and folders with the names that nte render gives them."""
-    for split in SPLITS:
+    for split in (*SPLITS, *(f"{SHARP}/{split}" for split in SPLITS)):
         for family in FAMILIES:
             for clip in sorted((out / split).glob(f"{family}_[0-9][0-9][0-9]*")):
                 for path in sorted(clip.rglob("*"), reverse=True):

@@ -1,6 +1,6 @@
 """Recipes: a YAML file that says which clips to render, and everything random in them by one seed."""
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
@@ -12,8 +12,10 @@ from nte.errors import NteError
 from nte.render.scene import Scene
 from nte.render.scenes import FAMILIES
 from nte.render.seeds import derive_generator
+from nte.render.shutter import SUBFRAMES
 
 SPLITS = ("train", "test")
+SHARP = "sharp"  # folder of the sharp twins
 _AT_LEAST = {
     "clips": 0, "width": 1, "height": 1, "frames": 1, "spp": 1, "seeds": 1, "reference_spp": 2, "max_depth": 2,
 }  # fmt: skip
@@ -33,6 +35,8 @@ class Group:
     seeds: int = 1  # independent noise seeds of `color`
     reference_spp: int = 256  # of both halves together
     components: bool = False  # light separated into components, and shadow and reflection vectors
+    shutter: float = 0.0  # open share of the frame, in [0, 1]; above 0 frames are blurred, and sharp/ has them sharp
+    unshadowed: bool = False  # shading without noise: diffuse light of the first hit, without shadows
     max_depth: int = 4  # path segments: 1 sees lights only, 2 direct light, 3 one bounce of indirect light
 
 
@@ -55,11 +59,22 @@ class ClipPlan:
     split: str
     number: int  # among the clips of its family in its split
     group: Group
+    sharp: bool = False  # the sharp twin of a blurred clip
 
     @property
     def name(self) -> str:
-        """train/rooms_003: the clip's folder in the output, and what its randomness is derived from."""
+        """train/rooms_003: what the clip's randomness is derived from; a sharp twin has that of the blurred clip."""
         return f"{self.split}/{self.group.scene}_{self.number:03d}"
+
+    @property
+    def folder(self) -> str:
+        """train/rooms_003 or sharp/train/rooms_003: in the output. Apart, so that no split mixes the two kinds."""
+        return f"{SHARP}/{self.name}" if self.sharp else self.name
+
+    @property
+    def blurred(self) -> bool:
+        """Whether the samples of a frame are spread over the shutter."""
+        return self.group.shutter > 0 and not self.sharp
 
 
 def make_scene(unit: ClipPlan) -> Scene:
@@ -85,13 +100,14 @@ def recipe_text(recipe: Recipe) -> str:
 
 
 def plan(recipe: Recipe) -> list[ClipPlan]:
-    """The clips of a recipe, in order."""
+    """The clips of a recipe, in order; each blurred one is followed by its sharp twin."""
     plans = []
     for split in SPLITS:
         count = dict.fromkeys(FAMILIES, 0)
         for group in getattr(recipe, split):
             for _ in range(group.clips):
-                plans.append(ClipPlan(recipe.name, recipe.seed, split, count[group.scene], group))
+                unit = ClipPlan(recipe.name, recipe.seed, split, count[group.scene], group)
+                plans += [unit, replace(unit, sharp=True)] if unit.blurred else [unit]
                 count[group.scene] += 1
     return plans
 
@@ -106,9 +122,28 @@ def _check(where: str, group: Group) -> None:
     for key, least in _AT_LEAST.items():
         if (value := getattr(group, key)) < least:
             raise NteError(f"{where}.{key} is {value}: expected at least {least}")
+    if group.components and group.unshadowed:
+        raise NteError(f"{where}.unshadowed is true: expected false with components, which are those of a whole path")
+    _check_shutter(where, group)
     if group.components and group.spp != 1:
         raise NteError(
             f"{where}.spp is {group.spp}: expected 1 with components (vectors have no mean): use seeds for more"
         )
     if group.reference_spp % 2:
         raise NteError(f"{where}.reference_spp is {group.reference_spp}: expected an even number (two halves)")
+
+
+def _check_shutter(where: str, group: Group) -> None:
+    if not 0 <= group.shutter <= 1:
+        raise NteError(f"{where}.shutter is {group.shutter}: expected the open share of the frame, in [0, 1]")
+    if not group.shutter:
+        return
+    if group.components:
+        raise NteError(f"{where}.components is true: expected false with a shutter: its frames have no components")
+    if group.spp != 1:
+        raise NteError(f"{where}.spp is {group.spp}: expected 1 with a shutter (a sample has one time): use seeds")
+    if group.reference_spp % (2 * SUBFRAMES):
+        raise NteError(
+            f"{where}.reference_spp is {group.reference_spp}: expected a multiple of {2 * SUBFRAMES} with a shutter "
+            f"({SUBFRAMES} sub-frames in each half)"
+        )

@@ -10,6 +10,7 @@ import numpy.typing as npt
 
 from nte.render.backend import load_mitsuba
 from nte.render.scene import FAR, NEAR, DeformingObject, Material, Scene, SceneObject
+from nte.render.unshadowed import unshadowed_integrator
 
 
 class Stage:
@@ -18,7 +19,7 @@ class Stage:
     Every set_time writes all vertices from the tracks, so a frame does not depend on the frames before it.
     """
 
-    def __init__(self, scene: Scene, width: int, height: int, max_depth: int) -> None:
+    def __init__(self, scene: Scene, width: int, height: int, max_depth: int, unshadowed: bool = False) -> None:
         mi = load_mitsuba()
         self.scene, self.width, self.height = scene, width, height
         self.meshes = {f"object_{i:03d}": _mesh(mi, obj) for i, obj in enumerate(scene.objects)}
@@ -29,6 +30,7 @@ class Stage:
             **_environment(mi, scene),
             **self.meshes,
         })  # fmt: skip
+        self.integrator: Any = unshadowed_integrator() if unshadowed else self.mi_scene.integrator()
         self.sensor: Any = self.mi_scene.sensors()[0]
         # What light components see beyond the first hit (nte.render.components).
         self.beyond: Any = mi.load_dict({"type": "path", "max_depth": max_depth - 1})

@@ -8,7 +8,7 @@ import pytest
 from nte.errors import NteError
 from nte.frames import CHANNELS, Clip
 from nte.frames.exr import read_exr
-from nte.render import components, stage
+from nte.render import stage
 from nte.render.backend import load_drjit, load_mitsuba
 from nte.render.clips import COMPONENTS, render_clip
 from nte.render.components import noisy, references
@@ -217,12 +217,6 @@ def test_components_need_one_sample_per_pixel(tmp_path: Path):
     (tmp_path / "r.yaml").write_text("name: c\ntrain: [{clips: 1, spp: 2, components: true}]")
     with pytest.raises(NteError, match=r"train\[0\].spp is 2: expected 1 with components"):
         read_recipe(tmp_path / "r.yaml")
-
-
-def test_components_need_llvm(monkeypatch: pytest.MonkeyPatch):
-    monkeypatch.setattr(components, "is_scalar", lambda: True)
-    with pytest.raises(NteError, match="karellen-llvm-core"):
-        components.check_components()
 
 
 def test_kernels_are_shared_between_frames():
