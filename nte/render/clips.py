@@ -27,7 +27,7 @@ GUIDES = (
 REFERENCES = ("reference_a", "reference_b")
 COMPONENTS = (
     "visibility", "indirect", "indirect_radiance", "indirect_direction", "glossy", "shadow_motion",
-    "reflection_motion", "reflection_covariance",
+    "reflection_motion", "reflection_covariance", "gradient",
 )  # fmt: skip
 SHUTTER = ("time", "shutter_motion", "shutter_depth")
 COMPONENT_REFERENCES = ("direct", "reference_visibility", "reference_indirect", "reference_glossy")

@@ -10,6 +10,7 @@ import numpy as np
 import numpy.typing as npt
 
 from nte.render.backend import load_drjit, load_mitsuba
+from nte.render.gradient import shade_again, shade_before
 from nte.render.integrator import launches
 from nte.render.rays import instances, to_hits
 from nte.render.resampling import sample_direct, trace_shadow
@@ -28,7 +29,7 @@ def noisy(stage: Stage, time: float, seeds: Sequence[int], emission: Pixels) -> 
     """`direct` (3, H, W) and, for each seed, every noisy channel (C, H, W) at 1 spp, at a time in frames.
 
     direct is the mean over the candidates of all seeds. The channels: color, visibility, indirect,
-    indirect_radiance, indirect_direction, glossy, shadow_motion, reflection_motion, reflection_covariance.
+    indirect_radiance, indirect_direction, glossy, shadow_motion, reflection_motion, reflection_covariance, gradient.
     emission (3, H, W) is that of the guides. `stage` must be set to `time`, and is left so.
     """
     samples = [_sample(stage, seed) for seed in seeds]
@@ -37,10 +38,13 @@ def noisy(stage: Stage, time: float, seeds: Sequence[int], emission: Pixels) -> 
         channels["visibility"][:, ~direct.any(0)] = 1
         channels["color"] = emission + direct * channels["visibility"] + channels["glossy"] + channels["indirect"]
         channels["shadow_motion"] = shadow_vectors(stage, shadow, time)
-    for (_, channels, _, _), (motion, covariance) in zip(
-        samples, reflection_vectors(stage, [bounce for *_, bounce in samples], time), strict=True
-    ):
-        channels["reflection_motion"], channels["reflection_covariance"] = motion, covariance
+    stage.set_time(time - 1)
+    replays = [shade_before(stage, time, seed) for seed in seeds]
+    for _, channels, _, bounce in samples:
+        channels["reflection_motion"], channels["reflection_covariance"] = reflection_vectors(stage, bounce, time)
+    stage.set_time(time)
+    for (_, channels, _, _), replay in zip(samples, replays, strict=True):
+        channels["gradient"] = shade_again(stage, time, replay)
     return direct, [channels for _, channels, _, _ in samples]
 
 

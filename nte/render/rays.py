@@ -73,10 +73,12 @@ def trace_centres(stage: Stage) -> Hits:
 
 def to_hits(stage: Stage, hit: Any, direction: Any) -> Hits:
     """The rows of a PreliminaryIntersection3f and of the directions (3,) that its rays had."""
+    with np.errstate(invalid="ignore"):  # of a miss, whose barycentrics are whatever was in memory
+        barycentric = np.array(hit.prim_uv, float).T
     return Hits(
         instances(stage)[np.array(shape_key(hit.shape), np.int64)],
         np.array(hit.prim_index, np.int64),
-        np.array(hit.prim_uv, float).T,
+        barycentric,
         np.array(direction, float).T,
     )
 

@@ -4,6 +4,7 @@ All random numbers are functions of (pixel, seed, candidate), so a chosen candid
 number instead of being stored. Estimators: datasets/README.md.
 """
 
+from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any
 
@@ -11,6 +12,7 @@ import numpy as np
 
 from nte.render.backend import load_drjit, load_mitsuba
 from nte.render.lobes import Lobes
+from nte.render.numbers import lattice, uniform
 from nte.render.rays import shape_key
 from nte.render.scene import DISTANT, Pixels
 from nte.render.stage import Stage
@@ -19,7 +21,6 @@ from nte.render.transport import camera_ray, sample_light
 POINTS = 16  # in each pixel, a camera ray each
 LIGHTS = 8  # light points for each of them: 128 candidates
 CANDIDATES = POINTS * LIGHTS
-_GOLDEN = 0.6180339887498949
 
 
 @dataclass(frozen=True)
@@ -53,23 +54,43 @@ def sample_direct(stage: Stage, seed: int) -> Direct:
     key = dr.opaque(mi.UInt32, seed)
     _, _, si = _receiver(stage, pixel, point, key)
     lobes = Lobes(si, si.is_valid())
-    total, choice = mi.Color3f(0), _Choice(_random(lane, key, "candidate").x)
-    for number in range(LIGHTS):
-        light = sample_light(stage.mi_scene, si, lobes.active, _light_numbers(pixel, point, number, key))
-        given = dr.select(lobes.active, lobes.diffuse(light.wo) * light.weight, 0)
-        total += given
-        choice.offer(mi.UInt32(number), mi.luminance(given))
+    choice = Choice(uniform(lane, key, "candidate").x)
+    total = offer_lights(
+        stage, lobes, choice, LIGHTS, lambda number: _light_numbers(pixel, point, number, key), mi.luminance
+    )
     dr.eval(total, choice.weight, choice.number)
     direct = np.stack([np.array(dr.block_sum(x, POINTS)) for x in total]) / CANDIDATES
 
     pixel = dr.arange(mi.UInt32, pixels)
-    among = _Choice(_random(pixel, key, "point").x)
+    among = Choice(uniform(pixel, key, "point").x)
     for number in range(POINTS):
         source = pixel * POINTS + number
         candidate = dr.gather(mi.UInt32, choice.number, source) * POINTS + number
         among.offer(candidate, dr.gather(mi.Float, choice.weight, source))
     image = np.ascontiguousarray(direct.reshape(3, stage.height, stage.width), np.float32)
     return Direct(image, among.number, among.weight > 0)
+
+
+def offer_lights(
+    stage: Stage,
+    lobes: Lobes,
+    choice: "Choice",
+    count: int,
+    numbers: Callable[[Any], Any],
+    importance: Callable[[Any], Any],
+) -> Any:
+    """Sum (3,) of what `count` light points give unshadowed through the diffuse lobe, each offered to `choice`.
+
+    numbers: the two random numbers of a light point; importance: of what it gives, which `choice` weighs.
+    """
+    mi, dr = load_mitsuba(), load_drjit()
+    total = mi.Color3f(0)
+    for number in range(count):
+        light = sample_light(stage.mi_scene, lobes.si, lobes.active, numbers(number))
+        given = dr.select(lobes.active, lobes.diffuse(light.wo) * light.weight, 0)
+        total += given
+        choice.offer(mi.UInt32(number), importance(given))
+    return total
 
 
 def trace_shadow(stage: Stage, direct: Direct, seed: int) -> ShadowRay:
@@ -94,7 +115,7 @@ def trace_shadow(stage: Stage, direct: Direct, seed: int) -> ShadowRay:
     )
 
 
-class _Choice:
+class Choice:
     """Weighted choice from a stream with a single random number, which is stretched after each decision."""
 
     def __init__(self, random: Any) -> None:
@@ -113,7 +134,7 @@ class _Choice:
 
 def _receiver(stage: Stage, pixel: Any, point: Any, key: Any) -> tuple[Any, Any, Any]:
     """Camera ray through one of the 16 points of each pixel, its preliminary and its surface interaction."""
-    ray = camera_ray(stage, pixel, _lattice(pixel, point, POINTS, key, "jitter"))
+    ray = camera_ray(stage, pixel, lattice(pixel, point, POINTS, key, "jitter"))
     hit = stage.mi_scene.ray_intersect_preliminary(ray)
     return ray, hit, hit.compute_surface_interaction(ray)
 
@@ -123,27 +144,4 @@ def _light_numbers(pixel: Any, point: Any, number: Any, key: Any) -> Any:
 
     7 is coprime to 16: neighbours within the pixel are not neighbours on the light.
     """
-    return _lattice(pixel, number * POINTS + (7 * point) % POINTS, CANDIDATES, key, "light")
-
-
-def _lattice(pixel: Any, index: Any, count: int, key: Any, dimension: str) -> Any:
-    """Point `index` of a Fibonacci lattice of `count` in [0, 1)², shifted at random: each point is uniform.
-
-    Direct light from 64 such points has half the error of 64 from Roberts' R2 sequence.
-    """
-    mi, dr = load_mitsuba(), load_drjit()
-    shift = _random(pixel, key, dimension)
-    k = mi.Float(index)
-    shifted = mi.Point2f(shift.x + k / count, shift.y + k * _GOLDEN)
-    return shifted - dr.floor(shifted)
-
-
-_DIMENSIONS = ("jitter", "light", "candidate", "point")
-
-
-def _random(pixel: Any, key: Any, dimension: str) -> Any:
-    """Two uniform numbers in [0, 1) that depend on nothing else (Tiny Encryption Algorithm, Zafar et al. 2010)."""
-    mi = load_mitsuba()
-    # Rounds beyond the usual 4: consecutive pixels and keys must look independent.
-    bits = mi.sample_tea_32(pixel, key + _DIMENSIONS.index(dimension), 8)
-    return mi.Point2f(*(mi.Float(b >> 8) * 2.0**-24 for b in bits))
+    return lattice(pixel, number * POINTS + (7 * point) % POINTS, CANDIDATES, key, "light")

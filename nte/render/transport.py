@@ -57,9 +57,13 @@ def camera_ray(stage: Stage, pixel: Any, offset: Any) -> Any:
 
 
 def trace_path(stage: Stage, ray: Any, sampler: Any) -> Path:
-    """Follow camera rays: one light point and one direction at the first hit, then Mitsuba's path integrator."""
+    """Follow camera rays into the scene: `follow` from what they meet."""
+    return follow(stage, ray, stage.mi_scene.ray_intersect_preliminary(ray), sampler)
+
+
+def follow(stage: Stage, ray: Any, first: Any, sampler: Any) -> Path:
+    """One light point and one direction at the first hit, a PreliminaryIntersection3f; then Mitsuba's integrator."""
     mi, dr, scene = load_mitsuba(), load_drjit(), stage.mi_scene
-    first = scene.ray_intersect_preliminary(ray)
     si = first.compute_surface_interaction(ray)
     hit = si.is_valid()
     lobes = Lobes(si, hit)

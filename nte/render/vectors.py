@@ -5,7 +5,6 @@ per pixel, NumPy float64. Every vector starts at the point in the pixel that the
 that the camera's jitter is not in it.
 """
 
-from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -59,8 +58,8 @@ def shadow_vectors(stage: Stage, shadow: Shadow, time: float) -> Pixels:
     return _motion(stage, rows, receiver, before, time)
 
 
-def reflection_vectors(stage: Stage, bounces: Sequence[Bounce], time: float) -> list[tuple[Pixels, Pixels]]:
-    """(reflection_motion (2, H, W) px, reflection_covariance (3, H, W) px²) for each of `bounces`.
+def reflection_vectors(stage: Stage, bounce: Bounce, time: float) -> tuple[Pixels, Pixels]:
+    """reflection_motion (2, H, W) px, and reflection_covariance (3, H, W) px².
 
     Eq. 5: x^R = sample(P(mirror[T⁻¹h, T⁻¹plane(s)]), Σ), all at time − 1; its two parameters are returned, the
     mean as a vector from the pixel. NaN where no lobe but the diffuse one has reflected the path, where the
@@ -69,31 +68,26 @@ def reflection_vectors(stage: Stage, bounces: Sequence[Bounce], time: float) -> 
     Σ is the image of the lobe that goes from the mirrored point to the surface s^C seen there, with the
     roughness at s^C: directions are Gaussian about the axis, of deviation √2 α, which is how far a
     Beckmann distribution of α = roughness² turns reflected light; the tangent plane cuts it in an ellipse.
-    `stage` must be set to `time`, and is left so.
+    `bounce` is of `time`; `stage` must be set to time − 1.
     """
-    found = []
-    stage.set_time(time - 1)
-    for bounce in bounces:
-        rows = bounce.reflected
-        first, second = bounce.first.of(rows), bounce.second.of(rows)
-        point, normal = points_at(stage, first, time - 1), normals_at(stage, first, time - 1)
-        target = points_at(stage, second, time - 1)
-        distant = second.instance == 0
-        target[distant] = point[distant] + DISTANT * target[distant]
-        height = _dot(target - point, normal)
-        image = target - 2 * height * normal
-        eye = np.linalg.inv(stage.scene.camera.view(time - 1))[:3, 3]
-        image[(height * _dot(eye - point, normal))[:, 0] <= 0] = np.nan  # it turned away: no reflection is seen
-        covariance = footprint(stage, image, time - 1)
-        image[np.isnan(covariance).any(1)] = np.nan
-        found.append((_motion(stage, rows, first, image, time), _scattered(stage, rows, covariance)))
-    stage.set_time(time)
-    return found
+    rows = bounce.reflected
+    first, second = bounce.first.of(rows), bounce.second.of(rows)
+    point, normal = points_at(stage, first, time - 1), normals_at(stage, first, time - 1)
+    target = points_at(stage, second, time - 1)
+    distant = second.instance == 0
+    target[distant] = point[distant] + DISTANT * target[distant]
+    height = _dot(target - point, normal)
+    image = target - 2 * height * normal
+    eye = stage.scene.camera.track(time - 1)[:3, 3]
+    image[(height * _dot(eye - point, normal))[:, 0] <= 0] = np.nan  # it turned away: no reflection is seen
+    covariance = footprint(stage, image, time - 1)
+    image[np.isnan(covariance).any(1)] = np.nan
+    return _motion(stage, rows, first, image, time), _scattered(stage, rows, covariance)
 
 
 def footprint(stage: Stage, image: Floats, time: float) -> Floats:
     """Covariance (R, 3), XX XY YY, px², of the lobes from mirrored points (R, 3), as seen at `time`."""
-    pixel = _project(stage, image, time)
+    pixel = pixel_positions(stage, image, time)
     usable = np.isfinite(pixel).all(1)
     covariance = np.full((len(image), 3), np.nan)
     if not usable.any():
@@ -136,7 +130,7 @@ def _moved(stage: Stage, instance: Indices, points: Floats, time: float) -> Floa
 
 def _motion(stage: Stage, rows: Rows, here: Hits, before: Floats, time: float) -> Pixels:
     """Vectors (2, H, W) from the pixel positions of `here` at `time` to those of `before` (R, 3) at time − 1."""
-    motion = _project(stage, before, time - 1) - _project(stage, points_at(stage, here, time), time)
+    motion = pixel_positions(stage, before, time - 1) - pixel_positions(stage, points_at(stage, here, time), time)
     return _scattered(stage, rows, motion)
 
 
@@ -147,7 +141,7 @@ def _scattered(stage: Stage, rows: Rows, values: Floats) -> Pixels:
     return np.ascontiguousarray(image.T.reshape(-1, stage.height, stage.width))
 
 
-def _project(stage: Stage, points: Floats, time: float) -> Floats:
+def pixel_positions(stage: Stage, points: Floats, time: float) -> Floats:
     """Pixel positions (R, 2) of world points (R, 3); NaN behind the camera."""
     clip = _clip(stage, points, time)
     with np.errstate(divide="ignore", invalid="ignore"):

@@ -1,0 +1,164 @@
+"""Temporal gradients: what a few surface points of the previous frame send to the eye, then and now.
+
+Schied et al. 2018, «Gradient Estimation for Real-Time Adaptive Temporal Filtering», section 3. Both values are
+shaded with the same random numbers, so they differ by what has changed in the scene and not by noise; where
+nothing has changed they are the same bits. Estimator and expectation: datasets/README.md, «Estimators».
+"""
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+from nte.color import ALBEDO_FLOOR
+from nte.render.backend import load_drjit, load_mitsuba
+from nte.render.lobes import Lobes
+from nte.render.numbers import lattice, uniform
+from nte.render.rays import Hits, Indices, points_at, to_hits
+from nte.render.resampling import Choice, offer_lights
+from nte.render.scene import Pixels
+from nte.render.seeds import derive_seed
+from nte.render.stage import Stage
+from nte.render.transforms import Floats
+from nte.render.transport import camera_ray, follow, sample_light
+from nte.render.vectors import pixel_positions
+
+STRATUM = 3  # pixels: one sample in each square of 3×3
+_CANDIDATES = 16  # light points at a sample's surface point, of which one gets a shadow ray
+_IN_FRONT = 1e-3  # relative distance by which something must be nearer to hide a point
+
+
+@dataclass(frozen=True)
+class Replay:
+    """One surface point for each stratum of the current frame, shaded in the previous one; a row each."""
+
+    seed: int
+    hit: Any  # PreliminaryIntersection3f (S,)
+    point: Floats  # (S, 3) where it is now, world
+    pixel: Indices  # (S,) of the current frame, row by row
+    found: npt.NDArray[np.bool_]  # (S,) whether the stratum has one
+    luminance: Pixels  # (S,) what it sent then, demodulated
+
+
+def shade_before(stage: Stage, time: float, seed: int) -> Replay:
+    """Choose the surface points of frame time − 1 that the frame at `time` shades again, and shade them.
+
+    `stage` must be set to time − 1. Hand the result to `shade_again`.
+    """
+    mi, dr = load_mitsuba(), load_drjit()
+    seed = derive_seed(seed, "gradient")
+    key = dr.opaque(mi.UInt32, seed)
+    lane = dr.arange(mi.UInt32, stage.width * stage.height)
+    ray = camera_ray(stage, lane, uniform(lane, key, "gradient jitter"))
+    hit = stage.mi_scene.ray_intersect_preliminary(ray)
+    priority = uniform(lane, key, "gradient choice").x
+    dr.eval(hit, ray.d, priority)
+    hits = to_hits(stage, hit, ray.d)
+    now = points_at(stage, hits, time)
+    source, pixel, found = _choose(stage, hits, now, time, np.array(priority))
+    chosen = dr.gather(mi.PreliminaryIntersection3f, hit, mi.UInt32(source.astype(np.uint32)))
+    then = points_at(stage, hits, time - 1)[source]
+    return Replay(seed, chosen, now[source], pixel, found, _shade(stage, chosen, then, time - 1, found, seed))
+
+
+def shade_again(stage: Stage, time: float, replay: Replay) -> Pixels:
+    """gradient (2, H, W): L, shaded now, and P, shaded in the previous frame; NaN where there is no sample.
+
+    At most one sample in each stratum: none where no surface point of the previous frame comes to lie in it,
+    or where something now hides the chosen one. `stage` must be set to `time`.
+    """
+    mi = load_mitsuba()
+    ray, distance = _eye_ray(stage, replay.point, time)
+    ray.maxt = distance * (1 - _IN_FRONT)
+    seen = replay.found & ~np.array(stage.mi_scene.ray_test(ray, mi.Bool(replay.found)))
+    luminance = _shade(stage, replay.hit, replay.point, time, seen, replay.seed)
+    image = np.full((2, stage.height * stage.width), np.nan, np.float32)
+    image[:, replay.pixel[seen]] = luminance[seen], replay.luminance[seen]
+    return image.reshape(2, stage.height, stage.width)
+
+
+def _choose(
+    stage: Stage, hits: Hits, now: Floats, time: float, priority: npt.NDArray[Any]
+) -> tuple[Indices, Indices, npt.NDArray[np.bool_]]:
+    """For each stratum (S,) of the frame at `time`: the row of `hits`, the pixel it lies in, whether there is one.
+
+    Of several points in a pixel the nearest wins; of several pixels in a stratum the lowest priority.
+    """
+    position = pixel_positions(stage, now, time)
+    inside = (hits.instance > 0) & (position >= 0).all(1) & (position < (stage.width, stage.height)).all(1)
+    row = np.flatnonzero(inside)
+    x, y = position[row].astype(np.int64).T
+    distance = np.linalg.norm(now[row] - _eye(stage, time), axis=1)
+    nearest = _first_of_each(y * stage.width + x, distance)
+    row, x, y = row[nearest], x[nearest], y[nearest]
+    across, down = -(-stage.width // STRATUM), -(-stage.height // STRATUM)
+    stratum = y // STRATUM * across + x // STRATUM
+    best = _first_of_each(stratum, priority[row])
+    source, pixel = np.zeros((2, across * down), np.int64)
+    found = np.zeros(across * down, bool)
+    source[stratum[best]] = row[best]
+    pixel[stratum[best]] = (y * stage.width + x)[best]
+    found[stratum[best]] = True
+    return source, pixel, found
+
+
+def _first_of_each(group: Indices, order: npt.NDArray[Any]) -> Indices:
+    """Index of the row of lowest `order` in each group; of equal ones the first."""
+    rows = np.lexsort((order, group))
+    first = np.ones(len(rows), bool)
+    first[1:] = group[rows[1:]] != group[rows[:-1]]
+    return np.asarray(rows[first])
+
+
+def _shade(
+    stage: Stage, hit: Any, point: Floats, time: float, active: npt.NDArray[np.bool_], seed: int
+) -> Pixels:
+    """Luminance (S,) of the demodulated light that points (S, 3) send to the eye, without what they emit.
+
+    The numbers are those of (row, seed), whatever the time. `hit` names the same points on their surfaces, and
+    `stage` must be set to `time`. Rows that are not active are 0.
+    """
+    mi, dr, scene = load_mitsuba(), load_drjit(), stage.mi_scene
+    ray, distance = _eye_ray(stage, point, time)
+    hit = mi.PreliminaryIntersection3f(hit)
+    hit.t = dr.select(mi.Bool(active), distance, dr.inf)
+    hit.valid = mi.Bool(active)
+    si = hit.compute_surface_interaction(ray)
+    lobes = Lobes(si, si.is_valid())
+    albedo = dr.maximum(dr.minimum(si.bsdf().eval_diffuse_reflectance(si, lobes.active), 1), ALBEDO_FLOOR)
+
+    def demodulated(radiance: Any) -> Any:
+        return mi.luminance(radiance / albedo)
+
+    lane, key = dr.arange(mi.UInt32, len(point)), dr.opaque(mi.UInt32, seed)
+
+    def numbers(number: Any) -> Any:
+        return lattice(lane, number, _CANDIDATES, key, "gradient light")
+
+    choice = Choice(uniform(lane, key, "candidate").x)
+    direct = offer_lights(stage, lobes, choice, _CANDIDATES, numbers, demodulated) / _CANDIDATES
+    lit = choice.weight > 0
+    light = sample_light(scene, si, lit, numbers(choice.number)).sample
+    visible = lit & ~scene.ray_test(si.spawn_ray_to(light.p), lit)
+    sampler = mi.load_dict({"type": "independent"})
+    sampler.seed(key, len(point))
+    path = follow(stage, ray, hit, sampler)
+    color = dr.select(visible, direct, 0) + path.glossy + path.indirect
+    return np.array(dr.select(lobes.active, demodulated(color), 0), np.float32)
+
+
+def _eye_ray(stage: Stage, point: Floats, time: float) -> tuple[Any, Any]:
+    """Rays from the camera at `time` towards points (S, 3), and the distances; Dr.Jit arrays."""
+    mi = load_mitsuba()
+    eye = _eye(stage, time)
+    along = point - eye
+    distance = np.linalg.norm(along, axis=1)
+    direction = (along / np.maximum(distance, 1e-9)[:, None]).astype(np.float32)
+    origin = np.broadcast_to(eye.astype(np.float32), direction.shape)
+    ray = mi.Ray3f(*(mi.Point3f(*(mi.Float(np.ascontiguousarray(c)) for c in v.T)) for v in (origin, direction)))
+    return mi.RayDifferential3f(ray), mi.Float(distance.astype(np.float32))
+
+
+def _eye(stage: Stage, time: float) -> Floats:
+    return stage.scene.camera.track(time)[:3, 3]

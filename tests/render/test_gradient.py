@@ -1,0 +1,135 @@
+"""Temporal gradients: nothing where nothing changes, and what they must be on average."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from nte.color import ALBEDO_FLOOR, REC709
+from nte.render.gradient import STRATUM, shade_again, shade_before
+from nte.render.integrator import guides
+from nte.render.integrator import radiance as render
+from nte.render.scene import Camera, Material, Scene, SceneObject
+from nte.render.scenes import shapes
+from nte.render.stage import Stage
+from nte.render.transforms import Track, look_at, moving, still, translation
+
+pytestmark = pytest.mark.slow
+SIZE, UP = 24, (0.0, 1.0, 0.0)
+EYE = still(look_at((0, 3, -3), (0, 0, 0.2)))
+GREY = np.full((1, 1, 3), 0.6, np.float32)
+
+
+def thing(mesh: shapes.Mesh, track: Track, radiance=None, **material) -> SceneObject:
+    return SceneObject(mesh, Material(GREY, **material), track, radiance)
+
+
+def floor(*more: SceneObject, lamp: Track | None = None, camera: Track = EYE) -> Scene:
+    """A floor wider than the image, a glossy ball on it, and a small lamp above that looks down."""
+    square = shapes.rectangle((-0.4, 0, -0.4), (0.8, 0, 0), (0, 0, 0.8))
+    return Scene(
+        (
+            thing(shapes.rectangle((-9, 0, 9), (18, 0, 0), (0, 0, -18)), still()),
+            thing(shapes.sphere(), still(translation((0.3, 0.5, 0.3))), surface="glossy", roughness=0.4),
+            thing(square, lamp or still(translation((0.8, 2.2, 0))), (6.0, 6.0, 6.0)),
+            *more,
+        ),
+        Camera(camera, 40.0),
+    )
+
+
+def gradients(scene: Scene, seed: int = 1, width: int = SIZE, height: int = SIZE) -> np.ndarray:
+    """(2, H, W) at time 1."""
+    return of(Stage(scene, width, height, 4), seed)
+
+
+def of(stage: Stage, seed: int) -> np.ndarray:
+    stage.set_time(0)
+    replay = shade_before(stage, 1, seed)
+    stage.set_time(1)
+    return shade_again(stage, 1, replay)
+
+
+def strata(image: np.ndarray) -> np.ndarray:
+    """(H, W) → (strata, 9), padded with 0."""
+    height, width = (-(-size // STRATUM) * STRATUM for size in image.shape)
+    full = np.zeros((height, width), image.dtype)
+    full[: image.shape[0], : image.shape[1]] = image
+    return full.reshape(height // 3, 3, width // 3, 3).swapaxes(1, 2).reshape(-1, 9)
+
+
+def test_nothing_changes_so_nothing_differs():
+    """Not even in the last bit, and every stratum has its sample, those cut by the border too."""
+    now, then = gradients(floor(), width=26, height=22)
+    np.testing.assert_array_equal(now, then)
+    assert (strata(np.isfinite(now)).sum(1) == 1).all()
+    assert np.nanmean(now) > 0.05
+
+
+def test_the_sample_is_a_random_pixel_of_its_stratum():
+    found = [strata(np.isfinite(gradients(floor(), seed)[0])).argmax(1) for seed in (1, 2)]
+    assert (np.bincount(np.concatenate(found), minlength=9) > 0).all()
+    assert (found[0] != found[1]).any()
+
+
+def test_only_what_the_light_reaches_differs():
+    """A screen splits the floor; a lamp goes out, as it turns away, on one of its sides only."""
+    wall = thing(shapes.box((-0.05, 0, -9), (0.05, 9, 9)), still())  # between the lamps
+    square = shapes.rectangle((-0.4, 0, -0.4), (0.8, 0, 0), (0, 0, 0.8))
+    leaving = moving(lambda time: np.array((-1.2, 2.2 + 2 * time, 0)), UP, 0.0)
+    base = floor(wall, thing(square, leaving, (6.0, 6.0, 6.0)))
+    now, then = gradients(base)
+    known = np.isfinite(now)
+    left, right = np.zeros((2, SIZE, SIZE), bool)
+    left[:, : SIZE // 2 - 1], right[:, SIZE // 2 + 1 :] = True, True
+    # The camera's +x is to the left: the lamp that leaves is on the right.
+    lost, kept = known & right, known & left
+    assert (now[lost] < then[lost]).mean() > 0.5
+    assert now[lost].mean() < 0.7 * then[lost].mean()
+    # A lamp is chosen by its number, so what the other side sees stays; its share of the choices stays the same.
+    np.testing.assert_array_equal(now[kept], then[kept])
+
+
+def test_hidden_surfaces_are_rejected():
+    """A plate slides in from outside, over what the previous frame saw, and was not itself in view."""
+    plate = shapes.rectangle((-2, 0, 2), (4, 0, 0), (0, 0, -4))
+    slides = moving(lambda time: np.array((-5 * (1 - time), 1.0, 0)), UP, 0.0)
+    now, _ = gradients(floor(thing(plate, slides)))
+    stage = Stage(floor(thing(plate, slides)), SIZE, SIZE, 4)
+    instance = guides(stage, 1)["instance"][0]
+    covered = instance == 4
+    assert covered.mean() > 0.2
+    inner = strata(covered).all(1)
+    assert not strata(np.isfinite(now))[inner].any()
+    assert (strata(np.isfinite(now)).sum(1) <= 1).all()
+
+
+def test_samples_follow_a_moving_camera():
+    """At most one in each stratum, most strata have one, and on a matt floor in still light they hardly differ."""
+    moves = lambda time: translation((0.2 * time, 0, 0.1 * time)) @ EYE(time)  # noqa: E731
+    matt = replace(floor(camera=moves), objects=floor().objects[::2])
+    now, then = gradients(matt)
+    count = strata(np.isfinite(now)).sum(1)
+    assert count.max() == 1
+    assert count.mean() > 0.8
+    known = np.isfinite(now)
+    np.testing.assert_allclose(now[known], then[known], rtol=1e-4, atol=1e-6)
+
+
+def test_both_are_unbiased():
+    """The mean over seeds is the demodulated reference of each frame: everything here has one albedo."""
+    lamp = moving(lambda time: np.array((0.8 - 0.7 * time, 2.2, 0)), UP, 0.0)
+    stage = Stage(floor(lamp=lamp), SIZE, SIZE, 4)
+    runs = np.array([of(stage, seed) for seed in range(200)])
+    weights = np.array(REC709)[:, None, None]
+    found = []
+    for time in (0, 1):
+        emission = guides(stage, time)["emission"]
+        light = ((render(stage, 1024, 5) - emission) * weights).sum(0) / max(0.6, ALBEDO_FLOOR)
+        found.append(light.mean())
+    assert abs(found[1] / found[0] - 1) > 0.02
+    for values, expected in ((runs[:, 1], found[0]), (runs[:, 0], found[1])):
+        each = np.nanmean(values, axis=(1, 2))
+        error = each.std() / np.sqrt(len(each))
+        assert error < 0.02 * expected
+        assert abs(each.mean() - expected) < 4 * error
