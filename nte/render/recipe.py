@@ -34,6 +34,7 @@ class Group:
     reference_spp: int = 256  # of both halves together
     components: bool = False  # light separated into components, and shadow and reflection vectors
     max_depth: int = 4  # path segments: 1 sees lights only, 2 direct light, 3 one bounce of indirect light
+    # (a scene with a medium, where light bends often, asks for more by itself)
 
 
 @dataclass
@@ -106,6 +107,10 @@ def _check(where: str, group: Group) -> None:
     for key, least in _AT_LEAST.items():
         if (value := getattr(group, key)) < least:
             raise NteError(f"{where}.{key} is {value}: expected at least {least}")
+    if group.components and FAMILIES[group.scene].media:
+        raise NteError(
+            f"{where}.components is true: light in the medium of '{group.scene}' has no components: expected false"
+        )
     if group.components and group.spp != 1:
         raise NteError(
             f"{where}.spp is {group.spp}: expected 1 with components (vectors have no mean): use seeds for more"

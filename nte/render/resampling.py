@@ -113,7 +113,9 @@ class _Choice:
 
 def _receiver(stage: Stage, pixel: Any, point: Any, key: Any) -> tuple[Any, Any, Any]:
     """Camera ray through one of the 16 points of each pixel, its preliminary and its surface interaction."""
-    ray = camera_ray(stage, pixel, _lattice(pixel, point, POINTS, key, "jitter"))
+    has_lens = stage.scene.camera.aperture > 0
+    lens = _lattice(pixel, 7 * point % POINTS, POINTS, key, "lens") if has_lens else None
+    ray = camera_ray(stage, pixel, _lattice(pixel, point, POINTS, key, "jitter"), lens)
     hit = stage.mi_scene.ray_intersect_preliminary(ray)
     return ray, hit, hit.compute_surface_interaction(ray)
 
@@ -138,7 +140,7 @@ def _lattice(pixel: Any, index: Any, count: int, key: Any, dimension: str) -> An
     return shifted - dr.floor(shifted)
 
 
-_DIMENSIONS = ("jitter", "light", "candidate", "point")
+_DIMENSIONS = ("jitter", "light", "candidate", "point", "lens")
 
 
 def _random(pixel: Any, key: Any, dimension: str) -> Any:
