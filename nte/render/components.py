@@ -18,7 +18,7 @@ from nte.render.scene import Pixels
 from nte.render.seeds import derive_seed
 from nte.render.stage import Stage
 from nte.render.transforms import Floats
-from nte.render.transport import camera_ray, trace_path
+from nte.render.transport import sample_camera_ray, trace_path
 from nte.render.vectors import Bounce, Shadow, reflection_vectors, shadow_vectors
 
 _SAMPLES = 1 << 22  # paths per launch: their components are stored before they are summed, 200 MB
@@ -76,7 +76,7 @@ def _sample(stage: Stage, seed: int) -> tuple[Pixels, dict[str, Pixels], Shadow,
     shadow = trace_shadow(stage, candidates, derive_seed(seed, "direct"))
     sampler = mi.load_dict({"type": "independent"})
     sampler.seed(dr.opaque(mi.UInt32, derive_seed(seed, "path")), pixels)
-    path = trace_path(stage, camera_ray(stage, dr.arange(mi.UInt32, pixels), sampler.next_2d()), sampler)
+    path = trace_path(stage, sample_camera_ray(stage, dr.arange(mi.UInt32, pixels), sampler), sampler)
     light = [path.indirect, path.indirect_radiance, path.indirect_direction, path.glossy]
     dr.eval(shadow, light, path.first, path.second, path.direction, path.is_reflection)
 
@@ -120,7 +120,7 @@ def _sums(stage: Stage, spp: int, seed: int) -> Floats:
         sampler.set_samples_per_wavefront(count)
         sampler.seed(dr.opaque(mi.UInt32, derive_seed(seed, number)), pixels * count)
         pixel = dr.arange(mi.UInt32, pixels * count) // dr.opaque(mi.UInt32, count)
-        path = trace_path(stage, camera_ray(stage, pixel, sampler.next_2d()), sampler)
+        path = trace_path(stage, sample_camera_ray(stage, pixel, sampler), sampler)
         color = path.emission + path.shadowed + path.glossy + path.indirect
         luminances = mi.luminance(path.unshadowed), mi.luminance(path.shadowed)
         columns = [*color, *luminances, *path.indirect, *path.glossy]

@@ -2,7 +2,7 @@
 
 Of two kinds. Geometry (depth, position, instance, motion) belongs to the one point at the pixel's centre,
 because averages across an edge mean nothing. Surface (albedo, normal, roughness, emission) is the mean over
-the pixel, like the colour that it guides.
+the pixel and over the lens, like the colour that it guides.
 """
 
 from collections.abc import Sequence
@@ -19,6 +19,7 @@ from nte.render.stage import Stage
 from nte.render.transforms import Floats
 
 SAMPLES = 16  # per pixel, for the mean channels
+LENS_SAMPLES = 64  # the same through a lens: what is out of focus is that many copies of it
 
 
 def geometry(stage: Stage, time: float) -> dict[str, Pixels]:
@@ -44,19 +45,20 @@ def geometry(stage: Stage, time: float) -> dict[str, Pixels]:
 
 
 def surface(stage: Stage) -> dict[str, Pixels]:
-    """albedo, normal, roughness and emission (C, H, W): means over 16 samples in each pixel.
+    """albedo, normal, roughness and emission (C, H, W): means over 16 samples in each pixel, 64 through a lens.
 
     albedo: diffuse reflectance, or a metal's specular colour, in [0, 1]. normal: shading normal, world, facing
     the camera, unit length. Samples that miss have albedo 0 and count neither for normal nor for roughness;
     a pixel of misses has normal 0 and roughness 1.
     """
-    seen = trace_surfaces(stage, _pattern(SAMPLES))
+    samples = LENS_SAMPLES if stage.scene.camera.aperture else SAMPLES
+    seen = trace_surfaces(stage, _pattern(samples))
     length = np.linalg.norm(seen.normal, axis=1, keepdims=True)
     return {
-        "albedo": to_image(stage, np.clip(seen.albedo / SAMPLES, 0, 1)),
+        "albedo": to_image(stage, np.clip(seen.albedo / samples, 0, 1)),
         "normal": to_image(stage, np.divide(seen.normal, length, where=length > 0, out=np.zeros_like(seen.normal))),
         "roughness": to_image(stage, np.where(seen.hit > 0, seen.roughness / np.maximum(seen.hit, 1), 1)),
-        "emission": to_image(stage, seen.emission / SAMPLES),
+        "emission": to_image(stage, seen.emission / samples),
     }
 
 
@@ -75,13 +77,22 @@ def project_rows(stage: Stage, hit: npt.NDArray[np.bool_], points: Floats, times
 
 
 def _pattern(count: int) -> Floats:
-    """Sample positions (count, 2) in a pixel: a Hammersley set, the same in every pixel and frame.
+    """Sample positions (count, 4) in a pixel and on the lens: a Hammersley set, the same in every pixel and frame.
 
     All x and all y differ, so an edge of any slope is averaged finely, and the guides do not flicker.
     """
-    bits = count.bit_length() - 1
-    mirrored = [int(f"{i:0{bits}b}"[::-1], 2) for i in range(count)]
-    return (np.stack([np.arange(count), mirrored], axis=1) + 0.5) / count
+    index = np.arange(count)
+    return np.stack([(index + 0.5) / count, *(_mirrored(index, base, count) for base in (2, 3, 5))], axis=1)
+
+
+def _mirrored(index: npt.NDArray[np.int64], base: int, count: int) -> Floats:
+    """The radical inverse of whole numbers below `count`, (N,), in the middles of its steps, in [0, 1)."""
+    total, scale, rest = np.zeros(len(index)), 1.0, index.copy()
+    while scale * count > 1:
+        scale /= base
+        total += rest % base * scale
+        rest //= base
+    return np.asarray(total + scale / 2)
 
 
 def to_image(stage: Stage, rows: npt.NDArray[Any]) -> Pixels:

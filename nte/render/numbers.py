@@ -5,7 +5,9 @@ from typing import Any
 from nte.render.backend import load_drjit, load_mitsuba
 
 _GOLDEN = 0.6180339887498949
-_DIMENSIONS = ("jitter", "light", "candidate", "point", "gradient jitter", "gradient choice", "gradient light")
+_DIMENSIONS = (
+    "jitter", "light", "candidate", "point", "gradient jitter", "gradient choice", "gradient light", "lens",
+)  # fmt: skip
 
 
 def uniform(pixel: Any, key: Any, dimension: str) -> Any:

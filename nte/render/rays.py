@@ -12,6 +12,7 @@ from nte.render.stage import Stage
 from nte.render.transforms import Floats
 
 Indices = npt.NDArray[np.int64]
+_BEHIND = 1 + 1e-4  # along the ray itself: Mitsuba's spawn_ray steps sideways too
 _RAYS = 1 << 22  # in flight at once: 4 M keep the pass under 1 GB
 
 
@@ -66,7 +67,7 @@ def trace_film(stage: Stage, pixel: Floats) -> Seen:
 
 def trace_centres(stage: Stage) -> Hits:
     """Hits of the rays through the pixel centres, at the time that `stage` is set to."""
-    centre = np.full((1, 2), 0.5)
+    centre = np.full((1, 4), 0.5)
     shape, triangle, barycentric, direction = np.split(_trace(stage, centre, _intersect), [1, 2, 4], axis=1)
     return Hits(instances(stage)[shape[:, 0].astype(np.int64)], triangle[:, 0].astype(np.int64), barycentric, direction)
 
@@ -110,35 +111,53 @@ def _interpolated(stage: Stage, hits: Hits, vertices: list[Floats]) -> Floats:
 
 
 def trace_surfaces(stage: Stage, offsets: Floats) -> Surfaces:
-    """What is seen at `offsets` (S, 2) in every pixel, in [0, 1), at the time that `stage` is set to."""
+    """What is seen at `offsets` (S, 4), in [0, 1)⁴, at the time that `stage` is set to.
+
+    The first two are a place in every pixel, the others one on the lens, where there is one: a half each is its middle.
+    """
     return Surfaces(*np.split(_trace(stage, offsets, _look), [3, 6, 7, 10], axis=1))
 
 
 def _trace(stage: Stage, offsets: Floats, look: Callable[[Any, Any, Any], list[Any]]) -> Floats:
-    """Values (P, K) of look(mi, scene, ray), summed over the rays at `offsets` (S, 2) in every pixel."""
+    """Values (P, K) of look(mi, scene, ray), summed over the rays at `offsets` (S, 4), see trace_surfaces."""
     mi = load_mitsuba()
     pixels, samples = stage.width * stage.height, len(offsets)
 
-    def values(x: Any, y: Any) -> list[Any]:
-        ray, _ = stage.sensor.sample_ray(0.0, 0.5, mi.Point2f(x, y), mi.Point2f(0.5))
-        return look(mi, stage.mi_scene, ray)
+    def values(x: Any, y: Any, u: Any, v: Any) -> list[Any]:
+        ray, _ = stage.sensor.sample_ray(0.0, 0.5, mi.Point2f(x, y), mi.Point2f(u, v))
+        return look(mi, stage.mi_scene, _past_containers(stage, ray))
 
     rows = []
     step = max(1, _RAYS // samples)
     for start in range(0, pixels, step):
         index = np.arange(start, min(start + step, pixels))
         corner = np.stack([index % stage.width, index // stage.width], axis=1)
-        film = (corner[:, None] + offsets).reshape(-1, 2) / (stage.width, stage.height)
+        film = (corner[:, None] + offsets[:, :2]).reshape(-1, 2) / (stage.width, stage.height)
+        rays = np.concatenate([film, np.tile(offsets[:, 2:], (len(index), 1))], axis=1)
         if is_scalar():
-            table = np.array([values(x, y) for x, y in film.tolist()], float)
+            table = np.array([values(*ray) for ray in rays.tolist()], float)
             rows.append(table.reshape(len(index), samples, -1).sum(1))
         else:
-            columns = values(*(mi.Float(np.ascontiguousarray(column, np.float32)) for column in film.T))
+            columns = values(*(mi.Float(np.ascontiguousarray(column, np.float32)) for column in rays.T))
             dr = load_drjit()
             dr.eval(columns)  # one kernel instead of one per column
             sums = columns if samples == 1 else [dr.block_sum(column, samples) for column in columns]
             rows.append(np.stack([np.array(column, float) for column in sums], axis=1))
     return np.concatenate(rows)
+
+
+def _past_containers(stage: Stage, ray: Any) -> Any:
+    """The ray from where it has left whatever cannot be seen: boundaries that let all light pass straight on."""
+    for _ in range(2 * stage.containers):  # into and out of each
+        si = stage.mi_scene.ray_intersect(ray)
+        if is_scalar():
+            if si.is_valid() and min(si.bsdf().eval_null_transmission(si)) == 1:
+                ray.o = ray(si.t * _BEHIND)
+            continue
+        hit, dr = si.is_valid(), load_drjit()
+        passes = hit & (dr.min(si.bsdf().eval_null_transmission(si, hit)) == 1)
+        ray.o = dr.select(passes, ray(si.t * _BEHIND), ray.o)
+    return ray
 
 
 def _intersect(mi: Any, scene: Any, ray: Any) -> list[Any]:

@@ -38,6 +38,7 @@ class Group:
     shutter: float = 0.0  # open share of the frame, in [0, 1]; above 0 frames are blurred, and sharp/ has them sharp
     unshadowed: bool = False  # shading without noise: diffuse light of the first hit, without shadows
     max_depth: int = 4  # path segments: 1 sees lights only, 2 direct light, 3 one bounce of indirect light
+    # (a scene with a medium, where light bends often, asks for more by itself)
 
 
 @dataclass
@@ -125,6 +126,10 @@ def _check(where: str, group: Group) -> None:
     if group.components and group.unshadowed:
         raise NteError(f"{where}.unshadowed is true: expected false with components, which are those of a whole path")
     _check_shutter(where, group)
+    if group.components and FAMILIES[group.scene].media:
+        raise NteError(
+            f"{where}.components is true: light in the medium of '{group.scene}' has no components: expected false"
+        )
     if group.components and group.spp != 1:
         raise NteError(
             f"{where}.spp is {group.spp}: expected 1 with components (vectors have no mean): use seeds for more"

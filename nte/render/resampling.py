@@ -134,7 +134,9 @@ class Choice:
 
 def _receiver(stage: Stage, pixel: Any, point: Any, key: Any) -> tuple[Any, Any, Any]:
     """Camera ray through one of the 16 points of each pixel, its preliminary and its surface interaction."""
-    ray = camera_ray(stage, pixel, lattice(pixel, point, POINTS, key, "jitter"))
+    has_lens = stage.scene.camera.aperture > 0
+    lens = lattice(pixel, 7 * point % POINTS, POINTS, key, "lens") if has_lens else None
+    ray = camera_ray(stage, pixel, lattice(pixel, point, POINTS, key, "jitter"), lens)
     hit = stage.mi_scene.ray_intersect_preliminary(ray)
     return ray, hit, hit.compute_surface_interaction(ray)
 

@@ -11,7 +11,7 @@ from nte.render.transforms import Floats, Track, transform_directions, transform
 
 Pixels = npt.NDArray[np.float32]
 Colour = tuple[float, float, float]
-Surface = Literal["diffuse", "glossy", "metal", "glass"]
+Surface = Literal["diffuse", "glossy", "metal", "glass", "veil", "none"]
 
 NEAR, FAR = 0.01, 1000.0  # clipping planes of every camera, scene units
 DISTANT = 1e5  # scene units: where a point at infinity is put, when it has to be a point
@@ -35,7 +35,8 @@ class Material:
     """How a surface looks: `color` (H, W, 3) is a periodic texture in [0, 1], linear; (1, 1, 3) is plain.
 
     It is the diffuse reflectance, the specular colour of a metal, and what glass lets through. roughness:
-    perceptual, in [0, 1]; 1 for diffuse.
+    perceptual, in [0, 1]; 1 for diffuse. Two surfaces are for what holds a medium: a `veil` reflects a twentieth of
+    the light as diffuse does and lets the rest pass straight on, `none` cannot be seen at all.
     """
 
     color: Pixels
@@ -44,16 +45,32 @@ class Material:
 
 
 @dataclass(frozen=True)
-class SceneObject:
-    """A rigid mesh on a track; an area light where `radiance` is given.
+class Medium:
+    """What fills a closed mesh and scatters light, in the directions of Henyey and Greenstein's lobe.
 
-    All that the renderer asks is `at(time)`.
+    extinction: per scene unit, where the density is 1. albedo: the share of it that is scattered, the rest is
+    absorbed. anisotropy: mean cosine of scattering, from −1 to 1. density: time in frames → (Z, Y, X) float32 ≥ 0 at
+    the middles of equal cells of the mesh's bounding box at rest, where it then must stay; 1 everywhere if None.
+    """
+
+    extinction: float
+    albedo: Colour = (1.0, 1.0, 1.0)
+    anisotropy: float = 0.0
+    density: Callable[[float], Pixels] | None = None
+
+
+@dataclass(frozen=True)
+class SceneObject:
+    """A rigid mesh on a track; an area light where `radiance` is given, filled where `medium` is.
+
+    All that the renderer asks of its motion is `at(time)`.
     """
 
     mesh: Mesh
     material: Material
     track: Track
     radiance: Colour | None = None
+    medium: Medium | None = None
 
     def at(self, time: float) -> tuple[Floats, Floats]:
         """World positions and normals (V, 3) of the vertices at a time in frames."""
@@ -70,6 +87,7 @@ class DeformingObject:
     material: Material
     shape: Callable[[float], tuple[Floats, Floats]]  # time in frames → world positions and normals (V, 3)
     radiance: Colour | None = None
+    medium: Medium | None = None
 
     def at(self, time: float) -> tuple[Floats, Floats]:
         """World positions and normals (V, 3) of the vertices at a time in frames."""
@@ -78,10 +96,15 @@ class DeformingObject:
 
 @dataclass(frozen=True)
 class Camera:
-    """A pinhole on a track (camera → world, see look_at); fov: horizontal, degrees."""
+    """On a track (camera → world, see look_at); fov: horizontal, degrees.
+
+    aperture: radius of a thin lens in scene units, 0 is a pinhole; focus: depth at which it shows points sharply.
+    """
 
     track: Track
     fov: float
+    aperture: float = 0.0
+    focus: float = 1.0
 
     def view(self, time: float) -> Floats:
         """4×4, world → camera, at a time in frames."""
@@ -107,8 +130,11 @@ class Scene:
 
     environment: radiance from infinitely far, linear: the same from everywhere, or (H, W, 3) with rows from
     straight up to straight down and columns from −z over +x, +z and −x (kit.sky makes one).
+    least_depth: path segments without which the scene is not itself, where a recipe's `max_depth` asks for fewer;
+    light in a medium bends many times.
     """
 
     objects: tuple[SceneObject | DeformingObject, ...]
     camera: Camera
     environment: Colour | Pixels | None = None
+    least_depth: int = 0

@@ -21,7 +21,7 @@ from nte.render.scene import Pixels
 from nte.render.seeds import derive_generator, derive_seed
 from nte.render.stage import Stage
 from nte.render.transforms import Floats
-from nte.render.transport import camera_ray
+from nte.render.transport import sample_camera_ray
 
 # A power of four: one for each pixel of an 8×8 block. Up to 64 px of motion no stratum moves by more than a pixel,
 # which the pixel's own box filter hides.
@@ -106,7 +106,7 @@ def _trace(stage: Stage, pixels: npt.NDArray[np.int64], time: float, seed: int) 
     mi, dr = load_mitsuba(), load_drjit()
     sampler = mi.load_dict({"type": "independent"})
     sampler.seed(dr.opaque(mi.UInt32, seed), len(pixels))
-    ray = camera_ray(stage, mi.UInt32(pixels.astype(np.uint32)), sampler.next_2d())
+    ray = sample_camera_ray(stage, mi.UInt32(pixels.astype(np.uint32)), sampler)
     first = stage.mi_scene.ray_intersect_preliminary(ray)
     colour, *_ = stage.integrator.sample(stage.mi_scene, sampler, mi.RayDifferential3f(ray))
     point = dr.select(first.is_valid(), ray(first.t), 0)

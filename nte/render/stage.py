@@ -9,8 +9,10 @@ import numpy as np
 import numpy.typing as npt
 
 from nte.render.backend import load_mitsuba
-from nte.render.scene import FAR, NEAR, DeformingObject, Material, Scene, SceneObject
+from nte.render.scene import FAR, NEAR, DeformingObject, Material, Medium, Mesh, Scene, SceneObject
 from nte.render.unshadowed import unshadowed_integrator
+
+VEIL = 0.05  # the share of light that a veil reflects or swallows
 
 
 class Stage:
@@ -22,10 +24,11 @@ class Stage:
     def __init__(self, scene: Scene, width: int, height: int, max_depth: int, unshadowed: bool = False) -> None:
         mi = load_mitsuba()
         self.scene, self.width, self.height = scene, width, height
+        max_depth = max(max_depth, scene.least_depth)
         self.meshes = {f"object_{i:03d}": _mesh(mi, obj) for i, obj in enumerate(scene.objects)}
         self.mi_scene: Any = mi.load_dict({
             "type": "scene",
-            "integrator": {"type": "path", "max_depth": max_depth},
+            "integrator": _integrator(scene, max_depth),
             "sensor": _sensor(scene, width, height),
             **_environment(mi, scene),
             **self.meshes,
@@ -34,6 +37,8 @@ class Stage:
         self.sensor: Any = self.mi_scene.sensors()[0]
         # What light components see beyond the first hit (nte.render.components).
         self.beyond: Any = mi.load_dict({"type": "path", "max_depth": max_depth - 1})
+        # Convex objects that cannot be seen; the channels without noise look past them.
+        self.containers = sum(obj.material.surface == "none" for obj in scene.objects)
         self._parameters: Any = mi.traverse(self.mi_scene)
 
     def set_time(self, time: float) -> None:
@@ -44,15 +49,34 @@ class Stage:
             # Given together with the positions, the normals are kept instead of computed anew.
             self._parameters[f"{name}.vertex_positions"] = _flat(positions)
             self._parameters[f"{name}.vertex_normals"] = _flat(normals)
+            if obj.medium is not None and obj.medium.density is not None:
+                grid = mi.TensorXf(obj.medium.density(time)[..., None])
+                self._parameters[f"{name}.interior_medium.sigma_t.data"] = grid
         self._parameters["sensor.to_world"] = mi.ScalarTransform4f(self.scene.camera.track(time))
         self._parameters.update()
 
 
+def _integrator(scene: Scene, depth: int) -> dict[str, Any]:
+    """Mitsuba's path tracer; where there are media, the one that scatters in them."""
+    if _has_media(scene):
+        # By default Russian roulette starts at the fifth of some hundred turns, and leaves a few bright paths.
+        return {"type": "volpath", "max_depth": depth, "rr_depth": depth}
+    return {"type": "path", "max_depth": depth}
+
+
+def _has_media(scene: Scene) -> bool:
+    return any(obj.medium for obj in scene.objects)
+
+
 def _sensor(scene: Scene, width: int, height: int) -> dict[str, Any]:
+    camera = scene.camera
+    lens = {"type": "thinlens", "aperture_radius": camera.aperture, "focus_distance": camera.focus}
     return {
-        "type": "perspective", "fov": scene.camera.fov, "fov_axis": "x", "near_clip": NEAR, "far_clip": FAR,
-        # As dear as independent samples, and the same as them at 1 spp, but references have half the noise.
-        "sampler": {"type": "stratified"},
+        **(lens if camera.aperture else {"type": "perspective"}),
+        "fov": camera.fov, "fov_axis": "x", "near_clip": NEAR, "far_clip": FAR,
+        # As dear as independent samples, and the same as them at 1 spp, but references have half the noise. In media,
+        # whose noise is another, stratified ones made one path in two million NaN, independent ones none in ten.
+        "sampler": {"type": "independent" if _has_media(scene) else "stratified"},
         # Only the box filter keeps the noise of neighbouring pixels independent, and repeats bit for bit.
         "film": {"type": "hdrfilm", "width": width, "height": height, "pixel_format": "rgb",
                  "component_format": "float32", "rfilter": {"type": "box"}},
@@ -74,6 +98,8 @@ def _mesh(mi: Any, obj: SceneObject | DeformingObject) -> Any:
     if obj.radiance is not None:
         radiance = {"type": "rgb", "value": list(obj.radiance)}
         properties["emitter"] = mi.load_dict({"type": "area", "radiance": radiance})
+    if obj.medium is not None:
+        properties["interior"] = mi.load_dict(_medium(mi, obj.medium, obj.mesh))
     mesh = mi.Mesh(
         "", len(obj.mesh.positions), len(obj.mesh.faces),
         has_vertex_normals=True, has_vertex_texcoords=True, props=properties,
@@ -87,11 +113,28 @@ def _mesh(mi: Any, obj: SceneObject | DeformingObject) -> Any:
     return mesh
 
 
+def _medium(mi: Any, medium: Medium, mesh: Mesh) -> dict[str, Any]:
+    albedo = {"type": "rgb", "value": list(medium.albedo)}
+    phase = {"type": "hg", "g": medium.anisotropy}
+    if medium.density is None:
+        return {"type": "homogeneous", "albedo": albedo, "sigma_t": medium.extinction, "phase": phase}
+    low, high = mesh.positions.min(0).astype(float), mesh.positions.max(0).astype(float)
+    box = mi.ScalarTransform4f().translate(low).scale(high - low)  # the grid fills the unit cube
+    grid = {"type": "gridvolume", "grid": mi.VolumeGrid(medium.density(0)), "to_world": box}
+    return {"type": "heterogeneous", "albedo": albedo, "sigma_t": grid, "scale": medium.extinction, "phase": phase,
+            "has_spectral_extinction": False}  # fmt: skip
+
+
 def _bsdf(mi: Any, material: Material) -> dict[str, Any]:
     """Plain colours are textures too: fewer kinds of plugins, and kernels are shared between scenes."""
+    if material.surface == "none":
+        return {"type": "null"}
     texture = {"type": "bitmap", "data": mi.TensorXf(material.color), "raw": True}
+    diffuse = {"type": "diffuse", "reflectance": texture}
     if material.surface == "diffuse":
-        return {"type": "diffuse", "reflectance": texture}
+        return diffuse
+    if material.surface == "veil":
+        return {"type": "mask", "opacity": VEIL, "bsdf": diffuse}
     metallic = 1.0 if material.surface == "metal" else 0.0
     bsdf = {"type": "principled", "base_color": texture, "roughness": material.roughness, "metallic": metallic}
     if material.surface == "glass":  # not `dielectric`, which has neither an albedo nor a roughness to show

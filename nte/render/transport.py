@@ -44,15 +44,21 @@ def sample_light(scene: Any, si: Any, active: Any, sample: Any) -> Light:
     return Light(chosen, weight, si.to_local(chosen.d))
 
 
-def camera_ray(stage: Stage, pixel: Any, offset: Any) -> Any:
-    """Rays through `offset` (2,) in [0, 1)² of the pixels numbered row by row."""
+def sample_camera_ray(stage: Stage, pixel: Any, sampler: Any) -> Any:
+    """Rays through a random place in each of the pixels numbered row by row, and of the lens if there is one."""
+    offset = sampler.next_2d()
+    return camera_ray(stage, pixel, offset, sampler.next_2d() if stage.scene.camera.aperture else None)
+
+
+def camera_ray(stage: Stage, pixel: Any, offset: Any, lens: Any = None) -> Any:
+    """Rays through `offset` (2,) in [0, 1)² of the pixels numbered row by row; lens: the same on it, or its middle."""
     mi = load_mitsuba()
     dr = load_drjit()
     width = dr.opaque(mi.UInt32, stage.width)  # not a literal: one kernel for every size
     row = pixel // width
     corner = mi.Point2f(mi.Float(pixel - row * width), mi.Float(row))
     size = mi.Vector2f(dr.opaque(mi.Float, stage.width), dr.opaque(mi.Float, stage.height))
-    ray, _ = stage.sensor.sample_ray(0.0, 0.5, (corner + offset) / size, mi.Point2f(0.5))
+    ray, _ = stage.sensor.sample_ray(0.0, 0.5, (corner + offset) / size, mi.Point2f(0.5) if lens is None else lens)
     return ray
 
 

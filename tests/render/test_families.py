@@ -21,6 +21,9 @@ VARIANTS: dict[str, tuple[str, dict[str, Any]]] = {name: (name, {}) for name in 
     "pinkroom-lamp": ("pinkroom", {"swinging_lamp": True, "moving_camera": True}),
     "robot-wave": ("robot", {"action": "wave"}),
     "penumbra-lights": ("penumbra", {"lights": 3, "bars": 0}),
+    "spheres-pinhole": ("spheres", {"aperture": 0.0}),
+    "cloud-storm": ("cloud", {"cover": 0.8, "change": 3.0}),
+    "subsurface-dense": ("subsurface", {"extinction": 30.0}),
     "motion_blur-propeller": ("motion_blur", {"case": "propeller"}),
     "motion_blur-crossing": ("motion_blur", {"case": "crossing"}),
     "motion_blur-rotation": ("motion_blur", {"case": "rotation"}),
@@ -116,6 +119,8 @@ def test_the_splits_fill_their_parts_of_a_range():
         ("fence", {"moving_lights": 1}, "'moving_lights' is 1: expected true or false"),
         ("temple", {"speed": "fast"}, "'speed' is 'fast': expected a number from 0 to 4"),
         ("temple", {"speed": float("nan")}, "'speed' is nan"),
+        ("spheres", {"aperture": -0.1}, "'aperture' is -0.1: expected a number from 0 to 1"),
+        ("cloud", {"cover": 1.5}, "'cover' is 1.5: expected a number from 0.1 to 0.9"),
         ("motion_blur", {"case": "upwards"}, "'upwards': expected one of sideways_fast, "),
         ("motion_blur", {"case": ["still"]}, "'case' is .*: expected one of"),
     ],
@@ -128,6 +133,16 @@ def test_faulty_parameters_are_refused_in_one_line(family: str, given: dict[str,
 
 def test_whole_numbers_are_numbers():
     assert FAMILIES["temple"].read({"speed": 2}).speed == 2
+
+
+@pytest.mark.parametrize("family", ["cloud", "subsurface"])
+def test_light_in_a_medium_is_not_separated(family: str, tmp_path: Path):
+    path = tmp_path / "r.yaml"
+    path.write_text(f"name: a\ntrain: [{{clips: 1, scene: {family}, components: true}}]")
+    said = rf"r\.yaml: train\[0\]\.components is true: .*'{family}'.*expected false"
+    with pytest.raises(NteError, match=said) as caught:
+        read_recipe(path)
+    assert "\n" not in str(caught.value)
 
 
 def test_recipes_say_which_group_is_wrong(tmp_path: Path):

@@ -11,8 +11,8 @@ from nte.render.clips import render_clip
 from nte.render.recipe import ClipPlan, Group
 from nte.render.scenes import FAMILIES
 
-# No motion of textured surfaces, so nothing to decide: only the light moves, or nothing at all.
-STILL = {"penumbra"}
+# No motion of textured surfaces, so nothing to decide: only light moves, or what has no surface.
+STILL = {"penumbra", "cloud", "subsurface"}
 
 
 @pytest.mark.slow

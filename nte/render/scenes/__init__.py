@@ -4,6 +4,7 @@ from typing import Any
 
 from nte.render.scenes import (
     apples,
+    cloud,
     dining,
     fence,
     limits,
@@ -16,6 +17,7 @@ from nte.render.scenes import (
     robot,
     rooms,
     spheres,
+    subsurface,
     temple,
 )  # fmt: skip
 from nte.render.scenes.family import Family
@@ -35,4 +37,6 @@ FAMILIES: dict[str, Family[Any]] = {
     "motion_blur": Family(motion_blur.Parameters, motion_blur.make_motion_blur),
     "limits": Family(limits.Parameters, limits.make_limits),
     "ocean": Family(ocean.Parameters, ocean.make_ocean),
+    "cloud": Family(cloud.Parameters, cloud.make_cloud, media=True),
+    "subsurface": Family(subsurface.Parameters, subsurface.make_subsurface, media=True),
 }

@@ -38,10 +38,14 @@ class Dice(np.random.Generator):
 
 @dataclass(frozen=True)
 class Family(Generic[Parameters]):
-    """Scenes of one kind. `parameters` is a dataclass whose defaults are what a recipe gets if it sets nothing."""
+    """Scenes of one kind. `parameters` is a dataclass whose defaults are what a recipe gets if it sets nothing.
+
+    media: whether light is scattered on its way, so that it cannot be separated at the first surface.
+    """
 
     parameters: type[Parameters]
     make: Callable[[Dice, Parameters], Scene]
+    media: bool = False
 
     def __call__(self, rng: np.random.Generator, split: str = "train", given: Mapping[str, Any] | None = None) -> Scene:
         """One scene; `given` sets parameters by name. Raises NteError as `read` does."""

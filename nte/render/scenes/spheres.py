@@ -1,6 +1,6 @@
-"""Balls that bounce and circle in soft light: shadows that harden as a ball comes down. The camera is a pinhole."""
+"""Balls that bounce and circle in soft light, out of focus near and far: shadows that harden as a ball comes down."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -13,10 +13,14 @@ from nte.render.transforms import Floats, rotation, translation
 
 @dataclass
 class Parameters:
-    """spheres: how many. light_size: side of the light, which sets how soft the shadows are."""
+    """spheres: how many. light_size: side of the light, which sets how soft the shadows are.
+
+    aperture: radius of the lens, 0 is a pinhole; in focus is what is at the middle of the ring of balls.
+    """
 
     spheres: int = between(8, 1, 16)
     light_size: float = between(1.6, 0.1, 3.0)
+    aperture: float = between(0.25, 0.0, 1.0)
 
 
 def make_spheres(dice: Dice, parameters: Parameters) -> Scene:
@@ -30,7 +34,9 @@ def make_spheres(dice: Dice, parameters: Parameters) -> Scene:
     ]
     objects += [_ball(dice, number, parameters.spheres) for number in range(parameters.spheres)]
     eye = kit.swaying((0, 2.3, -4.4), (0.3 * dice.choice([-1, 1]), 0, 0), 0.2)
-    return Scene(tuple(objects), kit.camera(eye, kit.fixed((0, 0.6, 0.8)), 46))
+    camera = replace(kit.camera(eye, kit.fixed((0, 0.6, 0.8)), 46), aperture=parameters.aperture)
+    middle = camera.view(0) @ (0, 0.4, 1.0, 1)
+    return Scene(tuple(objects), replace(camera, focus=float(middle[2])))
 
 
 def _ball(dice: Dice, number: int, count: int) -> SceneObject:
