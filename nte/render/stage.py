@@ -15,7 +15,7 @@ from nte.render.scene import FAR, NEAR, DeformingObject, Material, Scene, SceneO
 class Stage:
     """One Mitsuba scene for a clip; `set_time` before anything is rendered.
 
-    Every set_time writes all vertices from the tracks, so a frame does not depend on the frames before it.
+    Every set_time takes all vertices from the tracks, so a frame does not depend on the frames before it.
     """
 
     def __init__(self, scene: Scene, width: int, height: int, max_depth: int) -> None:
@@ -33,15 +33,19 @@ class Stage:
         # What light components see beyond the first hit (nte.render.components).
         self.beyond: Any = mi.load_dict({"type": "path", "max_depth": max_depth - 1})
         self._parameters: Any = mi.traverse(self.mi_scene)
+        self._written: dict[str, bytes] = {}
 
     def set_time(self, time: float) -> None:
         """Put every vertex and the camera where they are at a time in frames."""
         mi = load_mitsuba()
         for name, obj in zip(self.meshes, self.scene.objects, strict=True):
             positions, normals = obj.at(time)
+            flat = _flat(positions), _flat(normals)
+            if self._written.get(name) == (content := b"".join(values.tobytes() for values in flat)):
+                continue  # it stands still: its triangles need no new hierarchy
+            self._written[name] = content
             # Given together with the positions, the normals are kept instead of computed anew.
-            self._parameters[f"{name}.vertex_positions"] = _flat(positions)
-            self._parameters[f"{name}.vertex_normals"] = _flat(normals)
+            self._parameters[f"{name}.vertex_positions"], self._parameters[f"{name}.vertex_normals"] = flat
         self._parameters["sensor.to_world"] = mi.ScalarTransform4f(self.scene.camera.track(time))
         self._parameters.update()
 
