@@ -5,6 +5,7 @@ kernel and the variance filtered with it are those of SVGF (Schied et al. 2017).
 """
 
 from collections.abc import Callable, Iterator, Sequence
+from itertools import product
 from typing import NamedTuple, TypeAlias
 
 import torch
@@ -67,15 +68,16 @@ def _pairs(
 ) -> Iterator[tuple[_Slices, _Slices, float, float]]:
     """(pixels p, their partners q, h, |q − p|) for each half of the kernel's offsets and each strip of rows."""
     reach = len(kernel) - 1
-    rows = max(1, STRIP_PIXELS // (width * batch))
+    images = min(batch, max(1, STRIP_PIXELS // (height * width)))  # small ones together
+    rows = max(1, STRIP_PIXELS // (width * images))
     offsets = [(y, x) for y in range(reach + 1) for x in range(-reach, reach + 1) if y > 0 or x > 0]
-    every = slice(None)
-    for top in range(0, height, rows):
+    for first, top in product(range(0, batch, images), range(0, height, rows)):
         for y, x in offsets:
             dy, dx = y * step, x * step
             bottom = min(top + rows, height - dy)
             left, right = max(0, -dx), min(width, width - dx)
             if top < bottom and left < right:
-                here = (every, every, slice(top, bottom), slice(left, right))
-                there = (every, every, slice(top + dy, bottom + dy), slice(left + dx, right + dx))
+                which = slice(first, first + images), slice(None)
+                here = (*which, slice(top, bottom), slice(left, right))
+                there = (*which, slice(top + dy, bottom + dy), slice(left + dx, right + dx))
                 yield here, there, kernel[y] * kernel[abs(x)], step * (x * x + y * y) ** 0.5
