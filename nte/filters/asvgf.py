@@ -16,7 +16,7 @@ from nte.errors import NteError
 from nte.filters.atrous import atrous_step
 from nte.filters.moments import brightness, variance_of, with_square
 from nte.filters.reproject import Surface, surface_of
-from nte.filters.svgf import Svgf, geometry_guides, luminance_edge, luminance_scale
+from nte.filters.svgf import Svgf, edge_stopping, geometry_guides, with_luminance
 from nte.frames.frame import Frame
 
 STRATUM = 3  # pixels; one gradient sample in each stratum of 3×3
@@ -81,13 +81,11 @@ class Asvgf(Svgf):
         """λ = min(1, max |Δ| / max(l, l′)) over the 3×3 strata around, filtered (section 4.3): at full resolution."""
         sums = torch.cat([strata.change, strata.brightest, strata.known], 1)
         brightness, variance = strata.moments[:, :1], variance_of(strata.moments)
-        guides, edge = geometry_guides(strata.surface, GRADIENT_SIGMA_Z), luminance_edge(self.sigma_n)
+        guides, edge = geometry_guides(strata.surface, GRADIENT_SIGMA_Z), edge_stopping(self.sigma_n)
         for level in range(self.gradient_iterations):
-            scale = luminance_scale(variance, self.sigma_l)
+            seen = with_luminance(guides, brightness, variance, self.sigma_l)
             # Δ keeps its sign: that of noise cancels, that of a light does not.
-            filtered = atrous_step(
-                torch.cat([sums, brightness], 1), 2**level, edge, (*guides, brightness, scale), variance, BOX
-            )
+            filtered = atrous_step(torch.cat([sums, brightness], 1), 2**level, edge, seen, variance, BOX)
             assert filtered.variance is not None
             sums, brightness, variance = filtered.values[:, :3], filtered.values[:, 3:], filtered.variance
         # Numerator and denominator carry the same weights of the strata that have a sample.

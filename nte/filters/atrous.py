@@ -50,34 +50,47 @@ def atrous_step(
     mean = values.clone()
     spread = None if variance is None else variance.clone()
     for here, there, weight, distance in _pairs(height, width, step, kernel, values.shape[0]):
-        toward_here, toward_there = edge([g[here] for g in guides], [g[there] for g in guides], distance)
+        toward_here, toward_there = edge([here(g) for g in guides], [there(g) for g in guides], distance)
         for to, source, w in ((here, there, toward_here), (there, here, toward_there)):
-            total[to].add_(w, alpha=weight)
-            mean[to].addcmul_(values[source], w, value=weight)
+            to(total).add_(w, alpha=weight)
+            to(mean).addcmul_(source(values), w, value=weight)
             if spread is not None and variance is not None:
-                spread[to].addcmul_(variance[source], w.square(), value=weight * weight)
+                to(spread).addcmul_(source(variance), w.square(), value=weight * weight)
     mean.div_(total)
     return Filtered(mean, None if spread is None else spread.div_(total.square_()))
 
 
-_Slices: TypeAlias = tuple[slice, slice, slice, slice]
+class _Window(NamedTuple):
+    """A rectangle of some images of a batch; called, it cuts that out of a tensor (N, C, H, W), as a view."""
+
+    first: int
+    images: int
+    top: int
+    rows: int
+    left: int
+    columns: int
+
+    def __call__(self, tensor: Tensor) -> Tensor:
+        if self.images < len(tensor):
+            tensor = tensor.narrow(0, self.first, self.images)
+        # Half the time of slicing with brackets, which counts: a window is cut fifteen times for each pair.
+        return tensor.narrow(2, self.top, self.rows).narrow(3, self.left, self.columns)
 
 
 def _pairs(
     height: int, width: int, step: int, kernel: Sequence[float], batch: int
-) -> Iterator[tuple[_Slices, _Slices, float, float]]:
+) -> Iterator[tuple[_Window, _Window, float, float]]:
     """(pixels p, their partners q, h, |q − p|) for each half of the kernel's offsets and each strip of rows."""
     reach = len(kernel) - 1
-    images = min(batch, max(1, STRIP_PIXELS // (height * width)))  # small ones together
-    rows = max(1, STRIP_PIXELS // (width * images))
+    group = min(batch, max(1, STRIP_PIXELS // (height * width)))  # small images together
+    strip = max(1, STRIP_PIXELS // (width * group))
     offsets = [(y, x) for y in range(reach + 1) for x in range(-reach, reach + 1) if y > 0 or x > 0]
-    for first, top in product(range(0, batch, images), range(0, height, rows)):
+    for first, top in product(range(0, batch, group), range(0, height, strip)):
+        images = min(group, batch - first)
         for y, x in offsets:
             dy, dx = y * step, x * step
-            bottom = min(top + rows, height - dy)
-            left, right = max(0, -dx), min(width, width - dx)
-            if top < bottom and left < right:
-                which = slice(first, first + images), slice(None)
-                here = (*which, slice(top, bottom), slice(left, right))
-                there = (*which, slice(top + dy, bottom + dy), slice(left + dx, right + dx))
+            rows, columns = min(strip, height - dy - top), width - abs(dx)
+            if rows > 0 and columns > 0:
+                here = _Window(first, images, top, rows, max(0, -dx), columns)
+                there = _Window(first, images, top + dy, rows, max(0, dx), columns)
                 yield here, there, kernel[y] * kernel[abs(x)], step * (x * x + y * y) ** 0.5

@@ -94,11 +94,10 @@ class Svgf:
             moments = torch.lerp(past.values[:, -3:-1], with_square(brightness(light)), moments_alpha)
             light = torch.lerp(past.values[:, :-3], light, alpha)
         with record_function("svgf: variance"):
-            guides = geometry_guides(surface, self.sigma_z)
-            variance = estimated_variance(moments, length, self.young, geometry_edge(self.sigma_n), guides)
+            guides, edge = geometry_guides(surface, self.sigma_z), edge_stopping(self.sigma_n)
+            variance = estimated_variance(moments, length, self.young, edge, guides)
         with record_function("svgf: à-trous"):
             history = light
-            edge = luminance_edge(self.sigma_n)
             for level in range(self.iterations):
                 light, variance = wavelet_level(light, variance, level, edge, guides, self.sigma_l)
                 if level + 1 == self.feedback:
@@ -153,8 +152,9 @@ def wavelet_level(
     light: Tensor, variance: Tensor, level: int, edge: Edge, guides: Sequence[Tensor], sigma_l: float
 ) -> tuple[Tensor, Tensor]:
     """One level of section 4.3: light (N, C, H, W) and its luminance's variance (N, 1, H, W), taps 2^level apart."""
-    scale = luminance_scale(variance, sigma_l)
-    filtered = atrous_step(light, 2**level, edge, (*guides, brightness(light), scale), variance)
+    filtered = atrous_step(
+        light, 2**level, edge, with_luminance(guides, brightness(light), variance, sigma_l), variance
+    )
     assert filtered.variance is not None
     return filtered.values, filtered.variance
 
@@ -166,37 +166,35 @@ def luminance_scale(variance: Tensor, sigma_l: float) -> Tensor:
 
 
 def geometry_guides(surface: Surface, sigma_z: float) -> tuple[Tensor, Tensor, Tensor]:
-    """What the weights of Eq. 3 and 4 depend on: depth, −1 / (σ_z fwidth(z)), and normal."""
+    """What the weights of Eq. 3 and 4 depend on: normal, depth, and −1 / (σ_z fwidth(z))."""
     depth = surface.depth.clamp(max=1e30)
     slope = surface.depth_width.maximum(SLOPE_FLOOR * depth)
-    return depth, -1 / (sigma_z * slope), surface.normal
+    return surface.normal, depth, -1 / (sigma_z * slope)
 
 
-def geometry_edge(sigma_n: float) -> Edge:
-    """w = exp(−|Δz| / (σ_z fwidth(z) |q − p|)) · max(0, n·n′)^σ_n: Eq. 3 and 4."""
+def edge_stopping(sigma_n: float) -> Edge:
+    """w = max(0, n·n′)^σ_n · exp(−|Δz| / (σ_z fwidth(z) |q − p|) − |Δl| / (σ_l √(ε + g₃ₓ₃(Var)))): Eq. 3 to 5.
+
+    Guides: normal; depth, and luminance or nothing; the factors by which their differences are multiplied.
+    """
 
     def edge(p: Sequence[Tensor], q: Sequence[Tensor], distance: float) -> tuple[Tensor, Tensor]:
-        same, apart = _compare(p, q, distance, sigma_n)
-        return torch.addcmul(same, apart, p[1]).exp_(), same.addcmul_(apart, q[1]).exp_()
+        n, m = p[0].unbind(1), q[0].unbind(1)
+        cosine = (n[0] * m[0]).addcmul_(n[1], m[1]).addcmul_(n[2], m[2])
+        # A logarithm costs a third of seven squarings; that of the floor makes a weight of 0.
+        same = cosine.clamp_(min=1e-38).log_().mul_(sigma_n)
+        apart, toward_p, toward_q = (p[1] - q[1]).abs_().unbind(1), p[2].unbind(1), q[2].unbind(1)
+        forth = torch.addcmul(same, apart[0], toward_p[0], value=1 / distance)
+        back = same.addcmul_(apart[0], toward_q[0], value=1 / distance)
+        if len(apart) > 1:
+            forth.addcmul_(apart[1], toward_p[1])
+            back.addcmul_(apart[1], toward_q[1])
+        return forth.exp_().unsqueeze(1), back.exp_().unsqueeze(1)
 
     return edge
 
 
-def luminance_edge(sigma_n: float) -> Edge:
-    """The same, times exp(−|Δl| / (σ_l √(ε + g₃ₓ₃(Var)))): Eq. 3 to 5; guides end with luminance and its scale."""
-
-    def edge(p: Sequence[Tensor], q: Sequence[Tensor], distance: float) -> tuple[Tensor, Tensor]:
-        same, apart = _compare(p, q, distance, sigma_n)
-        contrast = (p[3] - q[3]).abs_()
-        toward_p = torch.addcmul(same, apart, p[1]).addcmul_(contrast, p[4]).exp_()
-        return toward_p, same.addcmul_(apart, q[1]).addcmul_(contrast, q[4]).exp_()
-
-    return edge
-
-
-def _compare(p: Sequence[Tensor], q: Sequence[Tensor], distance: float, sigma_n: float) -> tuple[Tensor, Tensor]:
-    """What both directions share: σ_n log max(0, n·n′), and |Δz| / |q − p|."""
-    n, m = p[2], q[2]
-    cosine = (n[:, :1] * m[:, :1]).addcmul_(n[:, 1:2], m[:, 1:2]).addcmul_(n[:, 2:], m[:, 2:])
-    # A logarithm costs a third of seven squarings; of the floor it is −88, which any σ_n ≥ 2 makes a weight of 0.
-    return cosine.clamp_(min=1e-38).log_().mul_(sigma_n), (p[0] - q[0]).abs_().mul_(1 / distance)
+def with_luminance(guides: Sequence[Tensor], luminance: Tensor, variance: Tensor, sigma_l: float) -> list[Tensor]:
+    """Guides of `edge_stopping`, luminance included."""
+    normal, depth, scale = guides
+    return [normal, torch.cat([depth, luminance], 1), torch.cat([scale, luminance_scale(variance, sigma_l)], 1)]
