@@ -168,9 +168,7 @@ def _add_fits(fits: dict[Convention, Fit], previous: Frame, current: Frame) -> N
         fit.unwarped.add(unwarped, where)
 
 
-def _add_errors(
-    errors: dict[tuple[str, str, str], Mean], previous: Frame, current: Frame, dual: Reprojection
-) -> None:
+def _add_errors(errors: dict[tuple[str, str, str], Mean], previous: Frame, current: Frame, dual: Reprojection) -> None:
     traditional = traditional_motion(current["motion"])
     regions = {"visible": visible_in_both(previous, current, dual), "disoccluded": dual.disoccluded & dual.valid}
     for name in (name for name in COMPARED if name in current):
@@ -197,9 +195,7 @@ def _add_statistics(statistics: dict[str, Statistics], frame: Frame) -> None:
         entry.bad += bad.get(name, 0)
 
 
-def _judge(
-    fits: dict[Convention, Fit], statistics: dict[str, Statistics]
-) -> tuple[Verdict, str, Convention | None]:
+def _judge(fits: dict[Convention, Fit], statistics: dict[str, Statistics]) -> tuple[Verdict, str, Convention | None]:
     """Verdict, reason, and the convention that explains the albedo, where one does."""
     geometry = {name: s.bad for name, s in statistics.items() if s.bad and CHANNELS[name].kind not in SANITISED}
     if geometry:

@@ -166,9 +166,7 @@ def _compare(options: argparse.Namespace) -> None:
     comparison = read_comparison(options.comparison)
     render_recipe(comparison.recipe, options.data)
     with Progress("compare", 0, "frame") as progress:
-        rows = run_comparison(
-            comparison, options.data, options.out, options.force, options.device, progress.reach
-        )
+        rows = run_comparison(comparison, options.data, options.out, options.force, options.device, progress.reach)
     print(summary_table(rows))
     print(f"reports: {options.out}")
 
@@ -223,5 +221,3 @@ def _info(options: argparse.Namespace) -> None:
 
 def _tell_warning(message: Warning | str, category: type[Warning], *_: object, **__: object) -> None:
     print(f"nte: warning: {message}", file=sys.stderr)
-
-

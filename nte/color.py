@@ -38,14 +38,14 @@ def display(radiance: Tensor, exposure: Tensor) -> Tensor:
     return torch.where(tonemapped <= 0.0031308, 12.92 * tonemapped, curve)
 
 
-def demodulate(radiance: Tensor, albedo: Tensor) -> Tensor:
-    """Radiance over albedo: the light without the texture. Undone exactly by `remodulate`."""
-    return radiance / albedo.clamp(min=ALBEDO_FLOOR)
+def demodulate(radiance: Tensor, albedo: Tensor, floor: float = ALBEDO_FLOOR) -> Tensor:
+    """Radiance over albedo: the light without the texture. Undone exactly by `remodulate` with the same floor."""
+    return radiance / albedo.clamp(min=floor)
 
 
-def remodulate(irradiance: Tensor, albedo: Tensor) -> Tensor:
+def remodulate(irradiance: Tensor, albedo: Tensor, floor: float = ALBEDO_FLOOR) -> Tensor:
     """Light times texture: the inverse of `demodulate`."""
-    return irradiance * albedo.clamp(min=ALBEDO_FLOOR)
+    return irradiance * albedo.clamp(min=floor)
 
 
 def per_sequence(scalar: Tensor) -> Tensor:

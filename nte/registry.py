@@ -12,6 +12,8 @@ from nte.errors import NteError, needs_extra
 NAMES: dict[str, tuple[str, str, str]] = {
     "noisy": ("nte.denoiser", "Noisy", ""),
     "taa": ("nte.filters.taa", "Taa", "eval"),
+    "svgf": ("nte.filters.svgf", "Svgf", "eval"),
+    "asvgf": ("nte.filters.asvgf", "Asvgf", "eval"),
     "oidn": ("nte.filters.oidn", "Oidn", "compare"),
 }
 
@@ -19,7 +21,8 @@ NAMES: dict[str, tuple[str, str, str]] = {
 def load_denoiser(spec: str, device: str = "cpu") -> Denoiser:
     """The denoiser that `spec` names: a run folder, an .onnx file, or `name:key=value,key=value`.
 
-    What exists on disk wins over a name. Raises NteError for anything unknown, listing what there is.
+    What exists on disk wins over a name. Option `target=components`, of those that have `target`: a denoiser for each
+    light component, put together. Raises NteError for anything unknown, listing what there is.
     """
     path = Path(spec)
     if path.suffix == ".onnx":
@@ -36,7 +39,14 @@ def load_denoiser(spec: str, device: str = "cpu") -> Denoiser:
         known = ", ".join(NAMES)
         raise NteError(f"'{spec}' is no denoiser: expected a run folder, an .onnx file, or one of {known}")
     module, attribute, extra = NAMES[name]
-    return _construct(module, attribute, extra, spec, _parse(spec, options), device)
+    parsed = _parse(spec, options)
+    if parsed.get("target") == "components":
+        from nte.filters.composition import COMPONENTS, Composition
+
+        return Composition(
+            {c: _construct(module, attribute, extra, spec, {**parsed, "target": c}, device) for c in COMPONENTS}
+        )
+    return _construct(module, attribute, extra, spec, parsed, device)
 
 
 def _construct(

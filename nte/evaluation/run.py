@@ -197,4 +197,3 @@ def mean(values: Iterable[float | None]) -> float | None:
     """The mean of the numbers there are; None if there is none."""
     numbers = [value for value in values if value is not None]
     return statistics.fmean(numbers) if numbers else None
-

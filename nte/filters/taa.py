@@ -10,6 +10,7 @@ from nte.color import sanitise
 from nte.denoiser import Result, check_size
 from nte.errors import NteError
 from nte.filters.blocks import accumulate, clamp_history, clip_history, fetch_history, neighbourhood_moments
+from nte.filters.composition import check_target
 from nte.frames.frame import Frame
 from nte.motion.geometric import traditional_motion
 
@@ -17,27 +18,28 @@ CLAMPS = ("none", "clamp", "clip")
 
 
 class Taa:
-    """Temporal accumulation of `color` with bilinear history.
+    """Temporal accumulation of `color`, or of one light component (`target`), with bilinear history.
 
+    target `components`: each component by itself (Composition).
     clamp: what happens to history outside μ ± σ of the current 3×3 neighbourhood: `none`, `clamp` (per
     channel) or `clip` (along the line to μ). alpha: weight of the current frame, in (0, 1].
     """
 
-    needs: tuple[str, ...] = ("color", "motion")
     optional: tuple[str, ...] = ()
-    target = "color"
 
-    def __init__(self, clamp: str = "clamp", alpha: float = 0.1, device: str = "cpu") -> None:
+    def __init__(self, clamp: str = "clamp", alpha: float = 0.1, target: str = "color", device: str = "cpu") -> None:
+        check_target("taa", target)
         if clamp not in CLAMPS:
             raise NteError(f"taa: clamp is '{clamp}', expected one of {', '.join(CLAMPS)}")
         if not 0 < alpha <= 1:
             raise NteError(f"taa: alpha is {alpha}, expected a weight of the current frame in (0, 1]")
-        self.clamp, self.alpha, self.device = clamp, alpha, device
+        self.clamp, self.alpha, self.target, self.device = clamp, alpha, target, device
+        self.needs: tuple[str, ...] = (target, "motion")
 
     def step(self, frame: Frame, state: Any, extras: tuple[str, ...] = ()) -> tuple[Result, Any]:
-        """Blend the frame into the history, which is the state: the previous output (N, 3, H, W)."""
+        """Blend the frame into the history, which is the state: the previous output (N, C, H, W)."""
         tensors = frame.torch(self.device)
-        current = sanitise(tensors["color"])
+        current = sanitise(tensors[self.target])
         output = current
         if state is not None:
             check_size(frame, state)

@@ -31,9 +31,7 @@ class UNet(nn.Module):
         super().__init__()
         sources = [inputs, *channels[:-1]]
         self.encoders = nn.ModuleList(ConvBlock(i, o) for i, o in zip(sources, channels, strict=True))
-        self.decoders = nn.ModuleList(
-            ConvBlock(skip + below, skip) for skip, below in pairwise(channels)
-        )
+        self.decoders = nn.ModuleList(ConvBlock(skip + below, skip) for skip, below in pairwise(channels))
 
     def forward(self, features: Tensor) -> list[Tensor]:
         """Decoder features of every level, finest first."""

@@ -22,9 +22,7 @@ def pixel_centres(like: Tensor) -> Tensor:
     height, width = like.shape[-2:]
     y = torch.arange(height, device=like.device, dtype=torch.float32) + 0.5
     x = torch.arange(width, device=like.device, dtype=torch.float32) + 0.5
-    return torch.stack(
-        [x.view(1, -1).expand(height, width), y.view(-1, 1).expand(height, width)]
-    ).unsqueeze(0)
+    return torch.stack([x.view(1, -1).expand(height, width), y.view(-1, 1).expand(height, width)]).unsqueeze(0)
 
 
 def inside(position: Tensor) -> Tensor:

@@ -58,9 +58,7 @@ class OnnxDenoiser:
         self._inputs = {i.name: i for i in self._session.get_inputs()}
         self._outputs = [o.name for o in self._session.get_outputs()]
 
-    def step(
-        self, frame: Frame, state: OnnxState | None, extras: tuple[str, ...] = ()
-    ) -> tuple[Result, OnnxState]:
+    def step(self, frame: Frame, state: OnnxState | None, extras: tuple[str, ...] = ()) -> tuple[Result, OnnxState]:
         """Denoise one frame; None starts a sequence. extras: further outputs of the graph.
 
         Raises NteError for a channel that is missing or has the wrong type or shape, and for a size that

@@ -1,0 +1,54 @@
+"""Light components, denoised apart and put together again: a wrapper around any denoisers."""
+
+from collections.abc import Mapping
+from typing import Any
+
+from nte.color import sanitise
+from nte.denoiser import Denoiser, Result
+from nte.errors import NteError
+from nte.frames.frame import Frame
+
+COMPONENTS = ("visibility", "glossy", "indirect")  # those with noise; emission and direct have none
+
+
+def check_target(name: str, target: str) -> None:
+    """Raise NteError where a filter called `name` cannot have this target."""
+    if target not in ("color", *COMPONENTS):
+        raise NteError(f"{name}: target is '{target}', expected one of color, {', '.join(COMPONENTS)}, components")
+
+
+class Composition:
+    """color = emission + direct·visibility + glossy + indirect, each noisy one from its own denoiser.
+
+    denoisers: component → a denoiser whose target it is. Extras: the components by their names. A frame
+    without `emission` counts as having none.
+    """
+
+    target = "color"
+
+    def __init__(self, denoisers: Mapping[str, Denoiser]) -> None:
+        if tuple(denoisers) != COMPONENTS or any(d.target != name for name, d in denoisers.items()):
+            given = ", ".join(f"{name} → {d.target}" for name, d in denoisers.items())
+            raise NteError(f"composition: expected a denoiser for each of {', '.join(COMPONENTS)}, found {given}")
+        self.denoisers = dict(denoisers)
+        needed = (name for denoiser in denoisers.values() for name in denoiser.needs)
+        used = (name for denoiser in denoisers.values() for name in denoiser.optional)
+        self.needs: tuple[str, ...] = tuple(dict.fromkeys(["direct", *needed]))
+        self.optional: tuple[str, ...] = tuple(dict.fromkeys(["emission", *used]))
+
+    def step(
+        self, frame: Frame, state: Mapping[str, Any] | None, extras: tuple[str, ...] = ()
+    ) -> tuple[Result, Mapping[str, Any]]:
+        """Denoise every component; the state is one of each."""
+        unknown = [name for name in extras if name not in self.denoisers]
+        if unknown:
+            raise NteError(f"extra '{unknown[0]}' is unknown; there are {', '.join(self.denoisers)}")
+        tensors = frame.torch()
+        images, states = {}, {}
+        for name, denoiser in self.denoisers.items():
+            result, states[name] = denoiser.step(tensors, None if state is None else state[name])
+            images[name] = result.image
+        image = sanitise(tensors["direct"]) * images["visibility"] + images["glossy"] + images["indirect"]
+        if "emission" in frame:
+            image = image + sanitise(tensors["emission"])
+        return Result(image, {name: images[name] for name in extras}).like(frame), states

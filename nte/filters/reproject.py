@@ -1,0 +1,190 @@
+"""Reprojection with geometric tests: history is fetched tap by tap, only from where the same surface was seen.
+
+Schied et al. 2017, «Spatiotemporal Variance-Guided Filtering», section 4.1, with the constants of NVIDIA's Falcor.
+Depth (N, 1, H, W) is along the view axis in scene units, 0 = miss; normals (N, 3, H, W) are unit, 0 at a miss.
+"""
+
+from itertools import product
+from typing import NamedTuple
+
+import torch
+from torch import Tensor
+
+from nte.filters.atrous import STRIP_PIXELS
+from nte.motion.camera import points_from_depth
+from nte.motion.geometric import infinite_sky
+from nte.motion.warp import pixel_centres
+
+DEPTH_FLOOR, DEPTH_LIMIT = 0.01, 10.0  # |Δz| / (fwidth(z) + floor) ≤ limit, in scene units
+NORMAL_FLOOR, NORMAL_LIMIT = 0.01, 16.0  # ‖Δn‖ / (fwidth(n) + floor) ≤ limit
+LEAST_WEIGHT = 0.01  # of the bilinear taps that pass; below it a 3×3 search
+
+
+class Surface(NamedTuple):
+    """What the tests compare: depth and normal of one frame, and how fast they change from pixel to pixel."""
+
+    depth: Tensor  # (N, 1, H, W), a miss is infinitely far
+    normal: Tensor  # (N, 3, H, W)
+    depth_width: Tensor  # fwidth(z), (N, 1, H, W)
+    normal_width: Tensor  # ‖fwidth(n)‖, (N, 1, H, W)
+
+
+class History(NamedTuple):
+    """Fetched values (N, C, H, W), 0 where nothing passed, and where something did: (N, 1, H, W), bool."""
+
+    values: Tensor
+    valid: Tensor
+
+
+def surface_of(depth: Tensor, normal: Tensor) -> Surface:
+    """The surface of a frame; bad numbers (NaN, infinite) count as a miss and as a normal of 0."""
+    far = infinite_sky(depth)  # NaN > 0 is false
+    normal = torch.where(normal.abs() < float("inf"), normal, 0.0)
+    return Surface(far, normal, fwidth(far), fwidth(normal).square().sum(1, keepdim=True).sqrt_())
+
+
+def fwidth(values: Tensor) -> Tensor:
+    """|∂/∂x| + |∂/∂y| per pixel, of (N, C, H, W): HLSL's fwidth, but by the smaller of the differences to both sides.
+
+    Whatever side a pixel of a silhouette lies on, one of its neighbours belongs to the same surface. Where none
+    is finite (a pixel alone before the sky, an image of one pixel) the width is 0.
+    """
+    width = torch.zeros_like(values)
+    for axis in (2, 3):
+        change = values.diff(dim=axis).abs_()
+        nothing = torch.full_like(values.narrow(axis, 0, 1), float("inf"))
+        smaller = torch.minimum(torch.cat([change, nothing], axis), torch.cat([nothing, change], axis))
+        width += smaller.where(smaller < float("inf"), 0.0)  # ∞ − ∞ of two misses as well
+    return width
+
+
+def previous_depth(depth: Tensor, view: Tensor, projection: Tensor, previous_view: Tensor) -> Tensor:
+    """How far from the previous camera the current surface points are, if they did not move: (N, 1, H, W).
+
+    depth (N, 1, H, W), misses infinite or 0; view, projection and previous_view (N, 4, 4), column vectors. A
+    camera that moves forward was farther away from everything; comparing depths of two frames without this rejects
+    good history. In closed form: for a camera the depth is A(u, v)·z + B(u, v), both linear in the position.
+    """
+    near, far = (_depth_of_corners(distance, view, projection, previous_view) for distance in (1.0, 2.0))
+    slope, offset = (_linear(corners, depth) for corners in (far - near, 2 * near - far))
+    seen = (depth > 0) & (depth < float("inf"))
+    return infinite_sky(torch.where(seen, slope * depth + offset, float("inf")))
+
+
+def _depth_of_corners(distance: float, view: Tensor, projection: Tensor, previous_view: Tensor) -> Tensor:
+    """Previous depth (N, 1, 2, 2) of points at this depth, at (u, v) of ¼ and ¾."""
+    points = points_from_depth(torch.full((view.shape[0], 1, 2, 2), distance, device=view.device), view, projection)
+    homogeneous = torch.cat([points, torch.ones_like(points[:, :1])], 1)
+    now, before = (torch.einsum("nj,njhw->nhw", v[:, 2], homogeneous)[:, None] for v in (view, previous_view))
+    return now.sign() * before  # cameras look along +z or −z
+
+
+def _linear(corners: Tensor, like: Tensor) -> Tensor:
+    """The linear function (N, 1, H, W) of the pixel that has these values (N, 1, 2, 2) at (u, v) of ¼ and ¾."""
+    height, width = like.shape[-2:]
+    scaled = pixel_centres(like) / like.new_tensor([width, height]).view(1, 2, 1, 1) * 2 - 0.5
+    first, right, down = corners[..., :1, :1], corners[..., :1, 1:], corners[..., 1:, :1]
+    return first + (right - first) * scaled[:, :1] + (down - first) * scaled[:, 1:]
+
+
+def reproject(
+    values: Tensor,
+    motion: Tensor,
+    allowed: Tensor,
+    now: Surface,
+    before: Surface,
+    expected_depth: Tensor | None = None,
+    depth_floor: float = DEPTH_FLOOR,
+) -> History:
+    """Fetch values(x + motion(x)) from the previous frame, bilinear over the taps that show the same surface.
+
+    values (N, C, H, W): of the previous frame; motion (N, 2, H, W): pixels, current → previous, finite; allowed
+    (N, 1, H, W), bool: whether there may be history at all. A tap passes where it lies inside the image,
+    |Δz| ≤ 10 (fwidth(z) + depth_floor) and ‖Δn‖ ≤ 16 (fwidth(n) + 0.01), misses only matching misses.
+    Where the bilinear weights of those that pass sum to less than 0.01, the mean of those that pass in
+    3×3 pixels around the position counts; where none does, `valid` is false.
+
+    expected_depth: what `previous_depth` says. Objects move as well, which it does not know, so a tap passes if it
+    has either that depth or today's.
+    """
+    batch, _, height, width = values.shape
+    limits = DEPTH_LIMIT * (now.depth_width + depth_floor), (NORMAL_LIMIT * (now.normal_width + NORMAL_FLOOR)).square()
+    here = [now.depth, now.depth if expected_depth is None else expected_depth, now.normal, *limits]
+    own = _flat(torch.cat([_finite(t) for t in here], 1))
+    taken = _flat(torch.cat([_finite(before.depth), before.normal, values], 1))
+    # A position far outside would overflow the integer pixel index; clamped, it still is outside.
+    outermost = motion.new_tensor([width, height]).view(1, 2, 1, 1) + 1
+    corner = _flat((pixel_centres(motion) + motion).sub_(0.5).clamp_(min=-2).minimum(outermost))
+    start = torch.arange(batch, device=motion.device).mul_(height * width).repeat_interleave(height * width)
+    may = _flat(allowed)[0]
+    fetched, valid = torch.empty_like(taken[4:]), torch.empty_like(may)
+    for first in range(0, len(may), STRIP_PIXELS):
+        part = slice(first, first + STRIP_PIXELS)
+        taps = _Taps(taken, own[:, part], corner[:, part], start[part], (height, width))
+        fetched[:, part], valid[part] = _fetch(taps, may[part])
+    shape = (-1, batch, height, width)
+    return History(fetched.view(shape).transpose(0, 1), valid.view(shape).transpose(0, 1))
+
+
+class _Taps(NamedTuple):
+    """Some pixels, flattened to a row: what they fetch from, what they compare with, and where."""
+
+    taken: Tensor  # (4 + C, N·H·W): the previous depth, normal and values
+    own: Tensor  # (7, M): depth, expected depth, normal, and the limits of the two tests
+    corner: Tensor  # (2, M): position in pixels, counted from the centre of the first one
+    start: Tensor  # (M,): where the image of the pixel's sequence begins
+    size: tuple[int, int]
+
+    def at(self, x: Tensor, y: Tensor) -> tuple[Tensor, Tensor]:
+        """(values (C, M) at these whole-numbered positions, whether each passes the tests: (M,), bool)."""
+        height, width = self.size
+        column, row = x.clamp(0, width - 1), y.clamp(0, height - 1)
+        there = self.taken.index_select(1, (row * width + column).long() + self.start)
+        depth, normal = there[0], there[1:4]
+        apart = (depth - self.own[0]).abs_().minimum((depth - self.own[1]).abs_())
+        turned = (normal - self.own[2:5]).square_().sum(0)
+        return there[4:], (apart <= self.own[5]) & (turned <= self.own[6]) & (column == x) & (row == y)
+
+    def pick(self, chosen: Tensor) -> "_Taps":
+        """Those of the pixels with these indices."""
+        own, corner = (t.index_select(1, chosen) for t in (self.own, self.corner))
+        return self._replace(own=own, corner=corner, start=self.start[chosen])
+
+
+def _fetch(taps: _Taps, may: Tensor) -> tuple[Tensor, Tensor]:
+    """(values (C, M), valid (M,)): bilinear, and by search where that finds too little."""
+    base = taps.corner.floor()
+    x, y = taps.corner - base
+    total, mean = torch.zeros_like(x), torch.zeros_like(taps.taken[4:, : len(x)])
+    for dy, dx in product((0, 1), (0, 1)):
+        values, passed = taps.at(base[0] + dx, base[1] + dy)
+        weight = (x if dx else 1 - x) * (y if dy else 1 - y) * passed
+        total += weight
+        mean.addcmul_(values, weight)
+    found = (total >= LEAST_WEIGHT) & may
+    mean.div_(total.where(found, 1.0)).mul_(found)
+    lost = (may & ~found).nonzero()[:, 0]
+    if len(lost):
+        mean[:, lost], found[lost] = _search(taps.pick(lost))
+    return mean, found
+
+
+def _search(taps: _Taps) -> tuple[Tensor, Tensor]:
+    """(values (C, M), valid (M,)): the mean of those of 3×3 pixels that pass."""
+    x, y = taps.corner.round()
+    total, mean = torch.zeros_like(x), torch.zeros_like(taps.taken[4:, : len(x)])
+    for dy, dx in product((-1, 0, 1), (-1, 0, 1)):
+        values, passed = taps.at(x + dx, y + dy)
+        total += passed
+        mean.addcmul_(values, passed.to(values.dtype))
+    return mean.div_(total.clamp(min=1)), total > 0
+
+
+def _flat(values: Tensor) -> Tensor:
+    """(C, N·H·W) of (N, C, H, W): a view for a single image."""
+    return values.transpose(0, 1).flatten(1)
+
+
+def _finite(values: Tensor) -> Tensor:
+    """Infinite depths as a number that is far enough: the difference of two misses is 0, not NaN."""
+    return values.clamp(max=1e30)

@@ -1,0 +1,200 @@
+"""SVGF: temporal accumulation, then an à-trous filter as wide as the variance of what was accumulated asks for.
+
+Schied et al. 2017, «Spatiotemporal Variance-Guided Filtering: Real-Time Reconstruction for Path-Traced Global
+Illumination». Constants are those of NVIDIA's Falcor; the functions follow the paper's sections.
+"""
+
+from collections.abc import Sequence
+from typing import NamedTuple
+
+import torch
+import torch.nn.functional as F
+from torch import Tensor
+from torch.profiler import record_function
+
+from nte.color import demodulate, remodulate, sanitise
+from nte.denoiser import Result, check_size
+from nte.errors import NteError
+from nte.filters.atrous import Edge, atrous_step
+from nte.filters.composition import check_target
+from nte.filters.moments import brightness, estimated_variance, lengthen, running_mean_weight, with_square
+from nte.filters.reproject import History, Surface, previous_depth, reproject, surface_of
+from nte.frames.frame import Frame
+from nte.motion.geometric import traditional_motion
+
+SLOPE_FLOOR = 1e-4  # of the depth: what a rounded depth changes by on a wall that faces the camera
+
+
+class SvgfState(NamedTuple):
+    """What the next frame needs: the history, and the surfaces on which it lies."""
+
+    history: Tensor  # (N, C + 3, H, W): filtered light, the two moments of its luminance, history length
+    surface: Surface
+    view: Tensor | None
+
+
+class Svgf:
+    """SVGF of `color`, or of one light component (`target`): the light without its texture is what is filtered.
+
+    alpha, moments_alpha: least weights of the current frame; history: its greatest length in frames; iterations of the
+    à-trous filter; feedback: which of them, counted from 1, becomes the history (0: none, the
+    accumulated light; 1 in the paper, 2 in Falcor); sigma_l, sigma_z, sigma_n: of the edge-stopping weights of
+    luminance, depth and normal; young: below this length the variance is spatial; albedo_floor: least
+    divisor of demodulation; depth_floor: tolerance of depths, in scene units. Extras: history_length, alpha,
+    variance (of the filtered luminance). Target `components` filters each component apart (Composition).
+    """
+
+    def __init__(
+        self,
+        target: str = "color",
+        alpha: float = 0.05,
+        moments_alpha: float = 0.2,
+        history: float = 32,
+        iterations: int = 5,
+        feedback: int = 1,
+        sigma_l: float = 10.0,
+        sigma_z: float = 1.0,
+        sigma_n: float = 128.0,
+        young: float = 4.0,
+        albedo_floor: float = 1e-3,
+        depth_floor: float = 0.01,
+        device: str = "cpu",
+    ) -> None:
+        name = type(self).__name__.lower()
+        check_target(name, target)
+        for key, weight in (("alpha", alpha), ("moments_alpha", moments_alpha)):
+            if not 0 < weight <= 1:
+                raise NteError(f"{name}: {key} is {weight}, expected a weight of the current frame in (0, 1]")
+        if not 0 <= feedback <= iterations:
+            raise NteError(f"{name}: feedback is {feedback}, expected 0 to iterations, which is {iterations}")
+        positive = {"sigma_l": sigma_l, "sigma_z": sigma_z, "sigma_n": sigma_n, "albedo_floor": albedo_floor}
+        for key, value in {**positive, "depth_floor": depth_floor, "history": history}.items():
+            if not 0 < value < float("inf"):
+                raise NteError(f"{name}: {key} is {value}, expected a positive number")
+        self.target, self.device = target, device
+        self.alpha, self.moments_alpha, self.history, self.young = alpha, moments_alpha, history, young
+        self.iterations, self.feedback = iterations, feedback
+        self.sigma_l, self.sigma_z, self.sigma_n = sigma_l, sigma_z, sigma_n
+        self.albedo_floor, self.depth_floor = albedo_floor, depth_floor
+        textured = ("albedo",) if target in ("color", "indirect") else ()
+        self.needs: tuple[str, ...] = (target, *textured, "normal", "depth", "motion")
+        self.optional: tuple[str, ...] = ("emission",) if target == "color" else ()
+
+    @torch.no_grad()
+    def step(self, frame: Frame, state: SvgfState | None, extras: tuple[str, ...] = ()) -> tuple[Result, SvgfState]:
+        """Denoise `target` (N, C, H, W) of one frame."""
+        tensors = frame.torch(self.device)
+        with record_function("svgf: reprojection"):
+            surface = surface_of(tensors["depth"], tensors["normal"])
+            past = self._fetch(tensors, surface, state)
+        light = self._demodulated(tensors)
+        with record_function("svgf: accumulation"):
+            length = lengthen(past.values[:, -1:], past.valid, self.history)
+            alpha, moments_alpha = self._weights(tensors, light, surface, length)
+            moments = torch.lerp(past.values[:, -3:-1], with_square(brightness(light)), moments_alpha)
+            light = torch.lerp(past.values[:, :-3], light, alpha)
+        with record_function("svgf: variance"):
+            guides, edge = geometry_guides(surface, self.sigma_z), edge_stopping(self.sigma_n)
+            variance = estimated_variance(moments, length, self.young, edge, guides)
+        with record_function("svgf: à-trous"):
+            history = light
+            for level in range(self.iterations):
+                light, variance = wavelet_level(light, variance, level, edge, guides, self.sigma_l)
+                if level + 1 == self.feedback:
+                    history = light
+        available = {"history_length": length, "alpha": alpha, "variance": variance}
+        unknown = [name for name in extras if name not in available]
+        if unknown:
+            raise NteError(f"extra '{unknown[0]}' is unknown; there are {', '.join(available)}")
+        result = Result(self._remodulated(light, tensors), {name: available[name] for name in extras}).like(frame)
+        return result, SvgfState(torch.cat([history, moments, length], 1), surface, tensors.view)
+
+    def _fetch(self, frame: Frame, surface: Surface, state: SvgfState | None) -> History:
+        """History along the motion vectors, section 4.1; nothing of it in a first frame."""
+        if state is None:
+            channels = frame[self.target].shape[1] + 3
+            depth = surface.depth
+            return History(depth.new_zeros(len(depth), channels, *depth.shape[2:]), torch.zeros_like(depth).bool())
+        check_size(frame, state.history)
+        motion = traditional_motion(frame["motion"])
+        allowed = motion.valid if frame.reset is None else motion.valid & ~(frame.reset.view(-1, 1, 1, 1) > 0)
+        expected = None
+        if frame.view is not None and frame.projection is not None and state.view is not None:
+            expected = previous_depth(surface.depth, frame.view, frame.projection, state.view)
+        return reproject(state.history, motion.motion, allowed, surface, state.surface, expected, self.depth_floor)
+
+    def _weights(self, frame: Frame, light: Tensor, surface: Surface, length: Tensor) -> tuple[Tensor, Tensor]:
+        """Weights (N, 1, H, W) of the current frame: of its light, and of its moments."""
+        return running_mean_weight(length, self.alpha), running_mean_weight(length, self.moments_alpha)
+
+    def _demodulated(self, frame: Frame) -> Tensor:
+        """(c − emission) / max(albedo, floor), section 3; of light that carries no texture, the light itself.
+
+        Where an emitter's edge crosses a pixel, one sample may be darker than the mean emission: the difference is
+        negative, and clamping it would brighten the mean.
+        """
+        light = sanitise(frame[self.target])
+        if "emission" in self.optional and "emission" in frame:
+            light = light - sanitise(frame["emission"])
+        return demodulate(light, self._albedo(frame), self.albedo_floor) if "albedo" in self.needs else light
+
+    def _remodulated(self, light: Tensor, frame: Frame) -> Tensor:
+        image = remodulate(light, self._albedo(frame), self.albedo_floor) if "albedo" in self.needs else light
+        if "emission" in self.optional and "emission" in frame:
+            image = image + sanitise(frame["emission"])
+        return image.clamp(min=0)
+
+    def _albedo(self, frame: Frame) -> Tensor:
+        return sanitise(frame["albedo"], high=1.0)
+
+
+def wavelet_level(
+    light: Tensor, variance: Tensor, level: int, edge: Edge, guides: Sequence[Tensor], sigma_l: float
+) -> tuple[Tensor, Tensor]:
+    """One level of section 4.3: light (N, C, H, W) and its luminance's variance (N, 1, H, W), taps 2^level apart."""
+    filtered = atrous_step(
+        light, 2**level, edge, with_luminance(guides, brightness(light), variance, sigma_l), variance
+    )
+    assert filtered.variance is not None
+    return filtered.values, filtered.variance
+
+
+def luminance_scale(variance: Tensor, sigma_l: float) -> Tensor:
+    """Eq. 5: −1 / (σ_l √(ε + g₃ₓ₃(Var))); g₃ₓ₃ is [1, 2, 1]/4 in both directions, and the border repeats."""
+    padded = F.pad(variance, (1, 1, 1, 1), mode="replicate")
+    return F.avg_pool2d(F.avg_pool2d(padded, 2, 1), 2, 1).add_(1e-10).rsqrt_().mul_(-1 / sigma_l)
+
+
+def geometry_guides(surface: Surface, sigma_z: float) -> tuple[Tensor, Tensor, Tensor]:
+    """What the weights of Eq. 3 and 4 depend on: normal, depth, and −1 / (σ_z fwidth(z))."""
+    depth = surface.depth.clamp(max=1e30)
+    slope = surface.depth_width.maximum(SLOPE_FLOOR * depth)
+    return surface.normal, depth, -1 / (sigma_z * slope)
+
+
+def edge_stopping(sigma_n: float) -> Edge:
+    """w = max(0, n·n′)^σ_n · exp(−|Δz| / (σ_z fwidth(z) |q − p|) − |Δl| / (σ_l √(ε + g₃ₓ₃(Var)))): Eq. 3 to 5.
+
+    Guides: normal; depth, and luminance or nothing; the factors by which their differences are multiplied.
+    """
+
+    def edge(p: Sequence[Tensor], q: Sequence[Tensor], distance: float) -> tuple[Tensor, Tensor]:
+        n, m = p[0].unbind(1), q[0].unbind(1)
+        cosine = (n[0] * m[0]).addcmul_(n[1], m[1]).addcmul_(n[2], m[2])
+        # A logarithm costs a third of seven squarings; that of the floor makes a weight of 0.
+        same = cosine.clamp_(min=1e-38).log_().mul_(sigma_n)
+        apart, toward_p, toward_q = (p[1] - q[1]).abs_().unbind(1), p[2].unbind(1), q[2].unbind(1)
+        forth = torch.addcmul(same, apart[0], toward_p[0], value=1 / distance)
+        back = same.addcmul_(apart[0], toward_q[0], value=1 / distance)
+        if len(apart) > 1:
+            forth.addcmul_(apart[1], toward_p[1])
+            back.addcmul_(apart[1], toward_q[1])
+        return forth.exp_().unsqueeze(1), back.exp_().unsqueeze(1)
+
+    return edge
+
+
+def with_luminance(guides: Sequence[Tensor], luminance: Tensor, variance: Tensor, sigma_l: float) -> list[Tensor]:
+    """Guides of `edge_stopping`, luminance included."""
+    normal, depth, scale = guides
+    return [normal, torch.cat([depth, luminance], 1), torch.cat([scale, luminance_scale(variance, sigma_l)], 1)]

@@ -1,0 +1,109 @@
+"""A-SVGF: temporal gradients say where history is stale."""
+
+import numpy as np
+import pytest
+import torch
+
+from nte.denoiser import Session
+from nte.filters.asvgf import Asvgf, stratify
+from nte.filters.reproject import surface_of
+from nte.filters.svgf import Svgf
+from nte.frames.frame import Frame
+from tests.filters.sequences import noisy_frames, run, still_channels
+
+
+def gradient_of(
+    shape: tuple[int, int, int], now: np.ndarray | float, before: np.ndarray | float, seed: int = 0
+) -> np.ndarray:
+    """One pair in a random pixel of each stratum, elsewhere NaN: (N, 2, H, W)."""
+    batch, height, width = shape
+    rng = np.random.default_rng(seed)
+    pairs = np.stack(np.broadcast_arrays(now, before, np.zeros(shape))[:2], 1).astype(np.float32)
+    chosen = np.zeros(shape, bool)
+    for n in range(batch):
+        for top in range(0, height, 3):
+            for left in range(0, width, 3):
+                y = top + rng.integers(min(3, height - top))
+                chosen[n, y, left + rng.integers(min(3, width - left))] = True
+    return np.where(chosen[:, None], pairs, np.float32(np.nan))
+
+
+def test_strata_hold_the_pair_wherever_it_lies_and_moments_of_the_pixels_that_exist() -> None:
+    shape = (2, 7, 8)
+    rng = np.random.default_rng(0)
+    now, before = rng.random(shape), rng.random(shape)
+    gradient = gradient_of(shape, now, before)
+    gradient[1, :, 3:6, 3:6] = np.nan
+    light = torch.rand(2, 1, 7, 8)
+    depth = 2 + torch.rand(2, 1, 7, 8)
+    strata = stratify(torch.from_numpy(gradient), light, surface_of(depth, torch.rand(2, 3, 7, 8)))
+    assert strata.change.shape == (2, 1, 3, 3)
+    assert strata.known.flatten().tolist().count(0) == 1
+    for n, i, j in ((0, 0, 0), (1, 2, 1), (0, 2, 2), (1, 1, 1)):
+        rows, columns = slice(3 * i, 3 * i + 3), slice(3 * j, 3 * j + 3)
+        pixels = gradient[n, :, rows, columns]
+        valid = np.isfinite(pixels).all(0)
+        pair = pixels[:, valid][:, 0] if valid.any() else np.zeros(2)
+        assert float(strata.change[n, 0, i, j]) == pytest.approx(pair[0] - pair[1], abs=1e-6)
+        assert float(strata.brightest[n, 0, i, j]) == pytest.approx(pair.max(), abs=1e-6)
+        expected = depth[n, 0, rows, columns][torch.from_numpy(valid)][0] if valid.any() else depth[n, 0, 4, 4]
+        assert float(strata.surface.depth[n, 0, i, j]) == pytest.approx(float(expected))
+        assert float(strata.moments[n, 0, i, j]) == pytest.approx(float(light[n, 0, rows, columns].mean()), rel=1e-5)
+
+
+def alphas(gradients: list[np.ndarray], **options: float) -> list[np.ndarray]:
+    """α of each frame of a still scene."""
+    session = Session(Asvgf(**options))  # type: ignore[arg-type]
+    frames = noisy_frames(len(gradients), still_channels(size=gradients[0].shape[2:]))  # type: ignore[arg-type]
+    return [
+        session.step(f.with_channels(gradient=g), ("alpha",)).extras["alpha"]
+        for f, g in zip(frames, gradients, strict=True)
+    ]
+
+
+def test_light_that_does_not_change_leaves_alpha_alone_and_a_light_switched_off_forgets_everything() -> None:
+    shape = (1, 20, 25)
+    same, off = gradient_of(shape, 0.7, 0.7), gradient_of(shape, 0.0, 0.7)
+    nothing = np.full_like(same, np.nan)
+    found = alphas([nothing, same, same, off, nothing], alpha=0.1)
+    for alpha, expected in zip(found, (1, 1 / 2, 1 / 3, 1, 1 / 5), strict=True):
+        np.testing.assert_allclose(alpha, expected, rtol=1e-5)
+
+
+def test_alpha_is_between_its_floor_and_one_in_proportion_to_the_relative_change() -> None:
+    shape = (1, 12, 12)
+    quarter = gradient_of(shape, 0.75, 1.0)
+    found = alphas([np.full_like(quarter, np.nan)] * 4 + [quarter], alpha=0.2)[-1]
+    np.testing.assert_allclose(found, 0.2 + 0.8 * 0.25, rtol=1e-4)
+
+
+def test_noise_in_the_pairs_cancels_where_only_its_sign_is_random() -> None:
+    shape = (1, 96, 96)
+    sign = np.random.default_rng(0).choice([-1, 1], size=shape)
+    noisy = gradient_of(shape, 1 + 0.2 * sign, 1 - 0.2 * sign)
+    nothing = np.full_like(noisy, np.nan)
+    raw, filtered = (alphas([nothing, noisy], gradient_iterations=n)[-1].mean() for n in (0, 5))
+    assert raw == pytest.approx(0.5 + 0.5 * 0.4 / 1.2, rel=0.01)
+    assert filtered < 0.5 + 0.25 * (raw - 0.5)
+
+
+def test_a_change_stays_near_where_it_is() -> None:
+    shape = (1, 30, 96)
+    left = np.broadcast_to(np.arange(96) < 12, shape)
+    found = alphas(
+        [np.full((1, 2, 30, 96), np.nan, np.float32), gradient_of(shape, 1.0, np.where(left, 0.2, 1.0))],
+        gradient_iterations=1,
+    )[-1][0, 0]
+    assert found[:, :9].min() > 0.7
+    np.testing.assert_allclose(found[:, 30:], 0.5, atol=1e-5)
+
+
+def test_it_follows_a_light_that_is_switched_off_where_svgf_lags() -> None:
+    channels = still_channels()
+    dark = {**channels, "reference": channels["reference"] * np.float32(0.05)}
+    frames = noisy_frames(10, channels) + noisy_frames(2, dark, seed=9)
+    nothing = np.full_like(channels["motion"], np.nan)
+    pairs = [nothing] * 10 + [gradient_of((1, 24, 32), 0.1, 2.0), nothing]
+    given = [Frame({**f.channels, "gradient": g}, i) for i, (f, g) in enumerate(zip(frames, pairs, strict=True))]
+    lag, follow = (np.abs(run(d, given)[11] - dark["reference"]).mean() for d in (Svgf(alpha=0.1), Asvgf(alpha=0.1)))
+    assert follow < 0.1 * lag
