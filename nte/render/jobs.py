@@ -5,7 +5,6 @@ what is left of one that was interrupted is kept frame by frame, so that a lost 
 Two workers that are given the same clip write the same bytes, each frame whole: nothing has to be locked.
 """
 
-import logging
 from collections.abc import Callable, Iterator
 from concurrent.futures import CancelledError, ProcessPoolExecutor, as_completed
 from contextlib import contextmanager
@@ -56,10 +55,12 @@ def on_cluster(work: Work, units: list[ClipPlan], out: Path, address: str, done:
     done again by another. Raises NteError where nobody answers, a worker does not fit, or a unit fails.
     """
     try:
-        import distributed
+        import dask
+
+        with dask.config.set({"logging.distributed": "critical", "logging.distributed.client": "critical"}):
+            import distributed  # it sets up its log when it is first imported; what matters comes back as an error
     except ImportError as error:
         raise needs_extra("cluster", "--scheduler", error) from error
-    logging.getLogger("distributed").setLevel(logging.CRITICAL)  # what matters of it comes back as an error
     with _connected(distributed, address) as client, _token(out.absolute()) as token:
         terms = _Terms(token, _versions(), _neighbours(client))
         for worker, fault in client.run(_fault, terms, on_error="return").items():
