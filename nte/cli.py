@@ -64,7 +64,9 @@ def _parser() -> argparse.ArgumentParser:
     render = _command(commands, "render", _render, "render the clips of a recipe with Mitsuba; resumes")
     render.add_argument("recipe", type=Path, metavar="RECIPE.yaml")
     render.add_argument("--out", type=Path, required=True, help="folder for the clips")
-    render.add_argument("--jobs", type=int, default=1, help="processes (one uses every core already)")
+    where = render.add_mutually_exclusive_group()
+    where.add_argument("--jobs", type=int, default=1, help="processes (one uses every core already)")
+    where.add_argument("--scheduler", metavar="tcp://HOST:PORT", help="render on a Dask cluster that sees the folder")
     _force(render)
 
     train = _command(commands, "train", _train, "train a network; writes runs/<name>/")
@@ -131,7 +133,7 @@ def _device(parser: argparse.ArgumentParser, default: str) -> None:
 def _render(options: argparse.Namespace) -> None:
     from nte.render.clips import render_recipe
 
-    folders = render_recipe(options.recipe, options.out, options.jobs, options.force)
+    folders = render_recipe(options.recipe, options.out, options.jobs, options.force, scheduler=options.scheduler)
     print(f"{len(folders)} clips in {options.out}")
 
 

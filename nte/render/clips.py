@@ -1,18 +1,18 @@
 """Rendering a recipe into clips: resumable, in any order, on any number of processes."""
 
 from collections.abc import Callable
-from concurrent.futures import ProcessPoolExecutor, as_completed
-from multiprocessing import get_context
 from pathlib import Path
 from typing import Any
 
 import nte
 from nte.frames.clip import write_clip_info, write_frame
+from nte.frames.exr import make_folder
 from nte.progress import Progress
-from nte.render.backend import check_arrays, load_mitsuba, share_cores
+from nte.render.backend import check_arrays, load_mitsuba
 from nte.render.components import noisy, references
 from nte.render.integrator import guides, radiance
-from nte.render.output import claim, files_of, is_whole
+from nte.render.jobs import in_processes, on_cluster
+from nte.render.output import claim, files_of, is_whole, remove_leftovers
 from nte.render.recipe import ClipPlan, make_scene, plan, read_recipe
 from nte.render.scene import Pixels
 from nte.render.seeds import derive_seed
@@ -34,13 +34,15 @@ COMPONENT_REFERENCES = ("direct", "reference_visibility", "reference_indirect", 
 
 
 def render_recipe(
-    recipe_path: Path | str, out: Path | str, jobs: int = 1, force: bool = False, progress: bool = True
+    recipe_path: Path | str, out: Path | str, jobs: int = 1, force: bool = False, progress: bool = True,
+    scheduler: str | None = None,
 ) -> list[Path]:
     """Render every clip of a recipe below `out`; returns the clips' folders.
 
     Continues where an earlier run stopped: whole frames are kept, and the result has the same bytes for any
-    number of jobs and interruptions. jobs: processes; one uses all cores already. force: see output.claim.
-    progress: tell it on stderr. Raises NteError for a faulty recipe, a folder that is not ours, a full disk.
+    number of jobs, workers and interruptions. jobs: processes; one uses all cores already. force: see output.claim.
+    progress: tell it on stderr. scheduler: address of a Dask cluster that is to do it instead, whose workers see
+    `out` (jobs.on_cluster). Raises NteError for a faulty recipe, a folder that is not ours, a full disk.
     """
     out = Path(out)
     recipe = read_recipe(Path(recipe_path))
@@ -51,8 +53,15 @@ def render_recipe(
             check_arrays(key)
     claim(out, recipe, force)
     with Progress("render", sum(p.group.frames for p in plans), "frame", progress) as told:
-        if jobs > 1:
-            _render_parallel(plans, out, jobs, told)
+
+        def done(unit: ClipPlan) -> None:
+            told.advance(unit.group.frames)
+            told.say(unit.folder)
+
+        if scheduler is not None:
+            on_cluster(render_clip, plans, out, scheduler, done)
+        elif jobs > 1:
+            in_processes(render_clip, plans, out, jobs, done)
         else:
             for unit in plans:
                 render_clip(unit, out, told.advance)
@@ -67,11 +76,13 @@ def render_clip(unit: ClipPlan, out: Path, advance: Callable[[int], None] = lamb
     advance(group.frames - len(missing))
     if not missing and (folder / "clip.json").is_file():
         return
+    make_folder(folder)
     (folder / "clip.json").unlink(missing_ok=True)  # the clip is not finished, so nothing may say it is
     stage = Stage(make_scene(unit), group.width, group.height, group.max_depth, group.unshadowed)
     for index in missing:
         _render_frame(unit, stage, folder, index)
         advance(1)
+    remove_leftovers(folder)
     write_clip_info(folder, _info(unit, stage))
 
 
@@ -141,16 +152,3 @@ def _info(unit: ClipPlan, stage: Stage) -> dict[str, Any]:
         "origin": {"generator": "nte render", "version": nte.__version__, "recipe": unit.recipe,
                    "seed": unit.seed, "clip": unit.name},
     }  # fmt: skip
-
-
-def _render_parallel(plans: list[ClipPlan], out: Path, jobs: int, told: Progress) -> None:
-    """The same with processes, a clip at a time. Spawned: Dr.Jit's threads do not survive a fork."""
-    pool = ProcessPoolExecutor(jobs, mp_context=get_context("spawn"), initializer=share_cores, initargs=(jobs,))
-    try:
-        futures = {pool.submit(render_clip, unit, out): unit for unit in plans}
-        for future in as_completed(futures):
-            future.result()
-            told.advance(futures[future].group.frames)
-            told.say(futures[future].folder)
-    finally:
-        pool.shutdown(wait=True, cancel_futures=True)

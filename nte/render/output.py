@@ -51,6 +51,13 @@ def files_of(folder: Path, index: int, seeds: int) -> list[Path]:
     return [frame_path(folder, index, seed) for seed in range(seeds)]
 
 
+def remove_leftovers(clip: Path) -> None:
+    """Delete what writers that were killed have left beside the frames of a clip that is now complete."""
+    for path in clip.rglob("*.tmp"):
+        if _OURS.fullmatch(path.relative_to(clip).as_posix()):
+            path.unlink(missing_ok=True)
+
+
 def _remove_clips(out: Path) -> None:
     """Delete the clips below `out`: only files and folders with the names that nte render gives them."""
     for split in (*SPLITS, *(f"{SHARP}/{split}" for split in SPLITS)):

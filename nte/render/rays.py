@@ -140,7 +140,7 @@ def _trace(stage: Stage, offsets: Floats, look: Callable[[Any, Any, Any], list[A
 
     def values(x: Any, y: Any, u: Any, v: Any) -> list[Any]:
         ray, _ = stage.sensor.sample_ray(0.0, 0.5, mi.Point2f(x, y), mi.Point2f(u, v))
-        return look(mi, stage.mi_scene, _past_containers(stage, ray))
+        return look(mi, stage.mi_scene, past_containers(stage, ray))
 
     rows = []
     step = max(1, _RAYS // samples)
@@ -161,7 +161,7 @@ def _trace(stage: Stage, offsets: Floats, look: Callable[[Any, Any, Any], list[A
     return np.concatenate(rows)
 
 
-def _past_containers(stage: Stage, ray: Any) -> Any:
+def past_containers(stage: Stage, ray: Any) -> Any:
     """The ray from where it has left whatever cannot be seen: boundaries that let all light pass straight on."""
     for _ in range(2 * stage.containers):  # into and out of each
         si = stage.mi_scene.ray_intersect(ray)

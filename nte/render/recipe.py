@@ -130,6 +130,8 @@ def _check(where: str, group: Group) -> None:
         raise NteError(
             f"{where}.components is true: light in the medium of '{group.scene}' has no components: expected false"
         )
+    if group.unshadowed and FAMILIES[group.scene].media:
+        raise NteError(f"{where}.unshadowed is true: the medium of '{group.scene}' has no surface: expected false")
     if group.components and group.spp != 1:
         raise NteError(
             f"{where}.spp is {group.spp}: expected 1 with components (vectors have no mean): use seeds for more"

@@ -16,7 +16,7 @@ import numpy.typing as npt
 from nte.render.backend import load_drjit, load_mitsuba
 from nte.render.gbuffer import project_rows, to_image
 from nte.render.integrator import radiance
-from nte.render.rays import Hits, points_at, to_hits, trace_centres
+from nte.render.rays import Hits, past_containers, points_at, to_hits, trace_centres
 from nte.render.scene import Pixels
 from nte.render.seeds import derive_generator, derive_seed
 from nte.render.stage import Stage
@@ -107,9 +107,10 @@ def _trace(stage: Stage, pixels: npt.NDArray[np.int64], time: float, seed: int) 
     sampler = mi.load_dict({"type": "independent"})
     sampler.seed(dr.opaque(mi.UInt32, seed), len(pixels))
     ray = sample_camera_ray(stage, mi.UInt32(pixels.astype(np.uint32)), sampler)
-    first = stage.mi_scene.ray_intersect_preliminary(ray)
+    seen = past_containers(stage, mi.Ray3f(ray))  # a copy, which it moves
+    first = stage.mi_scene.ray_intersect_preliminary(seen)
     colour, *_ = stage.integrator.sample(stage.mi_scene, sampler, mi.RayDifferential3f(ray))
-    point = dr.select(first.is_valid(), ray(first.t), 0)
+    point = dr.select(first.is_valid(), seen(first.t), 0)
     dr.eval(colour, point, first, ray.d)
     hits, view = to_hits(stage, first, ray.d), stage.scene.camera.view(time)
     depth = np.where(hits.instance > 0, np.array(point, float).T @ view[2, :3] + view[2, 3], 0)

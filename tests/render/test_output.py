@@ -5,7 +5,7 @@ from pathlib import Path
 import pytest
 
 from nte.errors import NteError
-from nte.render.output import claim
+from nte.render.output import claim, remove_leftovers
 from nte.render.recipe import Group, Recipe
 
 FIRST = Recipe("first", 1, [Group(clips=1)], [])
@@ -62,3 +62,13 @@ def test_the_same_recipe_keeps_its_clips_even_if_forced(tmp_path: Path):
     frame.write_text("x")
     claim(tmp_path, FIRST, force=True)
     assert frame.is_file()
+
+
+def test_what_killed_writers_left_is_removed(tmp_path: Path):
+    (tmp_path / "seed_01").mkdir()
+    kept = ["clip.json", "frame_0000.exr", "mine.tmp", "seed_01/frame_0000.exr"]
+    ours = [".frame_0001.exr.0a1b2c3d.tmp", ".clip.json.01234567.tmp", "seed_01/.frame_0000.exr.ffffffff.tmp"]
+    for name in kept + ours:
+        (tmp_path / name).write_text("x")
+    remove_leftovers(tmp_path)
+    assert sorted(p.relative_to(tmp_path).as_posix() for p in tmp_path.rglob("*") if p.is_file()) == kept

@@ -12,9 +12,11 @@ from nte.frames.clip import find_clips
 from nte.frames.exr import read_exr
 from nte.render import backend
 from nte.render.clips import render_recipe
+from nte.render.gbuffer import geometry
 from nte.render.integrator import radiance
 from nte.render.rays import points_at
 from nte.render.recipe import read_recipe
+from nte.render.scenes import FAMILIES
 from nte.render.seeds import derive_generator
 from nte.render.shutter import SUBFRAMES, _hits, _strata, _times, _trace, blurred, centre_motion
 from nte.render.stage import Stage
@@ -166,6 +168,15 @@ def test_hits_lie_in_their_pixels_at_their_time():
     np.testing.assert_allclose(rows[:, 3], clip[:, 3], rtol=1e-5)
 
 
+def test_a_medium_is_seen_through():
+    """The sample's hit is the surface behind a cloud, as for the channels without noise."""
+    stage = Stage(FAMILIES["cloud"](derive_generator("seen through")), 16, 16, 2)
+    stage.set_time(0)
+    depth = geometry(stage, 0)["depth"].ravel()
+    found = _trace(stage, np.arange(256), 0, 1)[:, 3]
+    assert np.median(np.abs(found - depth) / np.maximum(depth, 1)) < 0.02
+
+
 def test_unshadowed_is_albedo_times_irradiance():
     """A small light far behind the camera: radiance · area / distance² at normal incidence; a miss is black."""
     stage = unshadowed(staged(board(3, 1)))
@@ -255,6 +266,7 @@ def test_the_same_bytes_after_an_interruption(clips: Path, recipe: Path, tmp_pat
         ("shutter: 1, components: true", "components is true: expected false with a shutter"),
         ("shutter: 1, spp: 4", "spp is 4: expected 1"),
         ("shutter: 1, reference_spp: 100", "reference_spp is 100: expected a multiple of 128"),
+        ("unshadowed: true, scene: cloud", "the medium of 'cloud' has no surface: expected false"),
         ("components: true, unshadowed: true", "unshadowed is true: expected false with components"),
     ],
 )

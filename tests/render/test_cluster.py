@@ -1,0 +1,134 @@
+"""Rendering on a Dask cluster: a real scheduler and real workers on loopback."""
+
+import json
+import os
+import signal
+import subprocess
+import sys
+import time
+from collections.abc import Callable, Iterator
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import replace
+from pathlib import Path
+
+import pytest
+
+from nte.cli import main
+from nte.errors import NteError
+from nte.render import jobs
+from nte.render.clips import render_recipe
+from nte.render.output import claim
+from nte.render.recipe import read_recipe
+from tests.render.test_clips import CLIP, contents
+
+distributed = pytest.importorskip("distributed")
+pytestmark = pytest.mark.slow
+Start = Callable[..., "subprocess.Popen[bytes]"]
+
+
+def wait_for(found: Callable[[], object], seconds: float = 60) -> object:
+    end = time.monotonic() + seconds
+    while not (value := found()):
+        assert time.monotonic() < end, "waited in vain"
+        time.sleep(0.005)
+    return value
+
+
+@pytest.fixture(scope="module")
+def start(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Start]:
+    """Starts `dask …` processes and ends them afterwards."""
+    here, started = tmp_path_factory.mktemp("dask"), []
+
+    def run(*arguments: str) -> "subprocess.Popen[bytes]":
+        command = [sys.executable, "-m", "dask", *arguments, "--host", "127.0.0.1", "--no-dashboard"]
+        with (here / "log").open("ab") as log:
+            started.append(subprocess.Popen(command, stdout=log, stderr=log))
+        return started[-1]
+
+    yield run
+    for process in started:
+        process.kill()
+        process.wait()
+
+
+def scheduler(start: Start, folder: Path) -> tuple[str, "subprocess.Popen[bytes]"]:
+    file = folder / "scheduler.json"
+    process = start("scheduler", "--port", "0", "--scheduler-file", str(file))
+    wait_for(lambda: file.is_file() and file.stat().st_size)
+    return json.loads(file.read_text())["address"], process
+
+
+@pytest.fixture(scope="module")
+def address(start: Start, tmp_path_factory: pytest.TempPathFactory) -> str:
+    """A scheduler with two workers of one thread each."""
+    found, _ = scheduler(start, tmp_path_factory.mktemp("scheduler"))
+    for _ in range(2):
+        work = tmp_path_factory.mktemp("work")
+        start("worker", found, "--nthreads", "1", "--no-nanny", "--local-directory", str(work))
+    with distributed.Client(found, set_as_default=False) as client:
+        client.wait_for_workers(2, timeout=60)
+    return found
+
+
+def test_workers_that_do_not_fit_are_refused(address: str, tmp_path: Path):
+    with distributed.Client(address, set_as_default=False) as client:
+        (tmp_path / "seen").touch()
+        terms = jobs._Terms(tmp_path / "seen", jobs._versions(), jobs._neighbours(client))
+        assert set(terms.neighbours.values()) == {2}
+        assert set(client.run(jobs._fault, terms).values()) == {None}
+        other = replace(terms, versions=terms.versions | {"nte": "0.0.1"})
+        assert all("nte is 0." in said and "0.0.1 here" in said for said in client.run(jobs._fault, other).values())
+        hidden = replace(terms, token=tmp_path / "elsewhere" / "seen")
+        assert all("file system that all workers share" in said for said in client.run(jobs._fault, hidden).values())
+
+
+def test_a_fault_on_a_worker_is_one_line(
+    address: str, recipe: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+):
+    claim(tmp_path, read_recipe(recipe), force=False)
+    (tmp_path / "train").write_text("in the way")
+    assert main(["render", str(recipe), "--out", str(tmp_path), "--scheduler", address]) == 2
+    said = capsys.readouterr().err.splitlines()
+    assert said[-1].startswith("nte: ")
+    assert "cannot be made a folder" in said[-1]
+    assert not any("Traceback" in line for line in said)
+    assert not list(tmp_path.glob(".rendering-*"))
+
+
+def test_a_killed_worker_changes_nothing(address: str, rendered: Path, recipe: Path, tmp_path: Path):
+    """The worker that renders a clip is killed after the clip's first frame: another one finishes it."""
+    out = tmp_path / "out"
+    with distributed.Client(address, set_as_default=False) as client, ThreadPoolExecutor() as pool:
+        pids = client.run(os.getpid)
+        assert len(pids) == 2
+        job = pool.submit(render_recipe, recipe, out, progress=False, scheduler=address)
+
+        def rendering() -> list[str]:
+            return [worker for worker, keys in client.processing().items() if any(CLIP in str(key) for key in keys)]
+
+        (victim,) = wait_for(rendering)
+        wait_for((out / CLIP / "frame_0000.exr").is_file)
+        os.kill(pids[victim], signal.SIGKILL)
+        assert not (out / CLIP / "clip.json").exists()
+        assert len(job.result(timeout=120)) == 2
+        assert list(client.scheduler_info()["workers"]) == [worker for worker in pids if worker != victim]
+    assert contents(out) == contents(rendered)
+
+
+def test_a_scheduler_without_workers_or_with_wide_ones(
+    start: Start, recipe: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+):
+    monkeypatch.setattr(jobs, "PATIENCE", 2)
+    found, process = scheduler(start, tmp_path)
+    with pytest.raises(NteError, match=f"{found} has no workers: start some with: dask worker"):
+        render_recipe(recipe, tmp_path / "out", progress=False, scheduler=found)
+    start("worker", found, "--nthreads", "2", "--no-nanny", "--local-directory", str(tmp_path))
+    with distributed.Client(found, set_as_default=False) as client:
+        client.wait_for_workers(1, timeout=60)
+    with pytest.raises(NteError, match=r"has 2 threads, expected 1.*--nthreads 1"):
+        render_recipe(recipe, tmp_path / "out", progress=False, scheduler=found)
+    process.kill()
+    with pytest.raises(NteError, match=f"no Dask scheduler answers at {found}: start one") as caught:
+        render_recipe(recipe, tmp_path / "out", progress=False, scheduler=found)
+    assert "\n" not in str(caught.value)
+    assert not list((tmp_path / "out").glob(".rendering-*"))
