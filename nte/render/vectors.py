@@ -65,9 +65,8 @@ def reflection_vectors(stage: Stage, bounce: Bounce, time: float) -> tuple[Pixel
     mean as a vector from the pixel. NaN where no lobe but the diffuse one has reflected the path, where the
     mirrored point is behind the camera, and where no surface is seen there at time − 1.
 
-    Σ is the image of the lobe that goes from the mirrored point to the surface s^C seen there, with the
-    roughness at s^C: directions are Gaussian about the axis, of deviation √2 α, which is how far a
-    Beckmann distribution of α = roughness² turns reflected light; the tangent plane cuts it in an ellipse.
+    Σ is the image of the points about s^C, the surface seen there, that reflect the same h into the camera, by the
+    roughness at s^C: see `footprint`.
     `bounce` is of `time`; `stage` must be set to time − 1.
     """
     rows = bounce.reflected
@@ -78,15 +77,26 @@ def reflection_vectors(stage: Stage, bounce: Bounce, time: float) -> tuple[Pixel
     target[distant] = point[distant] + DISTANT * target[distant]
     height = _dot(target - point, normal)
     image = target - 2 * height * normal
-    eye = stage.scene.camera.track(time - 1)[:3, 3]
-    image[(height * _dot(eye - point, normal))[:, 0] <= 0] = np.nan  # it turned away: no reflection is seen
+    turned_away = (height * _dot(_eye(stage, time - 1) - point, normal))[:, 0] <= 0
+    image[turned_away] = np.nan  # no reflection is seen
     covariance = footprint(stage, image, time - 1)
     image[np.isnan(covariance).any(1)] = np.nan
     return _motion(stage, rows, first, image, time), _scattered(stage, rows, covariance)
 
 
 def footprint(stage: Stage, image: Floats, time: float) -> Floats:
-    """Covariance (R, 3), XX XY YY, px², of the lobes from mirrored points (R, 3), as seen at `time`."""
+    """Covariance (R, 3), XX XY YY, px², of where the mirror images (R, 3) of points can be seen at `time`.
+
+    A mirror shows each at one point s^C of its surface, a rough one at all points about it whose microfacets
+    can turn the light. Slopes of a Beckmann distribution have a deviation of α/√2, α = roughness². They turn
+    light by √2 α in the plane of incidence, and by the cosine times as much across it. A point of the surface
+    to which the camera's ray is turned by γ, and the image's by γ' the other way, needs γ + γ': the lobe that
+    leaves the image has d/(d + d') of that deviation, d and d' being the distances of camera and image from s^C.
+    The tangent plane cuts it in an ellipse, which is projected to first order.
+
+    Zeng et al. trace the whole lobe from the image, which is too wide by (d + d')/d: four times where a floor
+    nearby reflects what is far away.
+    """
     pixel = pixel_positions(stage, image, time)
     usable = np.isfinite(pixel).all(1)
     covariance = np.full((len(image), 3), np.nan)
@@ -96,15 +106,16 @@ def footprint(stage: Stage, image: Floats, time: float) -> Floats:
     axis = seen.point - image[usable]
     distance = np.linalg.norm(axis, axis=1, keepdims=True)
     axis /= np.maximum(distance, 1e-9)
-    # Any two axes of the round lobe give the same covariance.
-    across = np.cross(axis, np.where(np.abs(axis[:, :1]) < 0.9, [[1.0, 0, 0]], [[0, 1.0, 0]]))
-    across /= np.linalg.norm(across, axis=1, keepdims=True)
-    spread = distance * np.sqrt(2) * seen.roughness[:, None] ** 2
+    to_camera = np.linalg.norm(_eye(stage, time) - seen.point, axis=1, keepdims=True)
+    spread = np.sqrt(2) * seen.roughness[:, None] ** 2 * distance * to_camera / np.maximum(distance + to_camera, 1e-9)
     cosine = _dot(axis, seen.normal)
-    cosine = np.copysign(np.maximum(np.abs(cosine), _GRAZING), cosine)
+    # Head on, every direction across is one across the plane of incidence, and has the same deviation.
+    across = np.cross(axis, seen.normal + 1e-6 * np.where(np.abs(axis[:, :1]) < 0.9, [[1.0, 0, 0]], [[0, 1.0, 0]]))
+    across /= np.maximum(np.linalg.norm(across, axis=1, keepdims=True), 1e-12)
+    kept = np.copysign(np.maximum(np.abs(cosine), _GRAZING), cosine)
     total = np.zeros((len(axis), 3))
-    for side in (across, np.cross(axis, across)):
-        end = spread * (side - axis * _dot(side, seen.normal) / cosine)  # slid along the axis into the plane
+    for side in (np.abs(cosine) * across, np.cross(axis, across)):
+        end = spread * (side - axis * _dot(side, seen.normal) / kept)  # slid along the axis into the plane
         x, y = _image_of(stage, seen.point, end, time).T
         total += np.stack([x * x, x * y, y * y], 1)
     total[~seen.hit] = np.nan
@@ -139,6 +150,11 @@ def _scattered(stage: Stage, rows: Rows, values: Floats) -> Pixels:
     image = np.full((len(rows), values.shape[1]), np.nan, np.float32)
     image[rows] = values
     return np.ascontiguousarray(image.T.reshape(-1, stage.height, stage.width))
+
+
+def _eye(stage: Stage, time: float) -> Floats:
+    """Where the camera is (3,), world."""
+    return np.asarray(stage.scene.camera.track(time)[:3, 3])
 
 
 def pixel_positions(stage: Stage, points: Floats, time: float) -> Floats:

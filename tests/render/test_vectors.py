@@ -180,24 +180,30 @@ def test_reflection_in_a_plane_mirror(wall, camera, floor, monkeypatch: pytest.M
     assert np.isfinite(covariance[:, reflects]).all()
 
 
-def test_covariance_is_that_of_a_lobe_cut_by_the_floor():
-    """A slow twin: many rays of the lobe, from the mirrored point to the floor and into the image."""
-    roughness, image = 0.15, np.array([0.7, -1.2, 1.5])
+@pytest.mark.parametrize(
+    ("eye", "gaze", "target"),
+    [((0, 3, -4), (0, 0, 0), (0.7, 1.2, 1.5)), ((0, 1.6, -1.6), (0, 0.8, 2), (0.5, 2.0, 6.0)), ((0, 4, 0), (0, 0, 0.1), (0.2, 2, 0))],
+    ids=["oblique", "grazing, far", "from above"],
+)
+def test_covariance_is_that_of_the_points_that_reflect_the_same(eye, gaze, target):
+    """A slow twin: of many points of the floor, how well does each reflect the target into the camera?"""
+    roughness, target, eye = 0.15, np.array(target), np.array(eye, float)
     floor = thing(square(20), (0, 0, 0), STILL, surface="metal", roughness=roughness)
     lamp = thing(square(1), (0, 9, 0), STILL, (9, 9, 9))
-    made = Stage(Scene((floor, lamp), Camera(still(look_at((0, 3, -4), (0, 0, 0))), FOV)), SIZE, SIZE, 3)
+    made = Stage(Scene((floor, lamp), Camera(still(look_at(eye, gaze)), FOV)), SIZE, SIZE, 3)
     made.set_time(0)
+    image = target * (1, -1, 1)
     found = footprint(made, image[None], 0)[0]
 
-    eye = np.array([0, 3, -4])
-    axis = (eye - image) * image[1] / (image[1] - eye[1])  # to the floor
-    axis /= np.linalg.norm(axis)
-    across = np.linalg.svd(axis[None])[2][1:]
-    rng = np.random.default_rng(0)
-    ray = axis + np.sqrt(2) * roughness**2 * rng.normal(size=(100_000, 2)) @ across
-    met = image - ray * image[1] / ray[:, 1:2]
-    position = pixels(made.scene.camera, 0, met.T[:, :, None])[:, :, 0]
-    expected = np.cov(position)
+    middle = eye + (image - eye) * eye[1] / (eye[1] - image[1])
+    offset = np.random.default_rng(0).uniform(-2, 2, (1_000_000, 2))
+    points = middle + np.stack([offset[:, 0], np.zeros(len(offset)), offset[:, 1]], 1)
+    microfacet = sum((end - points) / np.linalg.norm(end - points, axis=1, keepdims=True) for end in (eye, target))
+    slope = microfacet[:, ::2] / microfacet[:, 1:2]
+    beckmann = np.exp(-(slope**2).sum(1) / roughness**4)
+    position = pixels(made.scene.camera, 0, points.T[:, :, None])[:, :, 0]
+    seen = beckmann > 1e-9  # these lie before the camera
+    expected = np.cov(position[:, seen], aweights=beckmann[seen])
     np.testing.assert_allclose(found, expected[[0, 0, 1], [0, 1, 1]], atol=0.05 * np.trace(expected))
 
 

@@ -1,0 +1,94 @@
+"""How well do motion vectors find history? Clean history, fetched with them, against the clean current frame.
+
+Vectors of shadows and reflections are random, one sample per pixel and frame, so what counts is an expectation
+over samples. Motion is (S, 2, H, W) in pixels, current → previous, S samples of it for one frame.
+"""
+
+from typing import NamedTuple
+
+import numpy as np
+import numpy.typing as npt
+import torch
+import torch.nn.functional as F
+from torch import Tensor
+
+from nte.motion.warp import warp
+
+RESAMPLES = 10_000
+
+
+class Fetched(NamedTuple):
+    """What samples of a vector have fetched; all meaningless where `inside` is 0."""
+
+    image: Tensor  # (1, C, H, W) the mean of it: what a filter that accumulates approaches
+    error: Tensor  # (1, 1, H, W) the expected error of one sample: mean over samples and channels of |history − now|
+    inside: Tensor  # (1, 1, H, W) share of samples that lie in the previous frame; only these are counted
+
+    def error_of_mean(self, now: Tensor) -> Tensor:
+        """(1, 1, H, W): mean over channels of |mean of what was fetched − now|."""
+        return (self.image - now).abs().mean(1, keepdim=True)
+
+
+def fetch(history: Tensor, now: Tensor, motion: Tensor) -> Fetched:
+    """Fetch the previous frame's `history` (1, C, H, W), bilinear, to be compared with `now` (1, C, H, W)."""
+    found = warp(history.expand(len(motion), -1, -1, -1), motion)
+    count = found.valid.sum(0, keepdim=True)
+
+    def mean(values: Tensor) -> Tensor:
+        return torch.where(found.valid, values, 0).sum(0, keepdim=True) / count.clamp(min=1)
+
+    error = (found.image - now).abs().mean(1, keepdim=True)
+    return Fetched(mean(found.image), mean(error), count / len(motion))
+
+
+def fill(vectors: Tensor, instance: Tensor, radius: int) -> Tensor:
+    """Vectors (S, C, H, W), NaN where a sample has none, with those gaps filled from the sample's footprint.
+
+    By the mean of the vectors of the same sample within `radius` pixels on the same object, instance (1, 1, H, W),
+    as the filter of Zeng et al. 2021 splats them; NaN is left where there are none.
+    """
+    known = vectors.isfinite().all(1, keepdim=True)
+    values = torch.cat([known.to(vectors), torch.where(known, vectors, 0)], 1)
+    sums = torch.zeros_like(values)
+    for number in instance.unique():
+        mine = instance == number
+        around = F.avg_pool2d(values * mine, 2 * radius + 1, 1, radius, divisor_override=1)
+        sums = torch.where(mine, around, sums)
+    return torch.where(known, vectors, sums[:, 1:] / sums[:, :1].round())
+
+
+def draw(mean: Tensor, covariance: Tensor, generator: torch.Generator) -> Tensor:
+    """Vectors (S, 2, H, W), one from each Gaussian of mean (S, 2, H, W) and covariance (S, 3, H, W) XX XY YY."""
+    first, second = torch.randn(mean.shape, generator=generator).chunk(2, 1)
+    xx, xy, yy = covariance.chunk(3, 1)
+    # Cholesky: Σ = L Lᵀ.
+    x = xx.clamp(min=0).sqrt()
+    across = xy / x.clamp(min=1e-6)
+    y = (yy - across.square()).clamp(min=0).sqrt()
+    return mean + torch.cat([x * first, across * first + y * second], 1)
+
+
+def is_planar(normal: Tensor, instance: Tensor, radius: int = 2, tolerance: float = 0.01) -> Tensor:
+    """(1, 1, H, W): the object's normals (1, 3, H, W) within `radius` pixels are equal, but for `tolerance`."""
+    size = 2 * radius + 1
+    same = _windows(instance, size, pad=-1) == instance[:, :, None]
+    turned = (_windows(normal, size, pad=0.0) - normal[:, :, None]).norm(dim=1, keepdim=True)
+    return (turned <= tolerance).logical_or(~same).all(2)
+
+
+def bootstrap_interval(values: npt.ArrayLike, level: float = 0.95) -> tuple[float, float]:
+    """Percentile bootstrap interval of the mean of `values` (N,), resampled with a fixed seed.
+
+    Of paired differences, this is a paired bootstrap: each clip keeps both of its sides.
+    """
+    given = np.asarray(values, float)
+    chosen = np.random.default_rng(0).integers(len(given), size=(RESAMPLES, len(given)))
+    low, high = np.quantile(given[chosen].mean(1), [(1 - level) / 2, (1 + level) / 2])
+    return float(low), float(high)
+
+
+def _windows(values: Tensor, size: int, pad: float) -> Tensor:
+    """(N, C, size², H, W): the size × size pixels about each, `pad` beyond the border."""
+    count, channels, height, width = values.shape
+    padded = F.pad(values, (size // 2,) * 4, value=pad)
+    return F.unfold(padded, size).view(count, channels, size**2, height, width)
