@@ -12,6 +12,7 @@ from nte.errors import NteError, needs_extra
 NAMES: dict[str, tuple[str, str, str]] = {
     "noisy": ("nte.denoiser", "Noisy", ""),
     "taa": ("nte.filters.taa", "Taa", "eval"),
+    "trmv": ("nte.filters.trmv", "Trmv", "eval"),
     "oidn": ("nte.filters.oidn", "Oidn", "compare"),
 }
 

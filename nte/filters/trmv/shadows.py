@@ -1,0 +1,107 @@
+"""Shadows: splatted visibility and vectors, and the non-planar heuristic (Zeng et al. 2021, section 4.1)."""
+
+from typing import NamedTuple
+
+import torch
+from torch import Tensor
+from torch.profiler import record_function
+
+from nte.filters.bilateral import Edges, joint_bilateral
+from nte.filters.trmv.scene import RADIUS, Scene, Surface
+from nte.filters.trmv.temporal import Effect, Settings, Track, accumulate
+from nte.motion.geometric import Reprojection, traditional_motion
+from nte.motion.warp import fetch_nearest, pixel_centres
+
+DEVIATION = 7.5
+FALLOFF = 0.1  # rad, of G in Eq. 4
+_REACHED = 1e-6  # least weight of a shadowed sample in a footprint: less has come across an edge
+
+
+class Splatted(NamedTuple):
+    """Filtered visibility, and the vectors of shadows, of all pixels that a shadowed sample reaches."""
+
+    visibility: Tensor  # (N, 1, H, W) in [0, 1]; 1 where no direct light could arrive
+    motion: Tensor  # (N, 2, H, W) px, to the previous frame; 0 where no shadow reaches
+    shadowed: Tensor  # (N, 1, H, W) bool: some shadowed sample reaches
+
+
+def denoise_shadows(scene: Scene, track: Track | None, vectors: str, settings: Settings) -> Effect:
+    """Visibility (N, 1, H, W) in [0, 1]. vectors: reliable, traditional or none."""
+    frame, reliable = scene.frame, vectors == "reliable"
+    with record_function("trmv/shadow/filter"):
+        splatted = splat(
+            frame["visibility"], frame["direct"], frame["shadow_motion"] if reliable else None, scene.edges
+        )
+    with record_function("trmv/shadow/vectors"):
+        reprojection, trust = scene.traditional, None
+        if reliable:
+            reprojection = shadow_reprojection(splatted, scene.traditional)
+            if scene.before is not None:
+                trust = planarity(scene.surface, scene.before, scene.traditional, reprojection)
+    used = None if vectors == "none" else reprojection
+    return accumulate("shadow", splatted.visibility, track, used, scene, settings, trust)
+
+
+def splat(visibility: Tensor, direct: Tensor, shadow_motion: Tensor | None, edges: Edges) -> Splatted:
+    """Average visibility, and the vectors of shadowed samples, into the centre of each 31×31 footprint.
+
+    visibility (N, 1, H, W) of one shadow ray; direct (N, 3, H, W), 0 where there was nothing to shadow: such a
+    pixel says nothing about its neighbours. shadow_motion (N, 2, H, W), NaN where unshadowed; None: no vectors.
+    """
+    lit = (direct > 0).any(1, keepdim=True).float()
+    parts = [lit, lit * visibility]
+    if shadow_motion is not None:
+        finite = (shadow_motion.abs() < float("inf")).all(1, keepdim=True)
+        # 1 − V: the mean of several shadow rays counts each blocked one.
+        shadow = lit * (1 - visibility) * finite
+        parts += [shadow, shadow * torch.where(finite, shadow_motion, 0.0)]
+    reached = joint_bilateral(torch.cat(parts, 1), edges, RADIUS, DEVIATION)
+    soft = torch.where(lit > 0, reached[:, 1:2] / reached[:, :1].clamp(min=_REACHED), 1.0)
+    if shadow_motion is None:
+        return Splatted(soft, torch.zeros_like(direct[:, :2]), torch.zeros_like(lit, dtype=torch.bool))
+    shadowed = reached[:, 2:3] > _REACHED
+    motion = torch.where(shadowed, reached[:, 3:] / reached[:, 2:3].clamp(min=_REACHED), 0.0)
+    return Splatted(soft, motion, shadowed)
+
+
+def shadow_reprojection(splatted: Splatted, traditional: Reprojection) -> Reprojection:
+    """Where each pixel's shadow was; fully lit pixels use the traditional vector."""
+    motion = torch.where(splatted.shadowed, splatted.motion, traditional.motion)
+    return traditional_motion(motion)._replace(disoccluded=traditional.disoccluded)
+
+
+def planarity(now: Surface, before: Surface, traditional: Reprojection, vectors: Reprojection) -> Tensor:
+    """G of Eq. 4, (N, 1, H, W): 1 where the shadow was on the plane of its receiver, falling off beside it.
+
+    θ lies between the normal T⁻¹n(s) and the direction from T⁻¹s to s^V, the surface that was seen at x^V. The
+    moved receiver is what was seen at the end of the traditional vector, or, where that was hidden or out
+    of the image, the receiver as it is now, which is exact for one at rest.
+    """
+    here, there = (pixel_centres(now.depth) + v.motion for v in (traditional, vectors))
+    seen = traditional.valid & ~traditional.disoccluded & (fetch_nearest(before.depth, here) > 0)
+    receiver, normal = (
+        torch.where(seen, fetch_nearest(then, here), current)
+        for then, current in ((before.position, now.position), (before.normal, now.normal))
+    )
+    away = fetch_nearest(before.position, there) - receiver
+    distance = away.norm(dim=1, keepdim=True)
+    # θ − π/2 = −asin(n·d): the angle by which the direction leaves the plane.
+    sine = ((normal * away).sum(1, keepdim=True) / distance.clamp(min=1e-12)).clamp(-1, 1)
+    falloff = torch.exp(-0.5 * (sine.asin() / FALLOFF).square())
+    # Within a pixel's footprint θ has no meaning (ours).
+    falloff = torch.where(distance <= pixel_footprint(now.position), 1.0, falloff)
+    return torch.where(fetch_nearest(before.depth, there) > 0, falloff, 0.0)
+
+
+def pixel_footprint(position: Tensor) -> Tensor:
+    """(N, 1, H, W): the distance in the world to the nearest of the four neighbouring pixels' points."""
+    nearest = torch.full_like(position[:, :1], float("inf"))
+    for axis in (2, 3):
+        count = position.shape[axis] - 1
+        if count > 0:
+            ahead = position.narrow(axis, 1, count)
+            step = (ahead - position.narrow(axis, 0, count)).norm(dim=1, keepdim=True)
+            for start in (0, 1):
+                part = nearest.narrow(axis, start, count)
+                torch.minimum(part, step, out=part)
+    return nearest
