@@ -9,6 +9,7 @@ from collections.abc import Iterable, Iterator, Sequence
 from typing import NamedTuple
 
 import torch
+import torch.nn.functional as F
 from torch import Tensor
 
 from nte.motion.warp import pixel_centres
@@ -17,8 +18,8 @@ NORMAL = 64.0  # exponent of normals: e^(64 (n·n′ − 1)), a deviation of 7°
 DEPTH = 0.02  # relative deviation of depth from what the surface's slope predicts
 ROUGHNESS = 0.1  # deviation of roughness: metal does not mix with the floor it stands on
 CLEAN_UP_RADIUS = 4  # 9×9
+APART = 1e-6  # least weight: what is less alike is another surface, and nothing at all comes across
 _SKY = 1e6  # in place of an infinite reciprocal
-_LEAST = 60.0  # e^−60: weights that denormal floats would hold cost ten times as much
 
 # Pixels along an axis, and the weights with which the near one gathers the far one and the far one the near one.
 Tap = tuple[int, Tensor, Tensor]
@@ -45,7 +46,7 @@ class Edges(NamedTuple):
 
 
 def make_guide(normal: Tensor, depth: Tensor, roughness: Tensor) -> Guide:
-    """The guide of normal (N, 3, H, W), depth (N, 1, H, W) along the view axis, 0 = miss, and roughness (N, 1, H, W)."""
+    """The guide of normal (N, 3, H, W), depth (N, 1, H, W), 0 = miss, and roughness (N, 1, H, W)."""
     # ‖n − n′‖² = 2 (1 − n·n′): normals and roughness are one distance.
     features = torch.cat([normal * NORMAL**0.5, roughness * (1 / ROUGHNESS)], 1) * 0.5**0.5
     hit = depth > 0
@@ -65,7 +66,7 @@ def pair_weight(p: Sequence[Tensor], q: Sequence[Tensor], distance: float = 0) -
     unexplained.add_(here.disparity).sub_(there.disparity)
     exponent = unexplained.square_().mul_(here.tolerance).mul_(there.tolerance)
     exponent.add_((here.features - there.features).square_().sum(1, keepdim=True))
-    weight = exponent.clamp_(max=_LEAST).neg_().exp_()
+    weight = F.threshold(exponent.neg_().exp_(), APART, 0.0, inplace=True)
     return weight, weight
 
 

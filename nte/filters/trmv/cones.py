@@ -13,7 +13,7 @@ from torch import Tensor
 
 CONES = 6
 HALF_ANGLE = math.acos(5 / 6)  # solid angle π/3; the π/6 of the paper's text has 0.84 and leaves gaps
-KNOWN = 1e-4  # least weight that counts: below is what leaks across edges
+KNOWN = 1e-6  # least weight that counts
 PARALLEL = 1 - 1e-5  # n·n′ of normals that count as equal: 0.26°, 0.5 % of Ω
 _TILT = math.pi / 3
 # Cosine-weighted solid angles: they sum to π, so a white environment is exactly white.
@@ -88,21 +88,26 @@ def radiance_of(cones: Tensor) -> Tensor:
 
 def split(cones: Tensor) -> tuple[Tensor, Tensor]:
     """(weight times radiance (N, 6, 3, H, W), weight (N, 6, 1, H, W)): views."""
-    by_cone = cones.unflatten(1, (CONES, 4))
-    return by_cone[:, :, :3], by_cone[:, :, 3:]
+    apart = by_cone(cones, 4)
+    return apart[:, :, :3], apart[:, :, 3:]
+
+
+def by_cone(values: Tensor, channels: int) -> Tensor:
+    """(N, 6, channels, …): a view of values (N, 6·channels, …)."""
+    return values.view(values.shape[0], CONES, channels, *values.shape[2:])
 
 
 def irradiance(radiance: Tensor, weights: tuple[float, ...] = WEIGHTS) -> Tensor:
     """Σ w_k L_k / π, (N, 3, H, W), of the radiance (N, 18, H, W) in the cones: times albedo it is the light out."""
     share = radiance.new_tensor(weights) / math.pi
-    return torch.einsum("k,nkchw->nchw", share, radiance.unflatten(1, (CONES, 3)))
+    return torch.einsum("k,nkchw->nchw", share, by_cone(radiance, 3))
 
 
 def mix_parallel(cones: Tensor, half_angle: float) -> Tensor:
     """Each cone k gathers all cones j (N, 24, H, W) of its pixel with Ω_kj / Ω(0): pixels with equal normals."""
     pole = local_axes()[:1]
     shares = overlap_shares(pole, pole, half_angle)[0].to(cones)
-    return torch.einsum("kj,njchw->nkchw", shares, cones.unflatten(1, (CONES, 4))).flatten(1, 2)
+    return torch.einsum("kj,njchw->nkchw", shares, by_cone(cones, 4)).flatten(1, 2)
 
 
 def transfer(cones: Tensor, normal: Tensor, to: Tensor, half_angle: float) -> tuple[Tensor, Tensor]:
@@ -113,14 +118,14 @@ def transfer(cones: Tensor, normal: Tensor, to: Tensor, half_angle: float) -> tu
     """
     pole = local_axes()[:1]
     parallel = overlap_shares(pole, pole, half_angle)[0].to(cones)
-    moved = torch.einsum("kj,njchw->nkchw", parallel / parallel.sum(1, keepdim=True), cones.unflatten(1, (CONES, 4)))
+    moved = torch.einsum("kj,njchw->nkchw", parallel / parallel.sum(1, keepdim=True), by_cone(cones, 4))
     covered = torch.ones_like(cones[:, :CONES])
     turned = ((normal * to).sum(1) < PARALLEL) & (split(cones)[1].sum(1)[:, 0] > 0)
     n, y, x = turned.nonzero(as_tuple=True)
     if len(n):
         shares = overlap_shares(to[n, :, y, x], normal[n, :, y, x], half_angle)
         total = shares.sum(2, keepdim=True)
-        apart = torch.einsum("pkj,pjc->pkc", shares / total.clamp(min=1e-6), cones[n, :, y, x].unflatten(1, (CONES, 4)))
+        apart = torch.einsum("pkj,pjc->pkc", shares / total.clamp(min=1e-6), by_cone(cones[n, :, y, x], 4))
         moved[n, :, :, y, x] = apart
         covered[n, :, y, x] = total[..., 0].clamp(max=1)
     return moved.flatten(1, 2), covered

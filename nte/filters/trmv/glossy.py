@@ -19,7 +19,7 @@ from nte.motion.geometric import Reprojection, traditional_motion
 WIDEST = 7.5  # deviation, px
 SCALE = 1.0  # of the filter's deviation to the lobe's
 _FILL_RADIUS, _FILL_DEVIATION = 7, 3.5
-_REACHED = 1e-6  # least weight of a reflected sample in a footprint: less has come across an edge
+_TINY = 1e-30  # not 0: what is divided by it is 0 too
 
 
 class Lobes(NamedTuple):
@@ -54,8 +54,8 @@ def gather_lobes(mean: Tensor, covariance: Tensor, edges: Edges) -> Lobes:
     own = (values.abs() < float("inf")).all(1, keepdim=True)
     values = torch.where(own, values, 0.0)
     reached = joint_bilateral(torch.cat([own.float(), values], 1), edges, _FILL_RADIUS, _FILL_DEVIATION)
-    glossy = reached[:, :1] > _REACHED
-    around = torch.where(glossy, reached[:, 1:] / reached[:, :1].clamp(min=_REACHED), 0.0)
+    glossy = reached[:, :1] > 0
+    around = torch.where(glossy, reached[:, 1:] / reached[:, :1].clamp(min=_TINY), 0.0)
     spread = ((around[:, 2:3] + around[:, 4:5]) / 2).clamp(min=0).sqrt()
     filled = torch.where(own, values, around)
     return Lobes(filled[:, :2], filled[:, 2:], spread, glossy)
@@ -71,16 +71,16 @@ def filter_glossy(glossy: Tensor, spread: Tensor, edges: Edges) -> Tensor:
 
 def draw(lobes: Lobes, frame: int) -> Tensor:
     """Vectors (N, 2, H, W) drawn from the lobes: sample(mean, Σ) of Eq. 5, with noise of pixel and frame."""
-    noise = gaussian_noise(*lobes.mean.shape[-2:], frame, lobes.mean.device)
-    xx, xy, yy = lobes.covariance.split(1, 1)
+    noise = gaussian_noise(lobes.mean.shape[-2], lobes.mean.shape[-1], frame, lobes.mean.device)
+    xx, xy, yy = lobes.covariance.chunk(3, 1)
     # Cholesky: Σ = L Lᵀ.
     x = xx.clamp(min=0).sqrt()
     across = xy / x.clamp(min=1e-6)
     y = (yy - across.square()).clamp(min=0).sqrt()
-    first, second = noise.split(1, 1)
+    first, second = noise.chunk(2, 1)
     return lobes.mean + torch.cat([x * first, across * first + y * second], 1)
 
 
 def glossy_reprojection(motion: Tensor, glossy: Tensor, traditional: Reprojection) -> Reprojection:
-    """Where each pixel's reflection was, by `motion` (N, 2, H, W); what reflects nothing uses the traditional vector."""
+    """Where each pixel's reflection was, by `motion` (N, 2, H, W); else the traditional vector."""
     return traditional_motion(torch.where(glossy, motion, traditional.motion))

@@ -11,11 +11,28 @@ from nte.color import demodulate, remodulate
 from nte.filters.atrous import atrous_step
 from nte.filters.bilateral import Guide, pair_weight
 from nte.filters.trmv.cones import (
-    HALF_ANGLE, WEIGHTS, irradiance, mix_parallel, radiance_of, sample_to_cones, split, transfer,
+    HALF_ANGLE,
+    WEIGHTS,
+    by_cone,
+    irradiance,
+    mix_parallel,
+    radiance_of,
+    sample_to_cones,
+    split,
+    transfer,
 )  # fmt: skip
 from nte.filters.trmv.scene import Scene
 from nte.filters.trmv.temporal import (
-    Effect, Settings, Track, accumulate, begin, clean_up_deviation, fetch, finish, limit, weigh,
+    Effect,
+    Settings,
+    Track,
+    accumulate,
+    begin,
+    clean_up_deviation,
+    fetch,
+    finish,
+    limit,
+    weigh,
 )  # fmt: skip
 from nte.motion.geometric import Reprojection
 from nte.motion.warp import warp
@@ -64,10 +81,10 @@ class Cones:
             clamped = limit(history, radiance_of(current), settings)
             weight = weigh(fetched, settings)
             share = split(moved)[1] * covered.unsqueeze(2)
-            usable = torch.cat([share * clamped.unflatten(1, (-1, 3)), share], 2).flatten(1, 2)
+            usable = torch.cat([share * by_cone(clamped, 3), share], 2).flatten(1, 2)
             blended = torch.where(fetched.valid, torch.lerp(usable, current, weight.used), current)
-            light = (irradiance(radiance, self.weights) for radiance in (history, clamped))
-            deviation = clean_up_deviation(weight, *light, fetched.valid)
+            light, kept = (irradiance(radiance, self.weights) for radiance in (history, clamped))
+            deviation = clean_up_deviation(weight, light, kept, fetched.valid)
         return finish("indirect", blended, fetched, weight, deviation, scene, settings)._replace(vectors=vectors)
 
     def shade(self, cones: Tensor, albedo: Tensor) -> Tensor:

@@ -64,4 +64,5 @@ def sane(frame: Frame) -> Frame:
             return torch.nan_to_num(values, 0, 0, 0)
         return values
 
-    return frame.with_channels(**{name: clean(name, values) for name, values in frame.channels.items() if name in CHANNELS})
+    ours = {name: values for name, values in frame.channels.items() if name in CHANNELS}
+    return frame.with_channels(**{name: clean(name, values) for name, values in ours.items()})

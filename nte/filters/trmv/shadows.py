@@ -14,7 +14,7 @@ from nte.motion.warp import fetch_nearest, pixel_centres
 
 DEVIATION = 7.5
 FALLOFF = 0.1  # rad, of G in Eq. 4
-_REACHED = 1e-6  # least weight of a shadowed sample in a footprint: less has come across an edge
+_TINY = 1e-30  # not 0: what is divided by it is 0 too
 
 
 class Splatted(NamedTuple):
@@ -56,11 +56,11 @@ def splat(visibility: Tensor, direct: Tensor, shadow_motion: Tensor | None, edge
         shadow = lit * (1 - visibility) * finite
         parts += [shadow, shadow * torch.where(finite, shadow_motion, 0.0)]
     reached = joint_bilateral(torch.cat(parts, 1), edges, RADIUS, DEVIATION)
-    soft = torch.where(lit > 0, reached[:, 1:2] / reached[:, :1].clamp(min=_REACHED), 1.0)
+    soft = torch.where(lit > 0, reached[:, 1:2] / reached[:, :1].clamp(min=_TINY), 1.0)
     if shadow_motion is None:
         return Splatted(soft, torch.zeros_like(direct[:, :2]), torch.zeros_like(lit, dtype=torch.bool))
-    shadowed = reached[:, 2:3] > _REACHED
-    motion = torch.where(shadowed, reached[:, 3:] / reached[:, 2:3].clamp(min=_REACHED), 0.0)
+    shadowed = reached[:, 2:3] > 0
+    motion = torch.where(shadowed, reached[:, 3:] / reached[:, 2:3].clamp(min=_TINY), 0.0)
     return Splatted(soft, motion, shadowed)
 
 
