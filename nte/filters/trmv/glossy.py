@@ -10,14 +10,15 @@ import torch
 from torch import Tensor
 from torch.profiler import record_function
 
-from nte.filters.bilateral import Edges, joint_bilateral
+from nte.filters.bilateral import ROUGHNESS, Edges, joint_bilateral
 from nte.filters.trmv.noise import gaussian_noise
 from nte.filters.trmv.scene import RADIUS, Scene
 from nte.filters.trmv.temporal import Effect, Settings, Track, accumulate
 from nte.motion.geometric import Reprojection, traditional_motion
+from nte.motion.warp import fetch_nearest, pixel_centres
 
 WIDEST = 7.5  # deviation, px
-SCALE = 1.0  # of the filter's deviation to the lobe's
+SCALE = 0.5  # of the filter's deviation to the lobe's: the least error of training clips without history
 _FILL_RADIUS, _FILL_DEVIATION = 7, 3.5
 _TINY = 1e-30  # not 0: what is divided by it is 0 too
 
@@ -40,7 +41,7 @@ def denoise_glossy(scene: Scene, track: Track | None, vectors: str, settings: Se
     with record_function("trmv/glossy/vectors"):
         reprojection = scene.traditional
         if vectors == "reliable":
-            reprojection = glossy_reprojection(draw(lobes, frame.index), lobes.glossy, scene.traditional)
+            reprojection = glossy_reprojection(draw(lobes, frame.index), lobes.glossy, scene)
     return accumulate("glossy", current, track, None if vectors == "none" else reprojection, scene, settings)
 
 
@@ -81,6 +82,21 @@ def draw(lobes: Lobes, frame: int) -> Tensor:
     return lobes.mean + torch.cat([x * first, across * first + y * second], 1)
 
 
-def glossy_reprojection(motion: Tensor, glossy: Tensor, traditional: Reprojection) -> Reprojection:
-    """Where each pixel's reflection was, by `motion` (N, 2, H, W); else the traditional vector."""
-    return traditional_motion(torch.where(glossy, motion, traditional.motion))
+def glossy_reprojection(motion: Tensor, glossy: Tensor, scene: Scene) -> Reprojection:
+    """Where each pixel's reflection was, by `motion` (N, 2, H, W); the traditional vector where nothing is reflected.
+
+    So it is where x^R does not show the reflector (ours, told by its roughness): only points around s^C, on it,
+    reflect the same, and light of other surfaces, black on diffuse ones, would be taken for history.
+    """
+    vectors = traditional_motion(torch.where(glossy, motion, scene.traditional.motion))
+    if scene.before is None:
+        return vectors
+    there = pixel_centres(motion) + vectors.motion
+    same = (fetch_nearest(scene.before.roughness, there) - scene.surface.roughness).abs() < ROUGHNESS
+    reflector = same & (fetch_nearest(scene.before.depth, there) > 0)
+    stays = glossy & ~reflector & vectors.valid
+    return Reprojection(
+        torch.where(stays, scene.traditional.motion, vectors.motion),
+        torch.where(stays, scene.traditional.valid, vectors.valid),
+        scene.traditional.disoccluded,
+    )

@@ -23,6 +23,7 @@ class Surface(NamedTuple):
     position: Tensor  # (N, 3, H, W) world, 0 at a miss
     normal: Tensor  # (N, 3, H, W) unit, 0 at a miss
     depth: Tensor  # (N, 1, H, W), 0 at a miss
+    roughness: Tensor  # (N, 1, H, W)
 
 
 class Scene(NamedTuple):
@@ -41,7 +42,7 @@ def prepare(frame: Frame, before: Surface | None) -> Scene:
     """Sanitise a PyTorch frame, and compute what the effects share."""
     with record_function("trmv/guide"):
         frame = sane(frame)
-        surface = Surface(frame["position"], F.normalize(frame["normal"], dim=1), frame["depth"])
+        surface = Surface(frame["position"], F.normalize(frame["normal"], dim=1), frame["depth"], frame["roughness"])
         guide = make_guide(surface.normal, surface.depth, frame["roughness"])
         edges = make_edges(guide, RADIUS)
     with record_function("trmv/vectors"):

@@ -12,7 +12,9 @@ from nte.filters.trmv.temporal import Effect, Settings, Track, accumulate
 from nte.motion.geometric import Reprojection, traditional_motion
 from nte.motion.warp import fetch_nearest, pixel_centres
 
-DEVIATION = 7.5
+# px, of the Gaussian in the 31×31 window: half its radius from LINES lines on, and narrower in smaller images, as the
+# penumbrae are. At 128 lines 7.5 px would leave nothing of a slat's shadow.
+NARROWEST, WIDEST, LINES = 1.5, 7.5, 640
 FALLOFF = 0.1  # rad, of G in Eq. 4
 _TINY = 1e-30  # not 0: what is divided by it is 0 too
 
@@ -55,13 +57,18 @@ def splat(visibility: Tensor, direct: Tensor, shadow_motion: Tensor | None, edge
         # 1 − V: the mean of several shadow rays counts each blocked one.
         shadow = lit * (1 - visibility) * finite
         parts += [shadow, shadow * torch.where(finite, shadow_motion, 0.0)]
-    reached = joint_bilateral(torch.cat(parts, 1), edges, RADIUS, DEVIATION)
+    reached = joint_bilateral(torch.cat(parts, 1), edges, RADIUS, deviation_for(direct.shape[2]))
     soft = torch.where(lit > 0, reached[:, 1:2] / reached[:, :1].clamp(min=_TINY), 1.0)
     if shadow_motion is None:
         return Splatted(soft, torch.zeros_like(direct[:, :2]), torch.zeros_like(lit, dtype=torch.bool))
     shadowed = reached[:, 2:3] > 0
     motion = torch.where(shadowed, reached[:, 3:] / reached[:, 2:3].clamp(min=_TINY), 0.0)
     return Splatted(soft, motion, shadowed)
+
+
+def deviation_for(lines: int) -> float:
+    """Of the Gaussian, px, for images of so many lines (ours)."""
+    return min(max(NARROWEST, WIDEST * lines / LINES), WIDEST)
 
 
 def shadow_reprojection(splatted: Splatted, traditional: Reprojection) -> Reprojection:
