@@ -123,10 +123,14 @@ def _gaussian(weights: Sequence[Tensor], axis: int, deviation: Tensor | float) -
             yield k, both, both
         return
     # A deviation of 0 gives an exponent that no float survives, except at the centre.
-    rate = -0.5 / deviation.square().clamp(min=1e-6)
+    ratio = torch.exp(-0.5 / deviation.square().clamp(min=1e-6))
+    square = ratio.square()
+    gaussian = torch.ones_like(ratio)
     for k, weight in enumerate(weights, 1):
-        near, far = pairs(rate, axis, k)
-        yield k, torch.exp(near * k**2).mul_(weight), torch.exp(far * k**2).mul_(weight)
+        gaussian.mul_(ratio)  # e^−(k²/2σ²) = e^−((k−1)²/2σ²) · r^(2k−1)
+        ratio.mul_(square)
+        near, far = pairs(gaussian, axis, k)
+        yield k, near * weight, far * weight
 
 
 def _gather(values: Tensor, taps: Iterable[Tap], axis: int) -> Tensor:

@@ -10,35 +10,16 @@ from torch.profiler import record_function
 from nte.color import demodulate, remodulate
 from nte.filters.atrous import atrous_step
 from nte.filters.bilateral import Guide, pair_weight
-from nte.filters.trmv.cones import (
-    HALF_ANGLE,
-    WEIGHTS,
-    by_cone,
-    irradiance,
-    mix_parallel,
-    radiance_of,
-    sample_to_cones,
-    split,
-    transfer,
-)  # fmt: skip
+from nte.filters.trmv import cones as hemisphere
+from nte.filters.trmv import temporal
 from nte.filters.trmv.scene import Scene
-from nte.filters.trmv.temporal import (
-    Effect,
-    Settings,
-    Track,
-    accumulate,
-    begin,
-    clean_up_deviation,
-    fetch,
-    finish,
-    limit,
-    weigh,
-)  # fmt: skip
+from nte.filters.trmv.temporal import Effect, Fetched, Settings, Track, Weight
 from nte.motion.geometric import Reprojection
 from nte.motion.warp import warp
 
 LEVELS = 4
 KERNEL = (1.0, 0.5)  # 3×3 taps: 4 levels make 31×31, the paper's «essentially 32×32»
+STRIP = 64  # rows blended at a time: 24 channels with their temporaries would be most of the frame's memory
 
 
 def filter_indirect(values: Tensor, guide: Guide) -> Tensor:
@@ -52,8 +33,8 @@ def filter_indirect(values: Tensor, guide: Guide) -> Tensor:
 class Cones:
     """How cones are made, carried over and shaded."""
 
-    half_angle: float = HALF_ANGLE  # rad
-    weights: tuple[float, ...] = WEIGHTS  # of each cone's radiance, sr: EQ_11 is the paper's
+    half_angle: float = hemisphere.HALF_ANGLE  # rad
+    weights: tuple[float, ...] = hemisphere.WEIGHTS  # of each cone's radiance, sr: EQ_11 is the paper's
 
     def gather(self, radiance: Tensor, direction: Tensor, normal: Tensor, guide: Guide) -> Tensor:
         """Cones (N, 24, H, W) out of one sample per pixel, filtered in space.
@@ -61,7 +42,8 @@ class Cones:
         The à-trous levels are one filter of 31×31, so Ω enters once for a pair of pixels; where its normal test
         lets them mix, cones of the same number are within 7° and share the Ω of equal normals.
         """
-        return mix_parallel(filter_indirect(sample_to_cones(radiance, direction, normal), guide), self.half_angle)
+        sampled = hemisphere.sample_to_cones(radiance, direction, normal)
+        return hemisphere.mix_parallel(filter_indirect(sampled, guide), self.half_angle)
 
     def accumulate(
         self, current: Tensor, track: Track | None, vectors: Reprojection | None, scene: Scene, settings: Settings
@@ -72,24 +54,46 @@ class Cones:
         without overlap are dropped: both have the weight 0.
         """
         if vectors is None or track is None or scene.before is None:
-            return begin("indirect", current, vectors, scene, settings)
+            return temporal.begin("indirect", current, vectors, scene, settings)
         with record_function("trmv/indirect/temporal"):
-            fetched = fetch(track, vectors, scene.frame.reset)
+            fetched = temporal.fetch(track, vectors, scene.frame.reset)
+            weight = temporal.weigh(fetched, settings)
             normal = F.normalize(warp(scene.before.normal, vectors.motion).image, dim=1)
-            moved, covered = transfer(fetched.history, normal, scene.surface.normal, self.half_angle)
-            history = radiance_of(moved)
-            clamped = limit(history, radiance_of(current), settings)
-            weight = weigh(fetched, settings)
-            share = split(moved)[1] * covered.unsqueeze(2)
-            usable = torch.cat([share * by_cone(clamped, 3), share], 2).flatten(1, 2)
-            blended = torch.where(fetched.valid, torch.lerp(usable, current, weight.used), current)
-            light, kept = (irradiance(radiance, self.weights) for radiance in (history, clamped))
-            deviation = clean_up_deviation(weight, light, kept, fetched.valid)
-        return finish("indirect", blended, fetched, weight, deviation, scene, settings)._replace(vectors=vectors)
+            blended, deviation = torch.empty_like(current), torch.empty_like(weight.used)
+            for top in range(0, current.shape[2], STRIP):
+                rows = slice(top, top + STRIP)
+                self._blend_rows(rows, current, fetched, normal, scene, weight, settings, blended, deviation)
+        effect = temporal.finish("indirect", blended, fetched, weight, deviation, scene, settings)
+        return effect._replace(vectors=vectors)
+
+    def _blend_rows(
+        self, rows: slice, current: Tensor, fetched: Fetched, normal: Tensor, scene: Scene, weight: Weight,
+        settings: Settings, blended: Tensor, deviation: Tensor,
+    ) -> None:  # fmt: skip
+        """Blend a strip of rows, into `blended` and the clean-up's `deviation`; normal: that of the history."""
+
+        def cut(image: Tensor) -> Tensor:
+            return image[:, :, rows]
+
+        normals = cut(normal), cut(scene.surface.normal)
+        moved, covered = hemisphere.transfer(cut(fetched.history), *normals, self.half_angle)
+        history = hemisphere.radiance_of(moved)
+        margin = slice(max(0, rows.start - temporal.NEIGHBOURHOOD // 2), rows.stop + temporal.NEIGHBOURHOOD // 2)
+        around = hemisphere.radiance_of(current[:, :, margin])
+        inner = slice(rows.start - margin.start, rows.start - margin.start + history.shape[2])
+        clamped = temporal.limit(history, around, settings, inner)
+        valid, used = cut(fetched.valid), cut(weight.used)
+        share = hemisphere.split(moved)[1] * covered.unsqueeze(2)
+        usable = torch.cat([share * hemisphere.by_cone(clamped, 3), share], 2).flatten(1, 2)
+        now = cut(current)
+        cut(blended).copy_(torch.where(valid, torch.lerp(usable, now, used), now))
+        light, kept = (hemisphere.irradiance(radiance, self.weights) for radiance in (history, clamped))
+        doubts = Weight(cut(weight.default), used)
+        cut(deviation).copy_(temporal.clean_up_deviation(doubts, light, kept, valid))
 
     def shade(self, cones: Tensor, albedo: Tensor) -> Tensor:
         """Eq. 11 with f_r = albedo / π: reflected light (N, 3, H, W)."""
-        return albedo * irradiance(radiance_of(cones), self.weights)
+        return albedo * hemisphere.irradiance(hemisphere.radiance_of(cones), self.weights)
 
 
 def denoise_indirect(
@@ -101,7 +105,7 @@ def denoise_indirect(
     if cones is None:
         with record_function("trmv/indirect/filter"):
             current = filter_indirect(demodulate(frame["indirect"], frame["albedo"]), scene.guide)
-        effect = accumulate("indirect", current, track, reprojection, scene, settings)
+        effect = temporal.accumulate("indirect", current, track, reprojection, scene, settings)
         return effect._replace(image=remodulate(effect.image, frame["albedo"]))
     with record_function("trmv/indirect/filter"):
         light, direction = frame["indirect_radiance"], frame["indirect_direction"]

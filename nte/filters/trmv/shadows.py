@@ -6,7 +6,7 @@ import torch
 from torch import Tensor
 from torch.profiler import record_function
 
-from nte.filters.bilateral import Edges, joint_bilateral
+from nte.filters.bilateral import Edges, joint_bilateral, pairs
 from nte.filters.trmv.scene import RADIUS, Scene, Surface
 from nte.filters.trmv.temporal import Effect, Settings, Track, accumulate
 from nte.motion.geometric import Reprojection, traditional_motion
@@ -85,30 +85,28 @@ def planarity(now: Surface, before: Surface, traditional: Reprojection, vectors:
     of the image, the receiver as it is now, which is exact for one at rest.
     """
     here, there = (pixel_centres(now.depth) + v.motion for v in (traditional, vectors))
-    seen = traditional.valid & ~traditional.disoccluded & (fetch_nearest(before.depth, here) > 0)
-    receiver, normal = (
-        torch.where(seen, fetch_nearest(then, here), current)
-        for then, current in ((before.position, now.position), (before.normal, now.normal))
-    )
-    away = fetch_nearest(before.position, there) - receiver
-    distance = away.norm(dim=1, keepdim=True)
+    then = fetch_nearest(torch.cat([before.position, before.normal, before.depth], 1), here)
+    seen = traditional.valid & ~traditional.disoccluded & (then[:, 6:] > 0)
+    receiver = torch.where(seen, then[:, :3], now.position)
+    normal = torch.where(seen, then[:, 3:6], now.normal)
+    landed = fetch_nearest(torch.cat([before.position, before.depth], 1), there)
+    away = landed[:, :3] - receiver
+    squared = away.square().sum(1, keepdim=True)
     # θ − π/2 = −asin(n·d): the angle by which the direction leaves the plane.
-    sine = ((normal * away).sum(1, keepdim=True) / distance.clamp(min=1e-12)).clamp(-1, 1)
-    falloff = torch.exp(-0.5 * (sine.asin() / FALLOFF).square())
+    sine = ((normal * away).sum(1, keepdim=True) * squared.clamp(min=_TINY).rsqrt()).clamp(-1, 1)
+    falloff = sine.asin_().mul_(1 / FALLOFF).square_().mul_(-0.5).exp_()
     # Within a pixel's footprint θ has no meaning (ours).
-    falloff = torch.where(distance <= pixel_footprint(now.position), 1.0, falloff)
-    return torch.where(fetch_nearest(before.depth, there) > 0, falloff, 0.0)
+    falloff = torch.where(squared <= squared_footprint(now.position), 1.0, falloff)
+    return torch.where(landed[:, 3:] > 0, falloff, 0.0)
 
 
-def pixel_footprint(position: Tensor) -> Tensor:
-    """(N, 1, H, W): the distance in the world to the nearest of the four neighbouring pixels' points."""
+def squared_footprint(position: Tensor) -> Tensor:
+    """(N, 1, H, W): the squared distance in the world to the nearest of the four neighbouring pixels' points."""
     nearest = torch.full_like(position[:, :1], float("inf"))
     for axis in (2, 3):
-        count = position.shape[axis] - 1
-        if count > 0:
-            ahead = position.narrow(axis, 1, count)
-            step = (ahead - position.narrow(axis, 0, count)).norm(dim=1, keepdim=True)
-            for start in (0, 1):
-                part = nearest.narrow(axis, start, count)
+        if position.shape[axis] > 1:
+            near, far = pairs(position, axis, 1)
+            step = (far - near).square_().sum(1, keepdim=True)
+            for part in pairs(nearest, axis, 1):
                 torch.minimum(part, step, out=part)
     return nearest

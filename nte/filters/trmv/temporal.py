@@ -9,9 +9,10 @@ from torch.profiler import record_function
 
 from nte.color import luminance
 from nte.filters.bilateral import clean_up
-from nte.filters.blocks import clamp_history, fetch_history, neighbourhood_moments
+from nte.filters.blocks import Moments, clamp_history, fetch_history, neighbourhood_moments
 from nte.filters.trmv.scene import Scene
 from nte.motion.geometric import Reprojection
+from nte.motion.warp import warp
 
 NEIGHBOURHOOD = 5  # pixels across, of the clamp
 WIDEST = 5.0  # deviation of the clean-up filter, px
@@ -91,8 +92,8 @@ def begin(name: str, current: Tensor, vectors: Reprojection | None, scene: Scene
 
 def fetch(track: Track, vectors: Reprojection, reset: Tensor | None) -> Fetched:
     """The track at the ends of the vectors, bilinear; valid inside the image and without a reset."""
-    fetched, valid = fetch_history(torch.cat([track.history, track.variance], 1), vectors, reset)
-    return Fetched(fetched[:, :-1], fetched[:, -1:], valid)
+    history, valid = fetch_history(track.history, vectors, reset)
+    return Fetched(history, warp(track.variance, vectors.motion).image, valid)
 
 
 def weigh(fetched: Fetched, settings: Settings, trust: Tensor | None = None) -> Weight:
@@ -108,11 +109,12 @@ def weigh(fetched: Fetched, settings: Settings, trust: Tensor | None = None) -> 
     return Weight(default, torch.where(fetched.valid, used, 1.0))
 
 
-def limit(history: Tensor, current: Tensor, settings: Settings) -> Tensor:
-    """History (N, C, H, W) clamped to μ ± clamp·σ of the filtered current 5×5 neighbourhood."""
+def limit(history: Tensor, current: Tensor, settings: Settings, rows: slice = slice(None)) -> Tensor:
+    """History (N, C, h, W) clamped to μ ± clamp·σ of the filtered current 5×5 neighbourhood; its `rows` of current."""
     if settings.clamp == float("inf"):
         return history
-    return clamp_history(history, neighbourhood_moments(current, NEIGHBOURHOOD), settings.clamp)
+    moments = neighbourhood_moments(current, NEIGHBOURHOOD)
+    return clamp_history(history, Moments(moments.mean[:, :, rows], moments.deviation[:, :, rows]), settings.clamp)
 
 
 def clean_up_deviation(weight: Weight, history: Tensor, clamped: Tensor, valid: Tensor) -> Tensor:
