@@ -8,6 +8,7 @@ import numpy as np
 
 from nte.errors import NteError
 from nte.frames.bad import BadPixelReport
+from nte.frames.channels import COMPONENTS
 from nte.frames.frame import Array, Frame
 
 State = Any  # whatever a denoiser carries from frame to frame
@@ -68,7 +69,8 @@ def check_needs(denoiser: Denoiser, available: Iterable[str], where: object) -> 
     missing = [name for name in denoiser.needs if name not in have]
     if missing:
         name = type(denoiser).__name__
-        raise NteError(f"{where}: {name} needs {', '.join(missing)}, which is missing; there is {', '.join(have)}")
+        way = "; nte render writes light components in groups with components: true" if COMPONENTS & {*missing} else ""
+        raise NteError(f"{where}: {name} needs {', '.join(missing)}, which is missing; there is {', '.join(have)}{way}")
 
 
 def check_size(frame: Frame, history: Array) -> None:

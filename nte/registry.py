@@ -14,6 +14,7 @@ NAMES: dict[str, tuple[str, str, str]] = {
     "taa": ("nte.filters.taa", "Taa", "eval"),
     "svgf": ("nte.filters.svgf", "Svgf", "eval"),
     "asvgf": ("nte.filters.asvgf", "Asvgf", "eval"),
+    "trmv": ("nte.filters.trmv", "Trmv", "eval"),
     "oidn": ("nte.filters.oidn", "Oidn", "compare"),
 }
 

@@ -107,3 +107,9 @@ _ROWS = (
 )  # fmt: skip
 
 CHANNELS: dict[str, Channel] = {row.name: row for row in _ROWS}
+
+# What `nte render` writes only in groups with components: true.
+COMPONENTS = frozenset({
+    "direct", "visibility", "indirect", "indirect_radiance", "indirect_direction", "glossy", "shadow_motion",
+    "reflection_motion", "reflection_covariance",
+})  # fmt: skip

@@ -1,0 +1,133 @@
+"""TRMV: «Temporally Reliable Motion Vectors for Real-time Ray Tracing» (Zeng et al. 2021) as a denoiser.
+
+Shadows, glossy reflections and diffuse indirect light are filtered apart, each with vectors of its own, and summed.
+docs/trmv.md says which options are which of the paper's comparisons, and what is ours.
+"""
+
+import math
+from typing import NamedTuple
+
+import torch
+from torch import Tensor
+from torch.profiler import record_function
+
+from nte.denoiser import Result, check_size
+from nte.errors import NteError
+from nte.filters.trmv.cones import EQ_11, HALF_ANGLE, WEIGHTS
+from nte.filters.trmv.glossy import denoise_glossy
+from nte.filters.trmv.indirect import Cones, denoise_indirect
+from nte.filters.trmv.scene import Scene, Surface, prepare
+from nte.filters.trmv.shadows import denoise_shadows
+from nte.filters.trmv.temporal import Effect, Settings, Track
+from nte.frames.frame import Frame
+
+COMPONENTS = ("visibility", "glossy", "indirect")
+CHOICES = {
+    "target": ("color", *COMPONENTS),
+    "shadow": ("reliable", "traditional", "none"),
+    "glossy": ("reliable", "specular", "traditional", "none"),
+    "occlusion": ("dual", "traditional", "none"),
+    "indirect": ("cones", "colour"),
+    "reshading": ("cosine", "paper"),
+    "history": ("cleaned", "blended"),
+}
+_GEOMETRY = ("normal", "depth", "position", "roughness", "motion")
+
+
+class State(NamedTuple):
+    """What a sequence carries: the previous G-buffer, and each effect's history."""
+
+    surface: Surface
+    tracks: dict[str, Track]
+
+
+class Trmv:
+    """The whole system; every option is one of the paper's comparisons (docs/trmv.md).
+
+    target: `color`, or one component, whose channels alone are then needed. shadow, glossy, occlusion: which
+    vectors fetch history; `none`: the spatial filter alone. indirect: what is kept of indirect light. half_angle:
+    of the cones, degrees. clamp: in standard deviations; `inf` leaves history as it is. The others: `Settings`.
+    Raises NteError for what is not a choice.
+    """
+
+    optional: tuple[str, ...] = ("previous_forward_motion",)
+
+    def __init__(
+        self, target: str = "color", shadow: str = "reliable", glossy: str = "reliable", occlusion: str = "dual",
+        indirect: str = "cones", reshading: str = "cosine", half_angle: float = math.degrees(HALF_ANGLE),
+        alpha: float = 0.1, warm_up: bool = True, clamp: float = 3.0, cleanup: bool = True,
+        history: str = "cleaned", device: str = "cpu",
+    ) -> None:  # fmt: skip
+        chosen = {"target": target, "shadow": shadow, "glossy": glossy, "occlusion": occlusion, "indirect": indirect,
+                  "reshading": reshading, "history": history}  # fmt: skip
+        for key, value in chosen.items():
+            if value not in CHOICES[key]:
+                raise NteError(f"trmv: {key} is '{value}', expected one of {', '.join(CHOICES[key])}")
+        for key, number, most in (("alpha", alpha, 1), ("half_angle", half_angle, 90), ("clamp", clamp, math.inf)):
+            if not 0 < number <= most:
+                raise NteError(f"trmv: {key} is {number}, expected a number above 0, at most {most}")
+        self.target, self.device, self.chosen = target, device, chosen
+        self.cones = Cones(math.radians(half_angle), WEIGHTS if reshading == "cosine" else EQ_11)
+        self.settings = Settings(alpha, warm_up, clamp, cleanup, history == "cleaned")
+        self.components = COMPONENTS if target == "color" else ()
+        self.needs = self._needs()
+
+    def step(self, frame: Frame, state: State | None, extras: tuple[str, ...] = ()) -> tuple[Result, State]:
+        """Denoise one frame.
+
+        extras: `visibility`, `glossy`, `indirect`; of each, `<name>_vector` (N, 2, H, W) px, NaN where there is no
+        history, and `<name>_alpha` (N, 1, H, W), the weight of the current frame; and `disoccluded`, 0 or 1.
+        """
+        if state is not None:
+            check_size(frame, state.surface.depth)
+        scene = prepare(frame.torch(self.device), state.surface if state else None)
+        effects = self._run(scene, state.tracks if state else {})
+        with record_function("trmv/compose"):
+            image = effects[self.target].image if self.target != "color" else (
+                scene.frame["emission"] + scene.frame["direct"] * effects["visibility"].image
+                + effects["glossy"].image + effects["indirect"].image
+            )  # fmt: skip
+        result = Result(image, self._extras(extras, effects, scene)).like(frame)
+        return result, State(scene.surface, {name: effect.track for name, effect in effects.items()})
+
+    def _run(self, scene: Scene, tracks: dict[str, Track]) -> dict[str, Effect]:
+        """The effects that the target is made of."""
+        cones = self.cones if self.chosen["indirect"] == "cones" else None
+        found = {}
+        for name in self.components or (self.target,):
+            track = tracks.get(name)
+            if name == "visibility":
+                found[name] = denoise_shadows(scene, track, self.chosen["shadow"], self.settings)
+            elif name == "glossy":
+                found[name] = denoise_glossy(scene, track, self.chosen["glossy"], self.settings)
+            else:
+                found[name] = denoise_indirect(scene, track, self.chosen["occlusion"], cones, self.settings)
+        return found
+
+    def _extras(self, names: tuple[str, ...], effects: dict[str, Effect], scene: Scene) -> dict[str, Tensor]:
+        offered = {"disoccluded": scene.dual.disoccluded.float()}
+        for name, effect in effects.items():
+            offered |= {name: effect.image, f"{name}_alpha": effect.alpha}
+            if effect.vectors is not None:
+                used = effect.vectors.valid & (effect.alpha < 1)
+                offered[f"{name}_vector"] = torch.where(used, effect.vectors.motion, float("nan"))
+        unknown = [name for name in names if name not in offered]
+        if unknown:
+            raise NteError(f"trmv has no extra '{unknown[0]}'; it has {', '.join(offered)}")
+        return {name: offered[name] for name in names}
+
+    def _needs(self) -> tuple[str, ...]:
+        """The channels that the chosen effects read."""
+        shadow = ("shadow_motion",) if self.chosen["shadow"] == "reliable" else ()
+        # The covariance is the size of every variant's spatial filter.
+        glossy = ("reflection_motion", "reflection_covariance")
+        specular = ("specular_motion",) if self.chosen["glossy"] == "specular" else ()
+        cones = ("indirect_radiance", "indirect_direction")
+        needs = {
+            "visibility": ("direct", "visibility", *shadow),
+            "glossy": ("glossy", *glossy, *specular),
+            "indirect": ("albedo", *(cones if self.chosen["indirect"] == "cones" else ("indirect",))),
+        }
+        if self.target != "color":
+            return _GEOMETRY + needs[self.target]
+        return (*_GEOMETRY, "emission", *needs["visibility"], *needs["glossy"], *needs["indirect"])

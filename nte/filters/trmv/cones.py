@@ -1,0 +1,131 @@
+"""Incident radiance in six cones over each pixel's hemisphere (Zeng et al. 2021, sections 4.3 and 5).
+
+One cone along the normal and five at 60° to it, in world space, so that pixels with other normals can use them.
+A pixel's cones are (N, 24, H, W): for each cone its weight times radiance, RGB, and then the weight. Sums of
+these are weighted means: an empty cone has no weight, it is unknown and not black.
+"""
+
+import math
+
+import torch
+import torch.nn.functional as F
+from torch import Tensor
+
+CONES = 6
+HALF_ANGLE = math.acos(5 / 6)  # solid angle π/3; the π/6 of the paper's text has 0.84 and leaves gaps
+KNOWN = 1e-6  # least weight that counts
+PARALLEL = 1 - 1e-5  # n·n′ of normals that count as equal: 0.26°, 0.5 % of Ω
+_TILT = math.pi / 3
+# Cosine-weighted solid angles: they sum to π, so a white environment is exactly white.
+WEIGHTS = (math.pi / 4, *(5 * [3 * math.pi / 20]))
+EQ_11 = CONES * (math.pi / 3,)  # the paper's: without a cosine, so that a white environment is 2, not 1
+# The frame at any normal is that of _POLE, turned by the shortest way. Discontinuous at −_POLE alone, which
+# is no axis of the world: walls and floors have the same frame everywhere.
+_POLE = (0.4082, 0.7071, 0.5774)
+
+
+def local_axes() -> Tensor:
+    """(6, 3): the axes at the normal _POLE."""
+    pole = F.normalize(torch.tensor(_POLE, dtype=torch.float64), dim=0)
+    across = torch.linalg.cross(pole, torch.tensor([1.0, 0, 0], dtype=torch.float64))
+    across = across / across.norm()
+    up = torch.linalg.cross(pole, across)
+    turns = torch.arange(5, dtype=torch.float64)[:, None] * (2 * math.pi / 5)
+    ring = math.cos(_TILT) * pole + math.sin(_TILT) * (turns.cos() * across + turns.sin() * up)
+    return torch.cat([pole[None], ring])
+
+
+def cone_axes(normal: Tensor) -> Tensor:
+    """World axes (P, 6, 3) of the cones at unit normals (P, 3)."""
+    local = local_axes().to(normal)
+    pole = local[0]
+    middle = pole + normal
+    # The rotation that takes the pole to n: v − (m·v / (1 + pole·n)) m + 2 (pole·v) n, with m = pole + n.
+    along = torch.einsum("pi,ki->pk", middle, local) / (1 + normal @ pole).clamp(min=1e-6)[:, None]
+    return local - along[..., None] * middle[:, None] + 2 * (local @ pole)[:, None] * normal[:, None]
+
+
+def overlap(cosine: Tensor, half_angle: float) -> Tensor:
+    """Ω, sr: what two cones of this half-angle, whose axes have this cosine, share. Eqs. 9 and 10 (Mazonka)."""
+    # γ = a/2 is what the paper's arctan comes to.
+    sine, rest = ((1 - cosine) / 2).clamp(0, 1).sqrt(), ((1 + cosine) / 2).clamp(1e-12, 1).sqrt()
+    beta = (sine / math.sin(half_angle)).clamp(max=1).acos()
+    phi = (sine / rest / math.tan(half_angle)).clamp(max=1).acos()
+    return 4 * (beta - phi * math.cos(half_angle))
+
+
+def overlap_shares(normal: Tensor, other: Tensor, half_angle: float) -> Tensor:
+    """(P, 6, 6): Ω_kj / Ω(0) of cone k at `normal` (P, 3) and cone j at `other`; 1 where both are the same."""
+    cosine = torch.einsum("pki,pji->pkj", cone_axes(normal), cone_axes(other))
+    return overlap(cosine, half_angle) / (2 * math.pi * (1 - math.cos(half_angle)))
+
+
+def sample_to_cones(radiance: Tensor, direction: Tensor, normal: Tensor) -> Tensor:
+    """Cones (N, 24, H, W) with one sample in the one whose axis is nearest; a zero direction is no sample.
+
+    radiance (N, 3, H, W) arrives against direction (N, 3, H, W), world, away from the surface.
+    """
+    local = local_axes().to(normal)
+    pole = local[0].view(1, 3, 1, 1)
+    middle = pole + normal
+    # The direction in the frame of the pole: cone_axes' rotation backwards.
+    along = (middle * direction).sum(1, keepdim=True) / (1 + (normal * pole).sum(1, keepdim=True)).clamp(min=1e-6)
+    turned = direction - along * middle + 2 * (normal * direction).sum(1, keepdim=True) * pole
+    nearest = torch.einsum("ki,nihw->nkhw", local, turned).argmax(1, keepdim=True)
+    taken = (direction != 0).any(1, keepdim=True)
+    sample = torch.cat([radiance, torch.ones_like(radiance[:, :1])], 1) * taken
+    chosen = nearest == torch.arange(CONES, device=normal.device).view(1, CONES, 1, 1)
+    return (chosen.unsqueeze(2) * sample.unsqueeze(1)).flatten(1, 2)
+
+
+def radiance_of(cones: Tensor) -> Tensor:
+    """(N, 18, H, W): the radiance in each cone. Unknown ones have the mean of the pixel's samples, or 0."""
+    premultiplied, weight = split(cones)
+    total = weight.sum(1, keepdim=True)
+    mean = torch.where(total > KNOWN, premultiplied.sum(1, keepdim=True) / total.clamp(min=KNOWN), 0.0)
+    return torch.where(weight > KNOWN, premultiplied / weight.clamp(min=KNOWN), mean).flatten(1, 2)
+
+
+def split(cones: Tensor) -> tuple[Tensor, Tensor]:
+    """(weight times radiance (N, 6, 3, H, W), weight (N, 6, 1, H, W)): views."""
+    apart = by_cone(cones, 4)
+    return apart[:, :, :3], apart[:, :, 3:]
+
+
+def by_cone(values: Tensor, channels: int) -> Tensor:
+    """(N, 6, channels, …): a view of values (N, 6·channels, …)."""
+    return values.view(values.shape[0], CONES, channels, *values.shape[2:])
+
+
+def irradiance(radiance: Tensor, weights: tuple[float, ...] = WEIGHTS) -> Tensor:
+    """Σ w_k L_k / π, (N, 3, H, W), of the radiance (N, 18, H, W) in the cones: times albedo it is the light out."""
+    share = radiance.new_tensor(weights) / math.pi
+    return torch.einsum("k,nkchw->nchw", share, by_cone(radiance, 3))
+
+
+def mix_parallel(cones: Tensor, half_angle: float) -> Tensor:
+    """Each cone k gathers all cones j (N, 24, H, W) of its pixel with Ω_kj / Ω(0): pixels with equal normals."""
+    pole = local_axes()[:1]
+    shares = overlap_shares(pole, pole, half_angle)[0].to(cones)
+    return torch.einsum("kj,njchw->nkchw", shares, by_cone(cones, 4)).flatten(1, 2)
+
+
+def transfer(cones: Tensor, normal: Tensor, to: Tensor, half_angle: float) -> tuple[Tensor, Tensor]:
+    """Cones (N, 24, H, W) at `normal` (N, 3, H, W) as those at the normals `to`: (cones, how much overlaps).
+
+    Cone k is the mean of all j with Ω_kj as weight; min(1, Σ_j Ω_kj / Ω(0)), (N, 6, H, W), says how far it is
+    covered by any. A cone that none overlaps is unknown. Parallel normals, most of an image, share one matrix.
+    """
+    pole = local_axes()[:1]
+    parallel = overlap_shares(pole, pole, half_angle)[0].to(cones)
+    moved = torch.einsum("kj,njchw->nkchw", parallel / parallel.sum(1, keepdim=True), by_cone(cones, 4))
+    covered = torch.ones_like(cones[:, :CONES])
+    turned = ((normal * to).sum(1) < PARALLEL) & (split(cones)[1].sum(1)[:, 0] > 0)
+    n, y, x = turned.nonzero(as_tuple=True)
+    if len(n):
+        shares = overlap_shares(to[n, :, y, x], normal[n, :, y, x], half_angle)
+        total = shares.sum(2, keepdim=True)
+        apart = torch.einsum("pkj,pjc->pkc", shares / total.clamp(min=1e-6), by_cone(cones[n, :, y, x], 4))
+        moved[n, :, :, y, x] = apart
+        covered[n, :, y, x] = total[..., 0].clamp(max=1)
+    return moved.flatten(1, 2), covered

@@ -1,0 +1,102 @@
+"""Glossy reflections: stochastic vectors and a filter that grows with the lobe (Zeng et al. 2021, section 4.2).
+
+The spatial filter follows Liu et al. 2019, «Cinematic Rendering in UE4 with Real-Time Ray Tracing and Denoising»:
+its size is the footprint that the lobe, from the virtual image of what is reflected, has on the surface.
+"""
+
+from typing import NamedTuple
+
+import torch
+from torch import Tensor
+from torch.profiler import record_function
+
+from nte.filters.bilateral import ROUGHNESS, Edges, joint_bilateral
+from nte.filters.trmv.noise import gaussian_noise
+from nte.filters.trmv.scene import RADIUS, Scene
+from nte.filters.trmv.temporal import Effect, Settings, Track, accumulate
+from nte.motion.geometric import Reprojection, traditional_motion
+from nte.motion.warp import fetch_nearest, pixel_centres
+
+WIDEST = 7.5  # deviation, px
+SCALE = 0.5  # of the filter's deviation to the lobe's: the least error of training clips without history
+_FILL_RADIUS, _FILL_DEVIATION = 7, 3.5
+_TINY = 1e-30  # not 0: what is divided by it is 0 too
+
+
+class Lobes(NamedTuple):
+    """Reflection vectors as distributions, wherever a reflected path is near."""
+
+    mean: Tensor  # (N, 2, H, W) px, to the previous frame
+    covariance: Tensor  # (N, 3, H, W) XX XY YY, px²
+    spread: Tensor  # (N, 1, H, W) px: the lobe's deviation, mean of both axes and of the neighbourhood; 0 without one
+    glossy: Tensor  # (N, 1, H, W) bool: there is one
+
+
+def denoise_glossy(scene: Scene, track: Track | None, vectors: str, settings: Settings) -> Effect:
+    """Light of all lobes but the diffuse one (N, 3, H, W). vectors: reliable, specular, traditional or none."""
+    frame = scene.frame
+    with record_function("trmv/glossy/filter"):
+        lobes = gather_lobes(frame["reflection_motion"], frame["reflection_covariance"], scene.edges)
+        current = filter_glossy(frame["glossy"], lobes.spread, scene.edges)
+    with record_function("trmv/glossy/vectors"):
+        reprojection = scene.traditional
+        if vectors == "reliable":
+            reprojection = glossy_reprojection(draw(lobes, frame.index), lobes.glossy, scene)
+    return accumulate("glossy", current, track, None if vectors == "none" else reprojection, scene, settings)
+
+
+def gather_lobes(mean: Tensor, covariance: Tensor, edges: Edges) -> Lobes:
+    """The lobe of each pixel: its own, or, where its path left otherwise, the mean of those around it (ours).
+
+    mean (N, 2, H, W) and covariance (N, 3, H, W) are NaN where no path was reflected; on glossy paint that is
+    about every other pixel.
+    """
+    values = torch.cat([mean, covariance], 1)
+    own = (values.abs() < float("inf")).all(1, keepdim=True)
+    values = torch.where(own, values, 0.0)
+    reached = joint_bilateral(torch.cat([own.float(), values], 1), edges, _FILL_RADIUS, _FILL_DEVIATION)
+    glossy = reached[:, :1] > 0
+    around = torch.where(glossy, reached[:, 1:] / reached[:, :1].clamp(min=_TINY), 0.0)
+    spread = ((around[:, 2:3] + around[:, 4:5]) / 2).clamp(min=0).sqrt()
+    filled = torch.where(own, values, around)
+    return Lobes(filled[:, :2], filled[:, 2:], spread, glossy)
+
+
+def filter_glossy(glossy: Tensor, spread: Tensor, edges: Edges) -> Tensor:
+    """Joint bilateral of glossy light (N, 3, H, W), as wide as the lobe's footprint `spread` (N, 1, H, W) px.
+
+    A mirror is left as it is; roughness and the distance of what is reflected widen the lobe, and so the filter.
+    """
+    return joint_bilateral(glossy, edges, RADIUS, (SCALE * spread).clamp(max=WIDEST))
+
+
+def draw(lobes: Lobes, frame: int) -> Tensor:
+    """Vectors (N, 2, H, W) drawn from the lobes: sample(mean, Σ) of Eq. 5, with noise of pixel and frame."""
+    noise = gaussian_noise(lobes.mean.shape[-2], lobes.mean.shape[-1], frame, lobes.mean.device)
+    xx, xy, yy = lobes.covariance.chunk(3, 1)
+    # Cholesky: Σ = L Lᵀ.
+    x = xx.clamp(min=0).sqrt()
+    across = xy / x.clamp(min=1e-6)
+    y = (yy - across.square()).clamp(min=0).sqrt()
+    first, second = noise.chunk(2, 1)
+    return lobes.mean + torch.cat([x * first, across * first + y * second], 1)
+
+
+def glossy_reprojection(motion: Tensor, glossy: Tensor, scene: Scene) -> Reprojection:
+    """Where each pixel's reflection was, by `motion` (N, 2, H, W); the traditional vector where nothing is reflected.
+
+    So it is where x^R does not show the reflector (ours, told by its roughness): only points around s^C, on it,
+    reflect the same, and light of other surfaces, black on diffuse ones, would be taken for history.
+    """
+    vectors = traditional_motion(torch.where(glossy, motion, scene.traditional.motion))
+    if scene.before is None:
+        return vectors
+    there = pixel_centres(motion) + vectors.motion
+    same = (fetch_nearest(scene.before.roughness, there) - scene.surface.roughness).abs() < ROUGHNESS
+    reflector = same & (fetch_nearest(scene.before.depth, there) > 0)
+    stays = glossy & ~reflector & vectors.valid
+    return Reprojection(
+        torch.where(stays, scene.traditional.motion, vectors.motion),
+        torch.where(stays, scene.traditional.valid, vectors.valid),
+        scene.traditional.disoccluded,
+    )

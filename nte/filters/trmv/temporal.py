@@ -1,0 +1,135 @@
+"""What all three effects share: fetch history, clamp it, blend, clean up (Zeng et al. 2021, section 5)."""
+
+from dataclasses import dataclass
+from typing import NamedTuple
+
+import torch
+from torch import Tensor
+from torch.profiler import record_function
+
+from nte.color import luminance
+from nte.filters.bilateral import clean_up
+from nte.filters.blocks import Moments, clamp_history, fetch_history, neighbourhood_moments
+from nte.filters.trmv.scene import Scene
+from nte.motion.geometric import Reprojection
+from nte.motion.warp import warp
+
+NEIGHBOURHOOD = 5  # pixels across, of the clamp
+WIDEST = 5.0  # deviation of the clean-up filter, px
+_EPSILON = 1e-3
+
+
+@dataclass(frozen=True)
+class Settings:
+    """The choices of section 5, the same for every effect."""
+
+    alpha: float = 0.1  # least weight of the current frame
+    warm_up: bool = True  # a running mean until alpha is reached (ours); false: alpha from the second frame on
+    clamp: float = 3.0  # history within μ ± clamp·σ of the current neighbourhood; inf: as it is
+    clean_up: bool = True
+    cleaned_history: bool = True  # the history is the cleaned output; false: the blended one
+
+
+class Track(NamedTuple):
+    """What an effect remembers."""
+
+    history: Tensor  # (N, C, H, W)
+    variance: Tensor  # (N, 1, H, W) of it, in units of a single frame's: how far it has converged
+
+
+class Effect(NamedTuple):
+    """The outcome of an effect."""
+
+    image: Tensor  # (N, C, H, W)
+    track: Track
+    alpha: Tensor  # (N, 1, H, W) weight of the current frame; 1 where there is no history
+    vectors: Reprojection | None = None  # where history came from; None: from nowhere
+
+
+class Fetched(NamedTuple):
+    """A track of the previous frame, seen from the pixels of the current one."""
+
+    history: Tensor
+    variance: Tensor
+    valid: Tensor  # (N, 1, H, W) bool
+
+
+class Weight(NamedTuple):
+    """The weight of the current frame, (N, 1, H, W): by default, and as raised by doubts about the history."""
+
+    default: Tensor
+    used: Tensor
+
+
+def accumulate(
+    name: str, current: Tensor, track: Track | None, vectors: Reprojection | None, scene: Scene, settings: Settings,
+    trust: Tensor | None = None,
+) -> Effect:  # fmt: skip
+    """Eq. 2 with everything of section 5 on current c̃ (N, C, H, W): c = α c̃ + (1 − α) c*, cleaned up.
+
+    vectors None: the spatial filter alone. trust: G of Eq. 4. name: in the profile.
+    """
+    if vectors is None or track is None:
+        return begin(name, current, vectors, scene, settings)
+    with record_function(f"trmv/{name}/temporal"):
+        fetched = fetch(track, vectors, scene.frame.reset)
+        clamped = limit(fetched.history, current, settings)
+        weight = weigh(fetched, settings, trust)
+        # Not lerp alone: a history that is not valid must not leave a trace, not even of rounding.
+        blended = torch.where(fetched.valid, torch.lerp(clamped, current, weight.used), current)
+        deviation = clean_up_deviation(weight, fetched.history, clamped, fetched.valid)
+    return finish(name, blended, fetched, weight, deviation, scene, settings)._replace(vectors=vectors)
+
+
+def begin(name: str, current: Tensor, vectors: Reprojection | None, scene: Scene, settings: Settings) -> Effect:
+    """Without history: as it is, or, in a sequence's first frame, cleaned like all that has no history yet."""
+    one = torch.ones_like(current[:, :1])
+    if vectors is None:
+        return Effect(current, Track(current, one), one)
+    nothing = Fetched(current, one, torch.zeros_like(one, dtype=torch.bool))
+    return finish(name, current, nothing, Weight(one, one), WIDEST * one, scene, settings)
+
+
+def fetch(track: Track, vectors: Reprojection, reset: Tensor | None) -> Fetched:
+    """The track at the ends of the vectors, bilinear; valid inside the image and without a reset."""
+    history, valid = fetch_history(track.history, vectors, reset)
+    return Fetched(history, warp(track.variance, vectors.motion).image, valid)
+
+
+def weigh(fetched: Fetched, settings: Settings, trust: Tensor | None = None) -> Weight:
+    """α, and with a trust G in [0, 1] (N, 1, H, W) of the history α^V = 1 − G (1 − α) (Eq. 4); 1 without history.
+
+    v / (1 + v) makes the smallest variance out of a history of variance v and a frame of variance 1: 1/2, 1/3, …
+    of a history that began one, two, … frames ago, more where it was doubted since.
+    """
+    default = torch.full_like(fetched.variance, settings.alpha)
+    if settings.warm_up:
+        default = torch.maximum(default, fetched.variance / (1 + fetched.variance))
+    used = default if trust is None else 1 - trust * (1 - default)
+    return Weight(default, torch.where(fetched.valid, used, 1.0))
+
+
+def limit(history: Tensor, current: Tensor, settings: Settings, rows: slice = slice(None)) -> Tensor:
+    """History (N, C, h, W) clamped to μ ± clamp·σ of the filtered current 5×5 neighbourhood; its `rows` of current."""
+    if settings.clamp == float("inf"):
+        return history
+    moments = neighbourhood_moments(current, NEIGHBOURHOOD)
+    return clamp_history(history, Moments(moments.mean[:, :, rows], moments.deviation[:, :, rows]), settings.clamp)
+
+
+def clean_up_deviation(weight: Weight, history: Tensor, clamped: Tensor, valid: Tensor) -> Tensor:
+    """min(w_A + w_C, 5) pixels (N, 1, H, W), of Eqs. 7 and 8 in luminance; 5 where there is no history (ours)."""
+    doubt = (weight.used - weight.default).square()
+    before, after = (luminance(image) if image.shape[1] == 3 else image for image in (history, clamped))
+    lost = (after - before).abs() / (before + _EPSILON)
+    return torch.where(valid, (doubt + lost).clamp(max=WIDEST), WIDEST)
+
+
+def finish(
+    name: str, blended: Tensor, fetched: Fetched, weight: Weight, deviation: Tensor, scene: Scene, settings: Settings
+) -> Effect:  # fmt: skip
+    """Clean up, and choose what is remembered; the variance of the blend is α² + (1 − α)² v."""
+    with record_function(f"trmv/{name}/clean-up"):
+        cleaned = clean_up(blended, scene.edges, deviation) if settings.clean_up else blended
+    variance = weight.used.square() + (1 - weight.used).square() * fetched.variance
+    return Effect(cleaned, Track(cleaned if settings.cleaned_history else blended, variance), weight.used)
