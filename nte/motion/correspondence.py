@@ -1,0 +1,177 @@
+"""Where each pixel was in the previous image, found in the images alone: a hierarchical patch search.
+
+Hanika, Tessari and Dachsbacher 2021, «Fast Temporal Reprojection without Motion Vectors», section 3. It aligns
+colours and does not claim true motion: shadows, reflections, waves and clouds move in ways that no geometry tells.
+"""
+
+import warnings
+from dataclasses import dataclass
+from typing import NamedTuple
+
+import torch
+import torch.nn.functional as F
+from torch import Tensor
+
+from nte.errors import NteError
+from nte.motion.patch_distance import NORMS, Norm, best_shift
+from nte.motion.warp import warp
+
+SCALE = 4  # from one level to the next, along each axis
+_SMALLEST = 4  # px: a smaller level would search beyond the image only
+# Patch radius per level, finest first, by the noise of the images (section 3.3)
+RADII = {"clean": (2, 2, 2, 2), "noisy": (10, 4, 2, 2), "strong": (32, 16, 8, 8)}
+
+
+class FewerLevelsWarning(UserWarning):
+    """The images are too small for the whole pyramid, so long motions are out of reach."""
+
+
+@dataclass(frozen=True)
+class Search:
+    """How to search.
+
+    radii: of the patches, finest level first; as many levels as radii, each four times smaller: four reach
+    170 px. norm: `l2`, `l1`, `log` (of 2 + L1) or `log_centred` (which prefers short shifts). refined: on how
+    many of the finest levels a fraction of a pixel is added. half: search in images of half the size.
+    error_level: of which level the patch distance is given, 0 the finest; 1 is steadier under much noise.
+    """
+
+    radii: tuple[int, ...] = RADII["clean"]
+    norm: Norm = "log_centred"
+    refined: int = 2
+    half: bool = False
+    error_level: int = 0
+
+    def __post_init__(self) -> None:
+        if self.norm not in NORMS:
+            raise NteError(f"norm is '{self.norm}', expected one of {', '.join(NORMS)}")
+        if not self.radii or min(self.radii) < 0:
+            raise NteError(f"radii are {self.radii}, expected one of at least 0 for each level, finest first")
+        if not 0 <= self.error_level < len(self.radii):
+            raise NteError(f"error_level is {self.error_level}, expected a level from 0 to {len(self.radii) - 1}")
+
+
+class Known(NamedTuple):
+    """Motion that need not be searched: (N, 2, H, W) in pixels, and the mask (N, 1, H, W), bool, where it holds."""
+
+    motion: Tensor
+    mask: Tensor
+
+
+class Correspondence(NamedTuple):
+    """What was found."""
+
+    motion: Tensor  # (N, 2, H, W) pixels, current → previous: previous = current + motion; always finite
+    error: Tensor  # (N, 1, H, W) patch distance in the units of the norm, 0 where the patches are equal
+
+
+@torch.no_grad()
+def find_correspondence(
+    current: Tensor, previous: Tensor, search: Search | None = None, known: Known | None = None
+) -> Correspondence:
+    """Search every pixel of `current` in `previous`, both (N, C, H, W): grey, or noise-free guides as channels.
+
+    Values should be about as large as displayed ones, [0, 1]: the log norms compare them with 2. What is not
+    finite counts as 0; at the border the previous image is clamped. `known` motion overwrites what is found on
+    every level, and so guides the search around it. Small images get fewer levels (FewerLevelsWarning). The
+    same input gives the same output. About a third of the time of OpenCV's Farnebäck; no gradients.
+    Raises NteError for images that differ in size.
+    """
+    search = search or Search()
+    if current.shape != previous.shape or current.ndim != 4:
+        raise NteError(
+            f"current {tuple(current.shape)} and previous {tuple(previous.shape)}: expected two images (N, C, H, W) "
+            "of one size"
+        )
+    current, previous = (torch.nan_to_num(image.float(), 0, 0, 0) for image in (current, previous))
+    if search.half and min(current.shape[-2:]) >= 2 * _SMALLEST:
+        now, before, fixed = _smaller(current, 2), _smaller(previous, 2), known and _smaller_known(known, 2)
+        motion, error = _search(now, before, fixed, search)
+        motion, error = _upsample(motion, current, 2) * 2, _upsample(error, current, 2)
+        return Correspondence(motion if known is None else torch.where(known.mask, known.motion, motion), error)
+    return Correspondence(*_search(current, previous, known, search))
+
+
+class BothWays(NamedTuple):
+    """Correspondences of two images in both directions, and where they agree."""
+
+    backward: Correspondence  # current → previous
+    forward: Correspondence  # previous → current, on the pixels of the previous image
+    consistent: Tensor  # (N, 1, H, W) bool, on the current pixels
+
+
+@torch.no_grad()
+def find_both_ways(
+    current: Tensor, previous: Tensor, search: Search | None = None, tolerance: float = 1.0
+) -> BothWays:
+    """`find_correspondence` backward and forward; consistent: there and back ends within `tolerance` pixels.
+
+    What came into sight has no correspondence, and usually fails this.
+    """
+    backward = find_correspondence(current, previous, search)
+    forward = find_correspondence(previous, current, search)
+    there = warp(forward.motion, backward.motion)
+    apart = (backward.motion + there.image).square().sum(1, keepdim=True).sqrt()
+    return BothWays(backward, forward, there.valid & (apart <= tolerance))
+
+
+def rejection_mask(error: Tensor, kappa: float, eta: float) -> Tensor:
+    """m = κ ε − η (section 3.2) of the patch distance ε (N, 1, H, W), clamped to [0, 1]: 1 where not to be trusted.
+
+    Without the clamp a small ε would make the weight of history exceed the one that was chosen.
+    """
+    return (kappa * error - eta).clamp(0, 1)
+
+
+def _search(
+    current: Tensor, previous: Tensor, known: Known | None, search: Search
+) -> tuple[Tensor, Tensor]:
+    """Motion and patch distance, level by level from the coarsest."""
+    levels = [(current, previous, known)]
+    while len(levels) < len(search.radii) and min(current.shape[-2:]) >= SCALE * _SMALLEST:
+        current, previous = _smaller(current, SCALE), _smaller(previous, SCALE)
+        known = known and _smaller_known(known, SCALE)
+        levels.append((current, previous, known))
+    if len(levels) < len(search.radii):
+        height, width = levels[0][0].shape[-2:]
+        warnings.warn(
+            f"{width}x{height} pixels are too few for {len(search.radii)} levels: the search uses {len(levels)} and "
+            f"reaches {sum(2 * SCALE**level for level in range(len(levels)))} pixels",
+            FewerLevelsWarning,
+            stacklevel=4,
+        )
+    error_level = min(search.error_level, len(levels) - 1)
+    motion, error = None, current
+    for level in reversed(range(len(levels))):
+        now, before, fixed = levels[level]
+        coarser = None if motion is None else _upsample(motion, now, SCALE) * SCALE
+        warped = before if coarser is None else warp(before, coarser).image
+        motion, distance = best_shift(now, warped, search.radii[level], search.norm, level < search.refined)
+        if coarser is not None:
+            # What was compared lies at x + shift in the warped image, which shows the previous one from there on.
+            motion += warp(coarser, motion).image
+        if fixed is not None:
+            motion = torch.where(fixed.mask, fixed.motion, motion)
+        if level == error_level:
+            error = distance
+    assert motion is not None
+    return motion, _upsample(error, levels[0][0], SCALE**error_level) if error_level else error
+
+
+def _smaller(image: Tensor, scale: int) -> Tensor:
+    """Means over scale×scale pixels; at the right and bottom border over those that exist."""
+    return F.avg_pool2d(image, scale, ceil_mode=True, count_include_pad=False)
+
+
+def _smaller_known(known: Known, scale: int) -> Known:
+    """Mean of the known vectors of each block, in the smaller image's pixels, where at least half of it is known."""
+    share = _smaller(known.mask.float(), scale)
+    total = _smaller(torch.where(known.mask, known.motion, 0.0), scale)
+    return Known(total / (share.clamp(min=1e-6) * scale), share >= 0.5)
+
+
+def _upsample(values: Tensor, like: Tensor, scale: int) -> Tensor:
+    """Bilinear, pixel centre to pixel centre, cropped to the size of `like`."""
+    height, width = like.shape[-2:]
+    large = F.interpolate(values, scale_factor=scale, mode="bilinear", align_corners=False)
+    return large[..., :height, :width]

@@ -1,0 +1,178 @@
+"""One level of the patch search: of 25 shifts the one whose patch differs least, to a fraction of a pixel.
+
+Hanika, Tessari and Dachsbacher 2021, «Fast Temporal Reprojection without Motion Vectors», section 3.1: all
+pixels are compared under one shift at a time, and the image of differences is blurred (Darbon et al. 2008).
+"""
+
+import math
+from typing import Literal
+
+import torch
+import torch.nn.functional as F
+from torch import Tensor
+
+Norm = Literal["l2", "l1", "log", "log_centred"]
+NORMS = ("l2", "l1", "log", "log_centred")
+
+REACH = 2  # shifts of −2 … 2 px along x and y
+_SIDE = 2 * REACH + 1
+_SHIFTS = [(x, y) for y in range(-REACH, REACH + 1) for x in range(-REACH, REACH + 1)]  # rows of the 5×5 table
+_CENTRE = len(_SHIFTS) // 2
+# Which of equal shifts wins: no shift, then shorter ones. The place in this order rides in the low bits of each
+# distance, so that one minimum over integers finds distance and shift: 20 times faster than torch.min with indices.
+_ORDER = sorted(range(len(_SHIFTS)), key=lambda k: (_SHIFTS[k][0] ** 2 + _SHIFTS[k][1] ** 2, k))
+_BITS = 31
+_ROUNDING = 8e-6  # relative: two units of what those bits leave of a float
+_PERFECT = 1e-3  # of the neighbours' distance: as small as the warp's own rounding makes it
+_PLANE = 1 << 16  # pixels of a strip: its four working planes stay in a core's cache (1 MB)
+
+
+def best_shift(
+    current: Tensor, previous: Tensor, radius: int, norm: Norm, refine: bool
+) -> tuple[Tensor, Tensor]:
+    """(shift (N, 2, H, W) in px, patch distance (N, 1, H, W)): current(x) looks most like previous(x + shift).
+
+    Images (N, C, H, W), finite; distances are averaged over channels and over (2·radius + 1)² pixels, at the
+    border over those that exist. The previous image is clamped at its border. Log distances are given without
+    log 2 and without the weight of the centre, so that 0 means equal. refine: add the minimum of a quadric
+    through the neighbouring distances. Works in strips: 25 distances of a strip are held at a time. Costs
+    25 · log₂(radius) additions per pixel, 25 logarithms for log norms.
+    """
+    count, _, height, width = current.shape
+    shift = current.new_empty(count, 2, height, width)
+    distance = current.new_empty(count, 1, height, width)
+    margin = F.pad(previous, (REACH,) * 4, mode="replicate")
+    rows = max(_PLANE // (width + 2 * radius) - 2 * radius, radius, 16)
+    work = _Strips(current, radius, rows)
+    order = torch.tensor(_ORDER, device=current.device)
+    for n in range(count):
+        for top in range(0, height, rows):
+            bottom = min(top + rows, height)
+            table = work.distances(current[n], margin[n], top, bottom, norm)
+            best = table.view(torch.int32).amin(0)
+            place = order[(best & _BITS).long()]
+            least = (best & ~_BITS).view(torch.float32)
+            x, y = place % _SIDE - REACH, place.div(_SIDE, rounding_mode="floor") - REACH
+            shift[n, 0, top:bottom], shift[n, 1, top:bottom] = x, y
+            if refine:
+                shift[n, :, top:bottom] += _subpixel(table, place, least, _floor(norm))
+            if norm == "log_centred":
+                least = least / (2 - torch.exp(-0.02 * (x * x + y * y)))
+            distance[n, 0, top:bottom] = (least - _floor(norm)).clamp(min=0)
+    return shift, distance
+
+
+class _Strips:
+    """Working memory for the distances of one strip after another."""
+
+    def __init__(self, like: Tensor, radius: int, rows: int) -> None:
+        height, width = like.shape[-2:]
+        self.radius, self.height, self.width = radius, height, width
+        self.stride = width + 2 * radius
+        plane = (rows + 2 * radius) * self.stride
+        self.planes = [like.new_zeros(plane) for _ in range(4)]
+        self.channel = like.new_empty(rows + 2 * radius, width) if like.shape[1] > 1 else None
+        self.table = like.new_empty(len(_SHIFTS) * rows * width)
+        self.columns = _existing(width, radius, like)
+        self.rows = _existing(height, radius, like)
+
+    def distances(self, current: Tensor, margin: Tensor, top: int, bottom: int, norm: Norm) -> Tensor:
+        """The table (25, rows, W) of patch distances for rows top … bottom; the shift's rank is in the low bits."""
+        r, size = self.radius, bottom - top
+        first, last = max(top - r, 0), min(bottom + r, self.height)
+        table = self.table[: len(_SHIFTS) * size * self.width].view(len(_SHIFTS), size, self.width)
+        plane = self.planes[0][: (size + 2 * r) * self.stride]
+        plane.zero_()  # what lies outside the image adds nothing
+        pixels = plane.view(-1, self.stride)[first - top + r : last - top + r, r : r + self.width]
+        share = 1 / (self.rows[top:bottom, None] * self.columns)
+        for place, (x, y) in enumerate(_SHIFTS):
+            shifted = margin[:, first + REACH + y : last + REACH + y, REACH + x : REACH + x + self.width]
+            self._differences(current[:, first:last], shifted, pixels, norm)
+            sums = self._box(plane).view(-1, self.stride)[:size, : self.width]
+            torch.mul(sums, share, out=table[place])
+            if norm == "log_centred":
+                table[place].mul_(2 - math.exp(-0.02 * (x * x + y * y)))  # Equation 5
+            table[place].view(torch.int32).bitwise_and_(~_BITS).bitwise_or_(_ORDER.index(place))
+        return table
+
+    def _differences(self, current: Tensor, shifted: Tensor, pixels: Tensor, norm: Norm) -> None:
+        """Equations 2 to 5 without the centre's weight, per pixel, into `pixels`; the mean over channels inside."""
+        for c in range(len(current)):
+            to = pixels if c == 0 or self.channel is None else self.channel[: len(pixels)]
+            torch.sub(current[c], shifted[c], out=to)
+            to.square_() if norm == "l2" else to.abs_()
+            if c > 0:
+                pixels += to
+        if len(current) > 1:
+            pixels /= len(current)
+        if norm in ("log", "log_centred"):
+            pixels.add_(2).log_()
+
+    def _box(self, plane: Tensor) -> Tensor:
+        """Sums over (2r + 1)² pixels, each at the corner of its box: the margin ends rows where they must."""
+        size, (one, two, three) = 2 * self.radius + 1, (buffer[: len(plane)] for buffer in self.planes[1:])
+        across = _sums(plane, size, 1, one, two)
+        return _sums(across, size, self.stride, three, one if across is two else two)
+
+
+def _sums(values: Tensor, count: int, step: int, one: Tensor, two: Tensor) -> Tensor:
+    """Sums of `count` elements that lie `step` apart, from each element on, by doubling; in `one` or `two`.
+
+    The last (count − 1) · step elements mean nothing. log₂(count) additions: torch.cumsum, which would need one
+    addition and one subtraction whatever the count, takes as long as five additions, and rounds.
+    """
+    total, taken, length = values, 1, len(values)
+    for bit in bin(count)[3:]:
+        for other in (total,) if bit == "0" else (total, values):
+            start = taken * step
+            taken += taken if other is total else 1
+            length = len(values) - (taken - 1) * step
+            torch.add(total[:length], other[start : start + length], out=one[:length])
+            total, one, two = one, two, one
+    return total
+
+
+def _existing(size: int, radius: int, like: Tensor) -> Tensor:
+    """(size,): how many of the 2·radius + 1 elements around each lie inside."""
+    at = torch.arange(size, device=like.device)
+    return ((at + radius).clamp(max=size - 1) - (at - radius).clamp(min=0) + 1).to(like.dtype)
+
+
+def _floor(norm: Norm) -> float:
+    """The distance of equal patches."""
+    return math.log(2) if norm in ("log", "log_centred") else 0.0
+
+
+def _subpixel(table: Tensor, place: Tensor, least: Tensor, floor: float) -> Tensor:
+    """(2, rows, W) px to add to the shift at `place` (rows, W): the minimum of a quadric through the 3×3 distances.
+
+    Least squares with binomial weights (Hasinoff et al. 2016, supplement, section 1.3). Nothing is added where
+    the 3×3 leaves the table, and where the match is perfect: patches are not symmetric, and the quadric would
+    move what stands still.
+    """
+    x, y = place % _SIDE, place.div(_SIDE, rounding_mode="floor")
+    inner = (x > 0) & (x < _SIDE - 1) & (y > 0) & (y < _SIDE - 1)
+    at = torch.where(inner, place, _CENTRE).flatten() * place.numel()
+    at += torch.arange(place.numel(), device=place.device)
+
+    def beside(dx: int, dy: int) -> Tensor:
+        return table.take(at + (dx + _SIDE * dy) * place.numel()).view_as(least) - least
+
+    nw, n, ne, w, e, sw, s, se = (
+        beside(dx, dy) for dx, dy in ((-1, -1), (0, -1), (1, -1), (-1, 0), (1, 0), (-1, 1), (0, 1), (1, 1))
+    )  # fmt: skip
+    xx = (nw + ne + sw + se + 2 * (w + e - n - s)) / 4  # the centre itself is 0
+    yy = (nw + ne + sw + se + 2 * (n + s - w - e)) / 4
+    xy = (nw + se - ne - sw) / 4
+    to_x = (ne + se - nw - sw + 2 * (e - w)) / 8
+    to_y = (sw + se - nw - ne + 2 * (s - n)) / 8
+    determinant = xx * yy - xy * xy
+    # Not a bowl: without the mixed term, each axis by itself, and only where it curves upwards.
+    bowl = (xx > 0) & (yy > 0) & (determinant > 0)
+    along_x = torch.where(bowl, (xy * to_y - yy * to_x) / determinant, -to_x / xx.clamp(min=1e-30))
+    along_y = torch.where(bowl, (xy * to_x - xx * to_y) / determinant, -to_y / yy.clamp(min=1e-30))
+    mean = (nw + n + ne + w + e + sw + s + se) / 8
+    perfect = least - floor <= _PERFECT * mean + _ROUNDING * floor
+    keep = inner & ~perfect
+    offset = torch.stack([torch.where(keep & (xx > 0), along_x, 0), torch.where(keep & (yy > 0), along_y, 0)])
+    return offset.nan_to_num_(0, 0, 0).clamp_(-1, 1)
