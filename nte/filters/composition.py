@@ -25,6 +25,7 @@ class Composition:
     """
 
     target = "color"
+    components = COMPONENTS
 
     def __init__(self, denoisers: Mapping[str, Denoiser]) -> None:
         if tuple(denoisers) != COMPONENTS or any(d.target != name for name, d in denoisers.items()):
