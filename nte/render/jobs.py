@@ -57,8 +57,8 @@ def on_cluster(work: Work, units: list[ClipPlan], out: Path, address: str, done:
     try:
         import dask
 
-        with dask.config.set({"logging.distributed": "critical", "logging.distributed.client": "critical"}):
-            import distributed  # it sets up its log when it is first imported; what matters comes back as an error
+        with dask.config.set(logging={"distributed": "critical", "distributed.client": "critical"}):
+            import distributed  # sets up its log when it is first imported; what matters comes back as an error
     except ImportError as error:
         raise needs_extra("cluster", "--scheduler", error) from error
     with _connected(distributed, address) as client, _token(out.absolute()) as token:
