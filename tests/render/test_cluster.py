@@ -115,6 +115,12 @@ def test_a_killed_worker_changes_nothing(address: str, rendered: Path, recipe: P
     assert contents(out) == contents(rendered)
 
 
+def test_without_dask_the_extra_is_named(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
+    monkeypatch.setitem(sys.modules, "dask", None)
+    with pytest.raises(NteError, match=r"--scheduler needs the package 'dask': pip install 'nte\[cluster\]'"):
+        jobs.on_cluster(lambda unit, out: None, [], tmp_path, "tcp://127.0.0.1:1", lambda unit: None)
+
+
 def test_a_scheduler_without_workers_or_with_wide_ones(
     start: Start, recipe: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ):
