@@ -15,8 +15,8 @@ from nte.color import ALBEDO_FLOOR
 from nte.render.backend import load_drjit, load_mitsuba
 from nte.render.lobes import Lobes
 from nte.render.numbers import lattice, uniform
-from nte.render.rays import Hits, Indices, points_at, to_hits
-from nte.render.resampling import Choice, offer_lights
+from nte.render.rays import Hits, Indices, points_at, to_hits, to_jit
+from nte.render.resampling import resample_lights
 from nte.render.scene import Pixels
 from nte.render.seeds import derive_seed
 from nte.render.stage import Stage
@@ -57,7 +57,8 @@ def shade_before(stage: Stage, time: float, seed: int) -> Replay:
     hits = to_hits(stage, hit, ray.d)
     now = points_at(stage, hits, time)
     source, pixel, found = _choose(stage, hits, now, time, np.array(priority))
-    chosen = dr.gather(mi.PreliminaryIntersection3f, hit, mi.UInt32(source.astype(np.uint32)))
+    chosen = dr.gather(mi.PreliminaryIntersection3f, hit, to_jit(mi.UInt32, source))
+    dr.eval(chosen)  # so that the same kernel shades then and now
     then = points_at(stage, hits, time - 1)[source]
     return Replay(seed, chosen, now[source], pixel, found, _shade(stage, chosen, then, time - 1, found, seed))
 
@@ -71,7 +72,7 @@ def shade_again(stage: Stage, time: float, replay: Replay) -> Pixels:
     mi = load_mitsuba()
     ray, distance = _eye_ray(stage, replay.point, time)
     ray.maxt = distance * (1 - _IN_FRONT)
-    seen = replay.found & ~np.array(stage.mi_scene.ray_test(ray, mi.Bool(replay.found)))
+    seen = replay.found & ~np.array(stage.mi_scene.ray_test(ray, to_jit(mi.Bool, replay.found)))
     luminance = _shade(stage, replay.hit, replay.point, time, seen, replay.seed)
     image = np.full((2, stage.height * stage.width), np.nan, np.float32)
     image[:, replay.pixel[seen]] = luminance[seen], replay.luminance[seen]
@@ -122,8 +123,8 @@ def _shade(
     mi, dr, scene = load_mitsuba(), load_drjit(), stage.mi_scene
     ray, distance = _eye_ray(stage, point, time)
     hit = mi.PreliminaryIntersection3f(hit)
-    hit.t = dr.select(mi.Bool(active), distance, dr.inf)
-    hit.valid = mi.Bool(active)
+    hit.valid = to_jit(mi.Bool, active)
+    hit.t = dr.select(hit.valid, distance, dr.inf)
     si = hit.compute_surface_interaction(ray)
     lobes = Lobes(si, si.is_valid())
     albedo = dr.maximum(dr.minimum(si.bsdf().eval_diffuse_reflectance(si, lobes.active), 1), ALBEDO_FLOOR)
@@ -136,15 +137,15 @@ def _shade(
     def numbers(number: Any) -> Any:
         return lattice(lane, number, _CANDIDATES, key, "gradient light")
 
-    choice = Choice(uniform(lane, key, "candidate").x)
-    direct = offer_lights(stage, lobes, choice, _CANDIDATES, numbers, demodulated) / _CANDIDATES
+    random = uniform(lane, key, "candidate").x
+    total, choice = resample_lights(stage, lobes, _CANDIDATES, numbers, demodulated, random)
     lit = choice.weight > 0
     light = sample_light(scene, si, lit, numbers(choice.number)).sample
     visible = lit & ~scene.ray_test(si.spawn_ray_to(light.p), lit)
     sampler = mi.load_dict({"type": "independent"})
     sampler.seed(key, len(point))
     path = follow(stage, ray, hit, sampler)
-    color = dr.select(visible, direct, 0) + path.glossy + path.indirect
+    color = dr.select(visible, total / _CANDIDATES, 0) + path.glossy + path.indirect
     return np.array(dr.select(lobes.active, demodulated(color), 0), np.float32)
 
 
@@ -154,10 +155,9 @@ def _eye_ray(stage: Stage, point: Floats, time: float) -> tuple[Any, Any]:
     eye = _eye(stage, time)
     along = point - eye
     distance = np.linalg.norm(along, axis=1)
-    direction = (along / np.maximum(distance, 1e-9)[:, None]).astype(np.float32)
-    origin = np.broadcast_to(eye.astype(np.float32), direction.shape)
-    ray = mi.Ray3f(*(mi.Point3f(*(mi.Float(np.ascontiguousarray(c)) for c in v.T)) for v in (origin, direction)))
-    return mi.RayDifferential3f(ray), mi.Float(distance.astype(np.float32))
+    direction = along / np.maximum(distance, 1e-9)[:, None]
+    columns = [to_jit(mi.Float, column) for column in (*np.broadcast_to(eye, direction.shape).T, *direction.T, distance)]
+    return mi.RayDifferential3f(mi.Point3f(columns[:3]), mi.Vector3f(columns[3:6])), columns[6]
 
 
 def _eye(stage: Stage, time: float) -> Floats:

@@ -14,6 +14,7 @@ from nte.render.transforms import Floats
 Indices = npt.NDArray[np.int64]
 _BEHIND = 1 + 1e-4  # along the ray itself: Mitsuba's spawn_ray steps sideways too
 _RAYS = 1 << 22  # in flight at once: 4 M keep the pass under 1 GB
+_ALIGNED = 64  # bytes: the widest vector registers
 
 
 @dataclass(frozen=True)
@@ -51,11 +52,25 @@ class Seen:
     hit: npt.NDArray[np.bool_]  # (R,)
 
 
+def to_jit(kind: Any, values: npt.NDArray[Any]) -> Any:
+    """Values (P,) as a Dr.Jit array of `kind`: mi.Float, mi.UInt32 or mi.Bool.
+
+    Dr.Jit reads NumPy's memory in place, and compiles each kernel once more for memory that is not aligned, which
+    is a matter of chance.
+    """
+    mi = load_mitsuba()
+    wanted = np.dtype({mi.Float: np.float32, mi.UInt32: np.uint32, mi.Bool: np.bool_}[kind])
+    room = np.empty(len(values) * wanted.itemsize + _ALIGNED, np.uint8)
+    start = -room.ctypes.data % _ALIGNED
+    aligned = room[start : start + len(values) * wanted.itemsize].view(wanted)
+    aligned[:] = values
+    return kind(aligned)
+
+
 def trace_film(stage: Stage, pixel: Floats) -> Seen:
     """What is seen at pixel positions (R, 2), inside or outside the image; vectorised variants only."""
     mi, dr = load_mitsuba(), load_drjit()
-    film = (pixel / (stage.width, stage.height)).astype(np.float32)
-    x, y = (mi.Float(np.ascontiguousarray(column)) for column in film.T)
+    x, y = (to_jit(mi.Float, column) for column in (pixel / (stage.width, stage.height)).T)
     ray, _ = stage.sensor.sample_ray(0.0, 0.5, mi.Point2f(x, y), mi.Point2f(0.5))
     si = stage.mi_scene.ray_intersect(ray)
     hit = si.is_valid()
@@ -138,7 +153,7 @@ def _trace(stage: Stage, offsets: Floats, look: Callable[[Any, Any, Any], list[A
             table = np.array([values(*ray) for ray in rays.tolist()], float)
             rows.append(table.reshape(len(index), samples, -1).sum(1))
         else:
-            columns = values(*(mi.Float(np.ascontiguousarray(column, np.float32)) for column in rays.T))
+            columns = values(*(to_jit(mi.Float, column) for column in rays.T))
             dr = load_drjit()
             dr.eval(columns)  # one kernel instead of one per column
             sums = columns if samples == 1 else [dr.block_sum(column, samples) for column in columns]

@@ -54,15 +54,16 @@ def sample_direct(stage: Stage, seed: int) -> Direct:
     key = dr.opaque(mi.UInt32, seed)
     _, _, si = _receiver(stage, pixel, point, key)
     lobes = Lobes(si, si.is_valid())
-    choice = Choice(uniform(lane, key, "candidate").x)
-    total = offer_lights(
-        stage, lobes, choice, LIGHTS, lambda number: _light_numbers(pixel, point, number, key), mi.luminance
-    )
+
+    def numbers(number: Any) -> Any:
+        return _light_numbers(pixel, point, number, key)
+
+    total, choice = resample_lights(stage, lobes, LIGHTS, numbers, mi.luminance, uniform(lane, key, "candidate").x)
     dr.eval(total, choice.weight, choice.number)
     direct = np.stack([np.array(dr.block_sum(x, POINTS)) for x in total]) / CANDIDATES
 
     pixel = dr.arange(mi.UInt32, pixels)
-    among = Choice(uniform(pixel, key, "point").x)
+    among = Choice(uniform(pixel, key, "point").x, mi.Float(0), mi.UInt32(0))
     for number in range(POINTS):
         source = pixel * POINTS + number
         candidate = dr.gather(mi.UInt32, choice.number, source) * POINTS + number
@@ -71,26 +72,26 @@ def sample_direct(stage: Stage, seed: int) -> Direct:
     return Direct(image, among.number, among.weight > 0)
 
 
-def offer_lights(
-    stage: Stage,
-    lobes: Lobes,
-    choice: "Choice",
-    count: int,
-    numbers: Callable[[Any], Any],
-    importance: Callable[[Any], Any],
-) -> Any:
-    """Sum (3,) of what `count` light points give unshadowed through the diffuse lobe, each offered to `choice`.
+def resample_lights(
+    stage: Stage, lobes: Lobes, count: int, numbers: Callable[[Any], Any], importance: Callable[[Any], Any], random: Any
+) -> tuple[Any, "Choice"]:
+    """Sum (3,) of what `count` light points give unshadowed through the diffuse lobe, and a choice among them.
 
-    numbers: the two random numbers of a light point; importance: of what it gives, which `choice` weighs.
+    numbers: the two random numbers of a light point; importance: of what it gives, in proportion to which
+    `random` chooses. A loop in the kernel, as unrolled it takes longer to generate than to run.
     """
     mi, dr = load_mitsuba(), load_drjit()
-    total = mi.Color3f(0)
-    for number in range(count):
+
+    def offer(number: Any, total: Any, *state: Any) -> tuple[Any, ...]:
         light = sample_light(stage.mi_scene, lobes.si, lobes.active, numbers(number))
         given = dr.select(lobes.active, lobes.diffuse(light.wo) * light.weight, 0)
-        total += given
-        choice.offer(mi.UInt32(number), importance(given))
-    return total
+        choice = Choice(*state)
+        choice.offer(number, importance(given))
+        return number + 1, total + given, choice.random, choice.weight, choice.number
+
+    start = mi.UInt32(0), mi.Color3f(0), random, mi.Float(0), mi.UInt32(0)
+    _, total, *state = dr.while_loop(start, lambda number, *_: number < count, offer)
+    return total, Choice(*state)
 
 
 def trace_shadow(stage: Stage, direct: Direct, seed: int) -> ShadowRay:
@@ -118,9 +119,8 @@ def trace_shadow(stage: Stage, direct: Direct, seed: int) -> ShadowRay:
 class Choice:
     """Weighted choice from a stream with a single random number, which is stretched after each decision."""
 
-    def __init__(self, random: Any) -> None:
-        mi = load_mitsuba()
-        self.random, self.weight, self.number = random, mi.Float(0), mi.UInt32(0)
+    def __init__(self, random: Any, weight: Any, number: Any) -> None:
+        self.random, self.weight, self.number = random, weight, number
 
     def offer(self, number: Any, weight: Any) -> None:
         """Take `number` instead with probability weight / (sum of all weights so far)."""
