@@ -156,7 +156,8 @@ def _eye_ray(stage: Stage, point: Floats, time: float) -> tuple[Any, Any]:
     along = point - eye
     distance = np.linalg.norm(along, axis=1)
     direction = along / np.maximum(distance, 1e-9)[:, None]
-    columns = [to_jit(mi.Float, column) for column in (*np.broadcast_to(eye, direction.shape).T, *direction.T, distance)]
+    origin = np.broadcast_to(eye, direction.shape)
+    columns = [to_jit(mi.Float, column) for column in (*origin.T, *direction.T, distance)]
     return mi.RayDifferential3f(mi.Point3f(columns[:3]), mi.Vector3f(columns[3:6])), columns[6]
 
 

@@ -18,7 +18,7 @@ VEIL = 0.05  # the share of light that a veil reflects or swallows
 class Stage:
     """One Mitsuba scene for a clip; `set_time` before anything is rendered.
 
-    Every set_time writes all vertices from the tracks, so a frame does not depend on the frames before it.
+    Every set_time takes all vertices from the tracks, so a frame does not depend on the frames before it.
     """
 
     def __init__(self, scene: Scene, width: int, height: int, max_depth: int, unshadowed: bool = False) -> None:
@@ -40,15 +40,19 @@ class Stage:
         # Convex objects that cannot be seen; the channels without noise look past them.
         self.containers = sum(obj.material.surface == "none" for obj in scene.objects)
         self._parameters: Any = mi.traverse(self.mi_scene)
+        self._written: dict[str, bytes] = {}
 
     def set_time(self, time: float) -> None:
         """Put every vertex and the camera where they are at a time in frames."""
         mi = load_mitsuba()
         for name, obj in zip(self.meshes, self.scene.objects, strict=True):
             positions, normals = obj.at(time)
-            # Given together with the positions, the normals are kept instead of computed anew.
-            self._parameters[f"{name}.vertex_positions"] = _flat(positions)
-            self._parameters[f"{name}.vertex_normals"] = _flat(normals)
+            flat = _flat(positions), _flat(normals)
+            content = b"".join(values.tobytes() for values in flat)
+            if self._written.get(name) != content:  # what stands still needs no new hierarchy
+                self._written[name] = content
+                # Given together with the positions, the normals are kept instead of computed anew.
+                self._parameters[f"{name}.vertex_positions"], self._parameters[f"{name}.vertex_normals"] = flat
             if obj.medium is not None and obj.medium.density is not None:
                 grid = mi.TensorXf(obj.medium.density(time)[..., None])
                 self._parameters[f"{name}.interior_medium.sigma_t.data"] = grid

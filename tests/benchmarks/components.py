@@ -1,4 +1,4 @@
-"""What light components cost beside a bare mi.render: python tests/benchmarks/components.py [SIZE]
+"""What light components cost beside a bare mi.render: python tests/benchmarks/components.py [SIZE …]
 
 Everything in one run, kernels warm. Of the short tasks the best of several repetitions counts, as other work on the
 machine only adds time; of the long ones the median of ratios to the task that ran just before.
@@ -64,4 +64,4 @@ def main(size: int) -> int:
 
 
 if __name__ == "__main__":
-    sys.exit(main(int(sys.argv[1]) if len(sys.argv) > 1 else 128))
+    sys.exit(max([main(int(size)) for size in sys.argv[1:] or (128, 256)]))

@@ -116,7 +116,7 @@ def test_both_are_unbiased():
     """The mean over seeds is the demodulated reference of each frame: everything here has one albedo."""
     lamp = moving(lambda time: np.array((0.8 - 0.7 * time, 2.2, 0)), UP, 0.0)
     stage = Stage(floor(lamp=lamp), SIZE, SIZE, 4)
-    runs = np.array([of(stage, seed) for seed in range(200)])
+    runs = np.array([of(stage, seed) for seed in range(64)])
     weights = np.array(REC709)[:, None, None]
     found = []
     for time in (0, 1):
@@ -127,5 +127,5 @@ def test_both_are_unbiased():
     for values, expected in ((runs[:, 1], found[0]), (runs[:, 0], found[1])):
         each = np.nanmean(values, axis=(1, 2))
         error = each.std() / np.sqrt(len(each))
-        assert error < 0.02 * expected
+        assert error < 0.03 * expected
         assert abs(each.mean() - expected) < 4 * error
