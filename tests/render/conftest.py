@@ -7,8 +7,8 @@ import pytest
 
 if importlib.util.find_spec("mitsuba") is None:  # found, not imported: nte.render must choose the LLVM first
     collect_ignore = [
-        "test_clips.py", "test_family_clips.py", "test_gbuffer.py", "test_mitsuba.py", "test_shutter.py",
-        "test_surroundings.py",
+        "test_clips.py", "test_family_clips.py", "test_gbuffer.py", "test_lens.py", "test_media.py",
+        "test_mitsuba.py", "test_shutter.py", "test_surroundings.py",
     ]  # fmt: skip
 
 RECIPE = """\
