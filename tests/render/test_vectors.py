@@ -25,8 +25,14 @@ def drift(*speed: float) -> Callable[[tuple[float, float, float]], Track]:
     return lambda place: moving(lambda time: np.array(place) + np.array(speed) * (time - 1), UP, 0.0)
 
 
-def turning(angle: float) -> Callable[[tuple[float, float, float]], Track]:
-    return lambda place: lambda time: translation(place) @ rotation(UP, angle * (time - 1))
+def turning(angle: float, axis=UP) -> Callable[[tuple[float, float, float]], Track]:
+    return lambda place: lambda time: translation(place) @ rotation(axis, angle * (time - 1))
+
+
+def carried(track: Track, points: np.ndarray) -> np.ndarray:
+    """Points (3, H, W) of an object at time 1, where they were at time 0."""
+    back = track(0) @ np.linalg.inv(track(1))
+    return np.einsum("ij,jhw->ihw", back[:3, :3], points) + back[:3, 3][:, None, None]
 
 
 def square(size: float) -> shapes.Mesh:
@@ -72,9 +78,12 @@ STILL, LAMP, PLATE = drift(0, 0, 0), np.array([0.5, 4.0, 0.2]), np.array([0.1, 1
         (drift(-0.15, 0.1, 0.1), STILL, STILL, (0, 0, 0)),
         (STILL, STILL, drift(0.05, 0.07, 0.02), (0, 0, 0)),
         (drift(0.1, 0, 0), drift(0.1, 0.05, -0.06), drift(0, 0.05, 0), (0.05, -0.02, 0.03)),
+        (STILL, turning(0.08), STILL, (0, 0, 0)),
+        (STILL, STILL, turning(0.04, (1, 0, 0.3)), (0, 0, 0)),
+        (drift(0.1, 0, 0), turning(-0.06), turning(0.03, (0.2, 0, 1)), (0, 0.03, 0)),
         (STILL, STILL, STILL, (0, 0, 0)),
     ],
-    ids=["blocker", "light", "receiver", "everything", "nothing"],
+    ids=["blocker", "light", "receiver", "everything", "turning blocker", "tilting receiver", "all turning", "nothing"],
 )
 def test_shadow_of_a_plate_on_a_floor(lamp, plate, floor, camera):
     """With a lamp that is almost a point, the shadow is the plate seen from the lamp, projected on the floor."""
@@ -100,11 +109,12 @@ def test_shadow_of_a_plate_on_a_floor(lamp, plate, floor, camera):
     # The blocker: where the line from the lamp to the pixel's point crosses the plate's plane.
     to_lamp = LAMP[:, None, None] - here
     blocker = here + to_lamp * PLATE[1] / to_lamp[1]
-    source = lamp(tuple(LAMP))(0)[:3, 3]
-    blocker = blocker + (plate(tuple(PLATE))(0)[:3, 3] - PLATE)[:, None, None]
-    height = floor((0, 0, 0))(0)[1, 3]
-    line = blocker - source[:, None, None]
-    before = source[:, None, None] + line * (height - source[1]) / line[1]
+    blocker = carried(plate(tuple(PLATE)), blocker)
+    source = lamp(tuple(LAMP))(0)[:3, 3][:, None, None]
+    point, normal = floor((0, 0, 0))(0)[:3, 3], floor((0, 0, 0))(0)[:3, 1]
+    line = blocker - source
+    reach = (normal @ point - np.einsum("i,ihw->hw", normal, source)) / np.einsum("i,ihw->hw", normal, line)
+    before = source + reach * line
     expected = pixels(seen_from, 0, before) - CENTRES
     # The vector starts at a random point of the pixel: its expected value varies within a pixel by its slope.
     slope = np.abs(np.gradient(expected, axis=(1, 2))).sum((0, 1))
@@ -182,7 +192,11 @@ def test_reflection_in_a_plane_mirror(wall, camera, floor, monkeypatch: pytest.M
 
 @pytest.mark.parametrize(
     ("eye", "gaze", "target"),
-    [((0, 3, -4), (0, 0, 0), (0.7, 1.2, 1.5)), ((0, 1.6, -1.6), (0, 0.8, 2), (0.5, 2.0, 6.0)), ((0, 4, 0), (0, 0, 0.1), (0.2, 2, 0))],
+    [
+        ((0, 3, -4), (0, 0, 0), (0.7, 1.2, 1.5)),
+        ((0, 1.6, -1.6), (0, 0.8, 2), (0.5, 2.0, 6.0)),
+        ((0, 4, 0), (0, 0, 0.1), (0.2, 2, 0)),
+    ],
     ids=["oblique", "grazing, far", "from above"],
 )
 def test_covariance_is_that_of_the_points_that_reflect_the_same(eye, gaze, target):
