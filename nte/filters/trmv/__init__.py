@@ -107,10 +107,9 @@ class Trmv:
     def _extras(self, names: tuple[str, ...], effects: dict[str, Effect], scene: Scene) -> dict[str, Tensor]:
         offered = {"disoccluded": scene.dual.disoccluded.float()}
         for name, effect in effects.items():
-            offered |= {name: effect.image, f"{name}_alpha": effect.alpha}
-            if effect.vectors is not None:
-                used = effect.vectors.valid & (effect.alpha < 1)
-                offered[f"{name}_vector"] = torch.where(used, effect.vectors.motion, float("nan"))
+            motion = scene.traditional.motion if effect.vectors is None else effect.vectors.motion
+            vector = torch.where(effect.alpha < 1, motion, float("nan"))
+            offered |= {name: effect.image, f"{name}_alpha": effect.alpha, f"{name}_vector": vector}
         unknown = [name for name in names if name not in offered]
         if unknown:
             raise NteError(f"trmv has no extra '{unknown[0]}'; it has {', '.join(offered)}")

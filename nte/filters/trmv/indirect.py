@@ -89,7 +89,7 @@ class Cones:
         cut(blended).copy_(torch.where(valid, torch.lerp(usable, now, used), now))
         light, kept = (hemisphere.irradiance(radiance, self.weights) for radiance in (history, clamped))
         doubts = Weight(cut(weight.default), used)
-        cut(deviation).copy_(temporal.clean_up_deviation(doubts, light, kept, valid))
+        cut(deviation).copy_(temporal.clean_up_deviation(doubts, light, kept, valid, settings))
 
     def shade(self, cones: Tensor, albedo: Tensor) -> Tensor:
         """Eq. 11 with f_r = albedo / π: reflected light (N, 3, H, W)."""

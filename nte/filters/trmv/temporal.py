@@ -77,17 +77,17 @@ def accumulate(
         weight = weigh(fetched, settings, trust)
         # Not lerp alone: a history that is not valid must not leave a trace, not even of rounding.
         blended = torch.where(fetched.valid, torch.lerp(clamped, current, weight.used), current)
-        deviation = clean_up_deviation(weight, fetched.history, clamped, fetched.valid)
+        deviation = clean_up_deviation(weight, fetched.history, clamped, fetched.valid, settings)
     return finish(name, blended, fetched, weight, deviation, scene, settings)._replace(vectors=vectors)
 
 
 def begin(name: str, current: Tensor, vectors: Reprojection | None, scene: Scene, settings: Settings) -> Effect:
-    """Without history: as it is, or, in a sequence's first frame, cleaned like all that has no history yet."""
+    """Without history: as it is, or, in a sequence's first frame, cleaned like all that has none yet."""
     one = torch.ones_like(current[:, :1])
     if vectors is None:
         return Effect(current, Track(current, one), one)
     nothing = Fetched(current, one, torch.zeros_like(one, dtype=torch.bool))
-    return finish(name, current, nothing, Weight(one, one), WIDEST * one, scene, settings)
+    return finish(name, current, nothing, Weight(one, one), _first(settings) * one, scene, settings)
 
 
 def fetch(track: Track, vectors: Reprojection, reset: Tensor | None) -> Fetched:
@@ -117,12 +117,22 @@ def limit(history: Tensor, current: Tensor, settings: Settings, rows: slice = sl
     return clamp_history(history, Moments(moments.mean[:, :, rows], moments.deviation[:, :, rows]), settings.clamp)
 
 
-def clean_up_deviation(weight: Weight, history: Tensor, clamped: Tensor, valid: Tensor) -> Tensor:
-    """min(w_A + w_C, 5) pixels (N, 1, H, W), of Eqs. 7 and 8 in luminance; 5 where there is no history (ours)."""
+def clean_up_deviation(
+    weight: Weight, history: Tensor, clamped: Tensor, valid: Tensor, settings: Settings
+) -> Tensor:
+    """min(w_A + w_C, 5) pixels (N, 1, H, W), of Eqs. 7 and 8 in luminance.
+
+    Without history α^V is 1, so w_A is (1 − α)²: 0.81 px wide.
+    """
     doubt = (weight.used - weight.default).square()
     before, after = (luminance(image) if image.shape[1] == 3 else image for image in (history, clamped))
     lost = (after - before).abs() / (before + _EPSILON)
-    return torch.where(valid, (doubt + lost).clamp(max=WIDEST), WIDEST)
+    return torch.where(valid, (doubt + lost).clamp(max=WIDEST), _first(settings))
+
+
+def _first(settings: Settings) -> float:
+    """The clean-up's deviation, px, where there is no history: Eq. 7 with α^V = 1."""
+    return (1 - settings.alpha) ** 2
 
 
 def finish(

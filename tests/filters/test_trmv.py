@@ -1,0 +1,287 @@
+"""TRMV as a denoiser: what must hold for the whole system and each of its switches."""
+
+import warnings
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+import pytest
+import torch
+
+from nte.denoiser import Session
+from nte.errors import NteError
+from nte.filters.trmv import COMPONENTS, Trmv
+from nte.frames.frame import Frame
+from nte.registry import load_denoiser
+from tests.filters.trmv_frames import Pixels, ball_normals, directions, plane
+
+EVERYTHING = (*COMPONENTS, *(f"{name}_alpha" for name in COMPONENTS), "disoccluded")
+VARIANTS: tuple[dict[str, Any], ...] = (
+    {},
+    {"shadow": "traditional", "glossy": "traditional", "occlusion": "traditional", "indirect": "colour"},
+    {"shadow": "none", "glossy": "none", "occlusion": "none"},
+    {"clamp": float("inf"), "cleanup": False},
+    {"history": "blended", "warm_up": False, "reshading": "paper", "half_angle": 30.0},
+)
+
+
+def run(frames: list[Frame], extras: tuple[str, ...] = COMPONENTS, **options: Any) -> list[dict[str, Pixels]]:
+    session = Session(Trmv(**options))
+    results = [session.step(frame, extras) for frame in frames]
+    return [{"image": np.asarray(r.image), **{k: np.asarray(v) for k, v in r.extras.items()}} for r in results]
+
+
+def moving(count: int, **given: Any) -> list[Frame]:
+    """A noisy plane under a camera that moves, with shadows and reflections that move otherwise."""
+    rng = np.random.default_rng(3)
+    frames = []
+    for index in range(count):
+        frame = plane(index, batch=given.get("batch", 1))
+        shadow = np.where(np.isnan(frame["shadow_motion"]), np.nan, rng.normal(0, 3, frame["shadow_motion"].shape))
+        frames.append(
+            frame.with_channels(
+                motion=np.full_like(frame["motion"], 1.25),
+                previous_forward_motion=np.full_like(frame["motion"], -1.25),
+                shadow_motion=shadow.astype(np.float32),
+                reflection_motion=rng.normal(0, 3, frame["motion"].shape).astype(np.float32),
+                reflection_covariance=np.broadcast_to(
+                    np.array([2, 0.5, 1], np.float32).reshape(1, 3, 1, 1), frame["reflection_covariance"].shape
+                ).copy(),
+            )
+        )
+    return frames
+
+
+@pytest.mark.parametrize("options", VARIANTS)
+def test_the_image_is_the_sum_of_its_light(options: dict[str, Any]) -> None:
+    frames = moving(3)
+    for frame, found in zip(frames, run(frames, **options), strict=True):
+        light = frame["emission"] + frame["direct"] * found["visibility"] + found["glossy"] + found["indirect"]
+        np.testing.assert_allclose(found["image"], light, rtol=1e-5, atol=1e-6)
+        assert found["visibility"].min() >= 0
+        assert found["visibility"].max() <= 1 + 1e-6
+
+
+def errors(frames: list[Frame], **options: Any) -> dict[str, list[float]]:
+    """RMSE over time of what the plane's noise is about: half shadowed, light of mean 1."""
+    truths = {"visibility": 0.5, "glossy": 1.0, "indirect": frames[0]["albedo"]}
+    outputs = run(frames, **options)
+    return {
+        name: [float(np.sqrt(np.mean((o[name] - truth) ** 2))) for o in outputs] for name, truth in truths.items()
+    }
+
+
+def test_at_rest_errors_fall_like_those_of_a_running_mean_to_the_floor_of_alpha() -> None:
+    frames = [plane(index) for index in range(40)]
+    found = errors(frames, clamp=float("inf"), cleanup=False)
+    for name, by_frame in found.items():
+        # 1 / √n until α = 1/10, and then √(α / (2 − α)) = 0.23.
+        assert by_frame[3] == pytest.approx(by_frame[0] / 2, rel=0.35), name
+        assert by_frame[9] == pytest.approx(by_frame[0] / 10**0.5, rel=0.45), name
+        assert np.mean(by_frame[30:]) < 0.4 * by_frame[0], name
+
+
+def test_at_rest_the_whole_system_converges_too() -> None:
+    for name, by_frame in errors([plane(index) for index in range(24)]).items():
+        assert np.mean(by_frame[-4:]) < 0.6 * by_frame[0], name
+
+
+def test_without_warming_up_alpha_is_constant() -> None:
+    frames = [plane(index) for index in range(4)]
+    by_frame = run(frames, ("visibility_alpha",), shadow="traditional", warm_up=False, alpha=0.2)
+    assert [float(np.unique(o["visibility_alpha"]).squeeze()) for o in by_frame] == pytest.approx([1, 0.2, 0.2, 0.2])
+    warmed = run(frames, ("visibility_alpha",), shadow="traditional", alpha=0.3)
+    assert [float(o["visibility_alpha"].mean()) for o in warmed] == pytest.approx([1, 1 / 2, 1 / 3, 0.3])
+
+
+@pytest.mark.parametrize("options", [{}, {"indirect": "colour"}, {"clamp": 1.0, "half_angle": 30.0}])
+def test_a_white_environment_stays_exactly_white(options: dict[str, Any]) -> None:
+    normal = ball_normals((20, 28))
+    albedo = np.random.default_rng(0).uniform(0.1, 1, (1, 3, 20, 28)).astype(np.float32)
+    frames = []
+    for index in range(6):
+        rng = np.random.default_rng(index)
+        taken = rng.random((1, 1, 20, 28)) < 0.6
+        frames.append(
+            plane(
+                index,
+                normal=normal,
+                albedo=albedo,
+                motion=np.full((1, 2, 20, 28), 0.7, np.float32),
+                indirect=albedo,
+                indirect_radiance=np.broadcast_to(taken, (1, 3, 20, 28)).astype(np.float32),
+                indirect_direction=directions(rng, normal) * taken,
+            )
+        )
+    for found in run(frames, **options):
+        np.testing.assert_allclose(found["indirect"], albedo, rtol=2e-5, atol=0)
+
+
+def test_the_papers_reshading_makes_white_twice_as_bright() -> None:
+    white = plane(indirect_radiance=np.ones((1, 3, 20, 28), np.float32))
+    direction = directions(np.random.default_rng(0), white["normal"])
+    found = run([white.with_channels(indirect_direction=direction)], reshading="paper")[0]
+    np.testing.assert_allclose(found["indirect"], 2 * white["albedo"], rtol=1e-5)
+
+
+@pytest.mark.parametrize("options", VARIANTS)
+def test_without_motion_no_pixel_moves(options: dict[str, Any]) -> None:
+    # Every pixel is a surface of its own, so nothing but history could bring light from elsewhere.
+    still = plane(depth=10 ** np.random.default_rng(2).uniform(0, 12, (1, 1, 20, 28)))
+    frames = [replace(still, index=index) for index in range(5)]
+    outputs = run(frames, **options)
+    for found in outputs:
+        np.testing.assert_allclose(found["visibility"], still["visibility"], atol=1e-5)
+        np.testing.assert_allclose(found["glossy"], still["glossy"], rtol=1e-4, atol=1e-5)
+        np.testing.assert_allclose(found["indirect"], outputs[0]["indirect"], rtol=1e-4, atol=1e-5)
+
+
+@pytest.mark.parametrize("options", VARIANTS)
+def test_a_reset_is_a_new_start_bit_for_bit(options: dict[str, Any]) -> None:
+    frames = moving(4, batch=2)
+    frames[2] = replace(frames[2], reset=np.array([0, 1], np.float32))
+    fresh = run(frames[2:], EVERYTHING, **options)
+    for again, new in zip(run(frames, EVERYTHING, **options)[2:], fresh, strict=True):
+        for name in new:
+            if name != "disoccluded":
+                np.testing.assert_array_equal(again[name][1], new[name][1], err_msg=name)
+
+
+@pytest.mark.parametrize("options", VARIANTS)
+def test_a_batch_is_its_sequences_side_by_side(options: dict[str, Any]) -> None:
+    frames = moving(3, batch=2)
+    both = run(frames, EVERYTHING, **options)
+    for element in range(2):
+        alone = [replace(f, channels={k: v[element : element + 1] for k, v in f.channels.items()}) for f in frames]
+        for together, single in zip(both, run(alone, EVERYTHING, **options), strict=True):
+            for name in single:
+                np.testing.assert_allclose(
+                    together[name][element], single[name][0], rtol=1e-4, atol=1e-5, err_msg=name
+                )
+
+
+def test_the_same_frames_give_the_same_numbers_in_numpy_and_in_torch() -> None:
+    frames = moving(3)
+    ours, again, theirs = run(frames), run(frames), run([frame.torch() for frame in frames])
+    for a, b, c in zip(ours, again, theirs, strict=True):
+        np.testing.assert_array_equal(a["image"], b["image"])
+        np.testing.assert_array_equal(a["image"], c["image"])
+
+
+@pytest.mark.parametrize("size", [(1, 1), (1, 9), (3, 2), (40, 5)])
+def test_images_smaller_than_the_kernels(size: tuple[int, int]) -> None:
+    for found in run([plane(index, size=size) for index in range(3)], EVERYTHING):
+        assert all(np.isfinite(values).all() for values in found.values())
+
+
+def test_a_frame_of_sky_is_its_emission() -> None:
+    nothing = {name: np.zeros((1, c, 20, 28), np.float32) for name, c in (
+        ("normal", 3), ("depth", 1), ("position", 3), ("direct", 3), ("glossy", 3), ("indirect", 3), ("albedo", 3),
+        ("indirect_radiance", 3), ("indirect_direction", 3),
+    )}  # fmt: skip
+    nothing |= {name: np.full((1, c, 20, 28), np.nan, np.float32) for name, c in (
+        ("shadow_motion", 2), ("reflection_motion", 2), ("reflection_covariance", 3),
+    )}  # fmt: skip
+    sky = np.random.default_rng(0).random((1, 3, 20, 28)).astype(np.float32)
+    frames = [plane(i, emission=sky, visibility=np.ones((1, 1, 20, 28), np.float32), **nothing) for i in range(3)]
+    for found in run([*frames, plane(3), frames[0]])[:3]:
+        np.testing.assert_array_equal(found["image"], sky)
+
+
+def test_a_single_pixel_object_keeps_its_own_light() -> None:
+    frames = []
+    for index in range(5):
+        frame = plane(index, glossy=np.ones((1, 3, 20, 28), np.float32))
+        frame["depth"][..., 10, 12] = 1
+        frame["normal"][..., 10, 12] = [[1, 0, 0]]
+        frame["glossy"][..., 10, 12] = 50
+        frame["visibility"][..., 10, 12] = 1
+        frames.append(frame.with_channels(reflection_covariance=np.full((1, 3, 20, 28), [[[[4]], [[0]], [[4]]]], np.float32)))
+    assert np.isfinite(run(frames)[-1]["image"]).all()
+    found = run(frames, glossy="traditional", clamp=float("inf"))[-1]
+    np.testing.assert_allclose(found["glossy"][0, :, 10, 12], 50, rtol=1e-4)
+    np.testing.assert_allclose(np.delete(found["glossy"].reshape(3, -1), 10 * 28 + 12, axis=1), 1, rtol=1e-4)
+    np.testing.assert_allclose(found["visibility"][0, 0, 10, 12], 1, rtol=1e-4)
+
+
+@pytest.mark.filterwarnings("ignore::nte.frames.bad.BadPixelWarning")
+@pytest.mark.parametrize("options", VARIANTS)
+def test_bad_pixels_do_not_spread(options: dict[str, Any]) -> None:
+    frames = moving(3)
+    for frame in frames:
+        for offset, name in enumerate(frame.channels):
+            frame[name][..., 5, offset] = [np.nan, np.inf, -np.inf, -1][offset % 4]
+    for found in run(frames, EVERYTHING, **options):
+        for name, values in found.items():
+            assert np.isfinite(values).all(), name
+
+
+def test_without_vectors_history_is_not_used() -> None:
+    frames = moving(4)
+    options = {"shadow": "none", "glossy": "none", "occlusion": "none"}
+    np.testing.assert_array_equal(run(frames, **options)[3]["image"], run(frames[3:], **options)[0]["image"])
+
+
+@pytest.mark.parametrize("target", COMPONENTS)
+def test_a_component_alone_is_that_of_the_whole(target: str) -> None:
+    frames = moving(3)
+    alone = Trmv(target)
+    needed = [replace(f, channels={name: f[name] for name in (*alone.needs, *alone.optional)}) for f in frames]
+    assert len(needed[0].channels) < len(Trmv().needs)
+    for whole, part in zip(run(frames), run(needed, (), target=target), strict=True):
+        np.testing.assert_array_equal(part["image"], whole[target])
+
+
+def test_what_the_history_is_changes_what_comes_next_and_not_what_is_shown() -> None:
+    frames = moving(3)
+    cleaned, blended = run(frames), run(frames, history="blended")
+    np.testing.assert_array_equal(cleaned[0]["image"], blended[0]["image"])
+    assert not np.array_equal(cleaned[2]["image"], blended[2]["image"])
+
+
+def test_vectors_and_masks_are_to_be_had() -> None:
+    frames = moving(2)
+    names = tuple(f"{name}_vector" for name in COMPONENTS)
+    found = run(frames, (*names, *EVERYTHING))[1]
+    inside = np.isfinite(found["indirect_vector"]).all(1)[0]
+    assert inside.any()
+    assert not inside.all()
+    np.testing.assert_allclose(found["indirect_vector"][0][:, inside], 1.25)
+    np.testing.assert_array_equal(found["indirect_alpha"][0, 0] == 1, ~inside)
+    with pytest.raises(NteError, match=r"trmv has no extra 'kernels'; it has disoccluded, visibility"):
+        run(frames, ("kernels",))
+
+
+def test_missing_components_name_the_recipe_that_renders_them() -> None:
+    frame = plane()
+    bare = replace(frame, channels={n: v for n, v in frame.channels.items() if n not in ("direct", "glossy")})
+    with pytest.raises(NteError, match=r"Trmv needs direct, glossy, which is missing; .* components: true"):
+        Session(Trmv()).step(bare)
+
+
+def test_options_are_typed_like_any_other() -> None:
+    made = load_denoiser("trmv:shadow=traditional,clamp=inf,cleanup=false,history=blended,half_angle=30")
+    assert isinstance(made, Trmv)
+    assert made.settings.clamp == float("inf")
+    assert "shadow_motion" not in made.needs
+    for wrong, said in (
+        ("shadow=best", "trmv: shadow is 'best', expected one of reliable, traditional, none"),
+        ("alpha=0", "trmv: alpha is 0.0, expected a number above 0, at most 1"),
+        ("clamp=-1", "trmv: clamp is -1.0"),
+        ("target=direct", "expected one of color, visibility, glossy, indirect"),
+    ):
+        with pytest.raises(NteError, match=said):
+            load_denoiser(f"trmv:{wrong}")
+
+
+def test_a_frame_of_another_size_is_refused() -> None:
+    _, state = Trmv().step(plane(), None)
+    with pytest.raises(NteError, match="start a new sequence"):
+        Trmv().step(plane(1, size=(9, 9)), state)
+
+
+def test_nothing_warns() -> None:
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        run(moving(2))
+    assert torch.get_default_dtype() == torch.float32

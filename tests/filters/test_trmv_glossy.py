@@ -1,0 +1,87 @@
+"""Stochastic reflection vectors, the noise that draws them, and a filter as wide as the lobe."""
+
+import pytest
+import torch
+
+from nte.filters.trmv.glossy import Lobes, draw, filter_glossy, gather_lobes, glossy_reprojection
+from nte.filters.trmv.noise import gaussian_noise
+from nte.filters.trmv.scene import Scene, prepare
+from tests.filters.trmv_frames import plane
+
+CPU = torch.device("cpu")
+
+
+def scene(size: tuple[int, int], **given: object) -> Scene:
+    return prepare(plane(size=size, **given).torch(), None)  # type: ignore[arg-type]
+
+
+def test_noise_is_normal_and_independent_of_pixel_frame_and_dimension() -> None:
+    frames = torch.cat([gaussian_noise(128, 128, frame, CPU) for frame in (0, 1, 2)]).flatten(1)
+    values = torch.cat([frames, frames.roll(1, 1), frames.view(3, 2, -1)[:, 0:1].roll(128, 2).flatten(1)], 1)
+    assert values.mean().abs() < 0.01
+    assert float(values.square().mean()) == pytest.approx(1, abs=0.02)
+    assert float(values.pow(4).mean()) == pytest.approx(3, abs=0.15)
+    first, second = frames.view(3, 2, -1).unbind(1)
+    for a, b in ((first, second), (first[0], first[1]), (first, first.roll(1, 1)), (first, first.roll(128, 1))):
+        assert (a * b).mean().abs() < 0.02
+
+
+def test_noise_is_a_function_of_pixel_and_frame() -> None:
+    assert torch.equal(gaussian_noise(5, 7, 3, CPU), gaussian_noise(5, 7, 3, CPU))
+    assert not torch.equal(gaussian_noise(5, 7, 3, CPU), gaussian_noise(5, 7, 4, CPU))
+    assert gaussian_noise(5, 7, 3, CPU).isfinite().all()
+
+
+@pytest.mark.parametrize("covariance", [(4.0, 0.0, 1.0), (9.0, 4.0, 2.0), (1.0, -1.0, 1.0), (0.0, 0.0, 4.0), (0.0, 0.0, 0.0)])
+def test_vectors_are_drawn_with_their_mean_and_covariance(covariance: tuple[float, float, float]) -> None:
+    shape = (1, 1, 160, 160)
+    mean = torch.tensor([3.0, -2.0]).view(1, 2, 1, 1).expand(1, 2, 160, 160)
+    spread = torch.tensor(covariance).view(1, 3, 1, 1).expand(1, 3, 160, 160)
+    drawn = draw(Lobes(mean, spread, torch.ones(shape), torch.ones(shape) > 0), frame=5).flatten(2)[0]
+    torch.testing.assert_close(drawn.mean(1), torch.tensor([3.0, -2.0]), atol=0.05, rtol=0)
+    xx, xy, yy = covariance
+    torch.testing.assert_close(torch.cov(drawn), torch.tensor([[xx, xy], [xy, yy]]), atol=0.02, rtol=0.03)
+
+
+def test_pixels_whose_path_went_elsewhere_take_the_lobe_of_those_around_them() -> None:
+    mean, covariance = torch.full((1, 2, 1, 20), float("nan")), torch.full((1, 3, 1, 20), float("nan"))
+    mean[..., 2], covariance[..., 2] = 4.0, 1.0
+    mean[..., 4], covariance[..., 4] = 8.0, 3.0
+    found = gather_lobes(mean, covariance, scene((1, 20)).edges)
+    assert found.glossy.flatten().tolist() == [True] * 12 + [False] * 8  # seven pixels around
+    assert found.mean[0, 0, 0, 2] == 4
+    assert found.mean[0, 0, 0, 4] == 8
+    torch.testing.assert_close(found.mean[0, 0, 0, 3], torch.tensor(6.0))
+    assert (found.mean[..., 12:] == 0).all()
+    assert (found.spread[..., 12:] == 0).all()
+
+
+def test_the_filter_is_as_wide_as_the_lobe_and_leaves_a_mirror_alone() -> None:
+    edges = scene((32, 32)).edges
+    noise = torch.rand(1, 3, 32, 32)
+    assert torch.equal(filter_glossy(noise, torch.zeros(1, 1, 32, 32), edges), noise)
+    deviations = [float(filter_glossy(noise, torch.full((1, 1, 32, 32), s), edges).std()) for s in (0.0, 1.0, 3.0, 9.0)]
+    assert deviations == sorted(deviations, reverse=True)
+    assert deviations[3] < 0.2 * deviations[0]
+
+
+def test_what_reflects_nothing_uses_the_traditional_vector() -> None:
+    ready = scene((4, 6), motion=-torch.ones(1, 2, 4, 6).numpy())
+    glossy = torch.zeros(1, 1, 4, 6, dtype=torch.bool)
+    glossy[..., 3] = True
+    found = glossy_reprojection(torch.full((1, 2, 4, 6), 2.0), glossy, ready)
+    assert (found.motion[..., 3] == 2).all()
+    assert (found.motion[..., :3] == -1).all()
+
+
+def test_so_does_a_reflection_that_was_not_on_its_reflector() -> None:
+    ready = scene((1, 10))
+    roughness = ready.surface.roughness.clone()
+    roughness[..., 6:8] = 1.0  # a diffuse thing before the floor
+    depth = ready.surface.depth.clone()
+    depth[..., 8:] = 0.0  # the sky
+    ready = ready._replace(before=ready.surface._replace(roughness=roughness, depth=depth))
+    motion = torch.tensor([3.0, 0.0]).view(1, 2, 1, 1).expand(1, 2, 1, 10)
+    found = glossy_reprojection(motion, torch.ones(1, 1, 1, 10, dtype=torch.bool), ready)
+    assert found.motion[0, 0, 0].tolist() == [3, 3, 3, 0, 0, 0, 0, 3, 3, 3]
+    assert found.valid[0, 0, 0].tolist() == [True] * 7 + [False] * 3  # out of the image there is no history
