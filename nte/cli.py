@@ -15,7 +15,7 @@ from nte.errors import NteError, needs_extra
 
 _EXTRA_OF = {
     "render": "render", "train": "train", "export": "train", "evaluate": "eval", "compare": "eval", "check": "eval",
-    "import": "import",
+    "import": "import", "bench": "eval",
 }  # fmt: skip
 
 
@@ -55,6 +55,7 @@ class _Parser(argparse.ArgumentParser):
 
 def _parser() -> argparse.ArgumentParser:
     from nte import __version__
+    from nte.cli_bench import add_bench
     from nte.cli_import import add_import
 
     parser = _Parser(prog="nte", description="Neural temporal denoising of path-traced sequences")
@@ -105,6 +106,7 @@ def _parser() -> argparse.ArgumentParser:
     _force(denoise)
 
     add_import(commands)
+    add_bench(commands)
 
     check = _command(commands, "check", _check, "are the vectors and values of clips plausible? (exit 2: not)")
     check.add_argument("clips", type=Path, nargs="+", metavar="CLIP", help="clips, or folders of clips")

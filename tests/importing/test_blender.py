@@ -14,9 +14,7 @@ def run(source: Path, out: Path, *more: str) -> int:
 
 
 @pytest.mark.parametrize("old_names", [True, False], ids=["blender 4", "blender 5"])
-def test_cycles_passes_become_our_channels(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str], old_names: bool
-) -> None:
+def test_cycles_passes_become_our_channels(tmp_path: Path, capsys: pytest.CaptureFixture[str], old_names: bool) -> None:
     frames = scene()
     source = blender(tmp_path / "noisy", frames, old_names)
     clean = blender(tmp_path / "clean", [{**f, "color": f["reference"]} for f in frames], old_names)

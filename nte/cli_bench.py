@@ -1,0 +1,61 @@
+"""`nte bench`: its parser, and what it runs."""
+
+import argparse
+import json
+import re
+from pathlib import Path
+from typing import Any
+
+from nte.errors import NteError
+
+
+def add_bench(commands: Any) -> None:
+    """Add `bench` to the subcommands of `nte`."""
+    text = "time and memory of denoisers, which alternate frame by frame, each in a process of its own"
+    parser = commands.add_parser("bench", help=text, description=text)
+    parser.add_argument("specs", nargs="+", metavar="SPEC", help="run, .onnx, or name:key=value")
+    parser.add_argument(
+        "--size", nargs="+", type=_size, default=[], metavar="WIDTHxHEIGHT", help="(default: 1280x720, or the clip's)"
+    )
+    parser.add_argument("--frames", type=int, default=10, help="timed frames, after a warm-up (default: 10)")
+    parser.add_argument("--clip", type=Path, help="frames to run on, scaled (default: synthetic ones)")
+    parser.add_argument("--steps", action="store_true", help="also the time in each named step of a denoiser")
+    parser.add_argument("--json", type=Path, metavar="FILE", help="write the rows there")
+    parser.add_argument("--device", default="cpu", help="cpu, cuda, … (default: cpu)")
+    parser.add_argument("--force", action="store_true", help="overwrite what exists")
+    parser.set_defaults(run=_bench)
+
+
+def _size(text: str) -> tuple[int, int]:
+    """(height, width) of WIDTHxHEIGHT."""
+    match = re.fullmatch(r"([1-9]\d*)x([1-9]\d*)", text)
+    if not match:
+        raise argparse.ArgumentTypeError(f"'{text}' is no size: expected WIDTHxHEIGHT, such as 1280x720")
+    return int(match[2]), int(match[1])
+
+
+def _bench(options: argparse.Namespace) -> None:
+    from nte.evaluation.bench import FORMAT, bench
+    from nte.evaluation.table import aligned
+    from nte.frames.exr import write_whole
+
+    if options.json and options.json.exists() and not options.force:
+        raise NteError(f"{options.json}: exists: choose another name, or overwrite it with --force")
+    if options.json and not options.json.parent.is_dir():
+        raise NteError(f"{options.json}: its folder does not exist")
+    rows = bench(options.specs, options.size, options.frames, options.clip, options.device, options.steps)
+    if options.json:
+        content = json.dumps({"format": FORMAT, "rows": rows}, indent=1)
+        write_whole(options.json, lambda path: path.write_text(content + "\n"))
+    titles = ["denoiser", "size", "ms per frame", "p95", "peak MB", "PSNR"]
+    cells = [
+        [
+            row["denoiser"], f"{row['width']}x{row['height']}", f"{row['ms_per_frame']:.1f}", f"{row['p95']:.1f}",
+            f"{row['peak_mb']:.0f}", f"{row['psnr']:.2f}" if "psnr" in row else "",
+        ]
+        for row in rows
+    ]  # fmt: skip
+    print(aligned([list(column) for column in zip(titles, *cells, strict=True)]))
+    for row in rows:
+        for name, milliseconds in row.get("steps", {}).items():
+            print(f"{row['denoiser']} {row['width']}x{row['height']}: {name} {milliseconds:.1f} ms")

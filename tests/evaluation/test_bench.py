@@ -1,0 +1,126 @@
+"""nte bench: what it runs on, what it measures, and what it says of wrong input."""
+
+import json
+import time
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from nte.cli import main
+from nte.denoiser import Noisy
+from nte.errors import NteError
+from nte.evaluation.bench import bench, named_steps
+from nte.evaluation.bench_frames import clip_frames, scaled, synthetic_frames
+from nte.filters.svgf import Svgf
+from nte.frames.channels import CHANNELS
+from nte.frames.frame import Frame
+from tests.synthetic import disc_clip
+
+
+def test_synthetic_frames_have_every_channel_and_any_size() -> None:
+    frame = synthetic_frames((7, 10), CHANNELS)(3)
+    assert frame.size == (7, 10)
+    for name, row in CHANNELS.items():
+        assert frame[name].shape == (1, len(row.components), 7, 10)
+        assert frame[name].dtype == np.float32
+        assert np.isfinite(frame[name]).any()
+    first, again, later = (synthetic_frames((7, 10), ["color", "motion"])(i) for i in (0, 0, 1))
+    np.testing.assert_array_equal(first["color"], again["color"])
+    assert not np.array_equal(first["color"], later["color"])
+
+
+def test_gradient_has_one_pixel_in_each_stratum() -> None:
+    gradient = synthetic_frames((9, 12), ["gradient"])(0)["gradient"]
+    known = np.isfinite(gradient).all(1)[0].reshape(3, 3, 4, 3).sum((1, 3))
+    np.testing.assert_array_equal(known, 1)
+
+
+def test_scaling_takes_the_nearest_pixels_and_scales_vectors() -> None:
+    values = np.arange(6, dtype=np.float32).reshape(1, 1, 2, 3)
+    frame = Frame({"depth": values, "motion": np.concatenate([values, values], 1)})
+    twice = scaled(frame, (4, 6))
+    np.testing.assert_array_equal(twice["depth"], values.repeat(2, 2).repeat(2, 3))
+    np.testing.assert_array_equal(twice["motion"], 2 * twice["depth"].repeat(2, 1))
+    wide = scaled(frame, (2, 9))["motion"]
+    np.testing.assert_array_equal(wide[:, 0], 3 * values[:, 0].repeat(3, 2))
+    np.testing.assert_array_equal(wide[:, 1], values[:, 0].repeat(3, 2))
+    assert scaled(frame, (1, 1))["depth"].item() in (1, 4)
+
+
+def test_a_clip_starts_again_after_its_last_frame(noisy_disc: Path) -> None:
+    source = clip_frames(noisy_disc, None, ["color", "nothing"])
+    np.testing.assert_array_equal(source(5)["color"], source(1)["color"])
+    assert list(source(0).channels) == ["color"]
+    assert clip_frames(noisy_disc, (5, 9), ["color"])(0).size == (5, 9)
+
+
+def test_named_steps_are_those_of_the_denoiser() -> None:
+    start = time.perf_counter()
+    steps = named_steps(Svgf(), synthetic_frames((16, 16), Svgf().needs))
+    whole = 1e3 * (time.perf_counter() - start)
+    assert list(steps) == ["svgf: reprojection", "svgf: accumulation", "svgf: variance", "svgf: à-trous"]
+    assert all(spent > 0 for spent in steps.values())
+    assert sum(steps.values()) < whole
+    assert named_steps(Noisy(), synthetic_frames((4, 4), ["color"])) == {}
+
+
+def test_wrong_input_is_named(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    with pytest.raises(NteError, match="--frames is 0, expected at least 1"):
+        bench(["noisy"], frames=0)
+    with pytest.raises(NteError, match=r"clip.json"):
+        bench(["noisy"], clip=tmp_path / "none")
+    (tmp_path / "rows.json").touch()
+    for arguments, message in (
+        (["noisy", "--json", str(tmp_path / "rows.json")], "rows.json: exists: choose another name"),
+        (["noisy", "--json", str(tmp_path / "none" / "rows.json")], "its folder does not exist"),
+    ):
+        assert main(["bench", *arguments]) == 2
+        assert message in capsys.readouterr().err
+    with pytest.raises(SystemExit) as stopped:
+        main(["bench", "noisy", "--size", "12x0"])
+    assert stopped.value.code == 2
+    assert "'12x0' is no size: expected WIDTHxHEIGHT" in capsys.readouterr().err
+
+
+@pytest.mark.slow
+def test_bench_measures_each_denoiser_at_each_size(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    clip = disc_clip(tmp_path / "clip", frames=3, seed=0)
+    path = tmp_path / "rows.json"
+    arguments = [
+        "noisy",
+        "taa",
+        "--size",
+        "64x48",
+        "320x256",
+        "--frames",
+        "3",
+        "--clip",
+        str(clip),
+        "--json",
+        str(path),
+    ]
+    assert main(["bench", *arguments]) == 0
+    written = json.loads(path.read_text())
+    assert written["format"] == "nte-bench/1"
+    rows = written["rows"]
+    assert [(row["denoiser"], row["width"], row["height"]) for row in rows] == [
+        ("noisy", 64, 48), ("taa", 64, 48), ("noisy", 320, 256), ("taa", 320, 256),
+    ]  # fmt: skip
+    for row in rows:
+        assert 0 < row["ms_per_frame"] <= row["p95"]
+        assert row["peak_mb"] >= 0
+        assert ("psnr" in row) == (row["width"] == 64)
+    assert rows[1]["psnr"] > rows[0]["psnr"]
+    assert rows[3]["peak_mb"] < 300
+    assert "320x256" in capsys.readouterr().out
+
+
+@pytest.mark.slow
+def test_what_a_process_finds_wrong_is_told_here(tmp_path: Path) -> None:
+    for spec, message in (("nosy", "'nosy' is no denoiser"), ("taa:alpha=3", "taa: alpha is 3.0")):
+        with pytest.raises(NteError, match=message):
+            bench([spec], [(8, 8)], frames=1)
+    clip = disc_clip(tmp_path / "clip", frames=2)
+    with pytest.raises(NteError, match="clip: Asvgf needs gradient, which is missing"):
+        bench(["asvgf"], clip=clip, frames=1)
