@@ -50,7 +50,7 @@ def fill(vectors: Tensor, instance: Tensor, radius: int) -> Tensor:
     known = vectors.isfinite().all(1, keepdim=True)
     values = torch.cat([known.to(vectors), torch.where(known, vectors, 0)], 1)
     sums = torch.zeros_like(values)
-    for number in instance.unique():
+    for number in instance.unique():  # type: ignore[no-untyped-call]
         mine = instance == number
         around = F.avg_pool2d(values * mine, 2 * radius + 1, 1, radius, divisor_override=1)
         sums = torch.where(mine, around, sums)
@@ -73,7 +73,8 @@ def is_planar(normal: Tensor, instance: Tensor, radius: int = 2, tolerance: floa
     size = 2 * radius + 1
     same = _windows(instance, size, pad=-1) == instance[:, :, None]
     turned = (_windows(normal, size, pad=0.0) - normal[:, :, None]).norm(dim=1, keepdim=True)
-    return (turned <= tolerance).logical_or(~same).all(2)
+    planar: Tensor = (turned <= tolerance).logical_or(~same).all(2)
+    return planar
 
 
 def bootstrap_interval(values: npt.ArrayLike, level: float = 0.95) -> tuple[float, float]:

@@ -127,7 +127,7 @@ def _search(
     current: Tensor, previous: Tensor, known: Known | None, search: Search
 ) -> tuple[Tensor, Tensor]:
     """Motion and patch distance, level by level from the coarsest."""
-    levels = [(current, previous, known)]
+    levels: list[tuple[Tensor, Tensor, Known | None]] = [(current, previous, known)]
     while len(levels) < len(search.radii) and min(current.shape[-2:]) >= SCALE * _SMALLEST:
         current, previous = _smaller(current, SCALE), _smaller(previous, SCALE)
         known = known and _smaller_known(known, SCALE)
@@ -141,7 +141,8 @@ def _search(
             stacklevel=4,
         )
     error_level = min(search.error_level, len(levels) - 1)
-    motion, error = None, current
+    motion: Tensor | None = None
+    error = current
     for level in reversed(range(len(levels))):
         now, before, fixed = levels[level]
         coarser = None if motion is None else _upsample(motion, now, SCALE) * SCALE

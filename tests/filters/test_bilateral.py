@@ -27,7 +27,8 @@ from nte.filters.bilateral import (
 def random_surface(height: int, width: int, seed: int) -> tuple[Tensor, Tensor, Tensor]:
     """Normal, depth and roughness that vary enough to stop a filter here and there, with some sky."""
     generator = torch.Generator().manual_seed(seed)
-    normal = torch.tensor([0.0, 0.0, 1.0]).view(1, 3, 1, 1) + 0.1 * torch.randn(2, 3, height, width, generator=generator)
+    bumps = 0.1 * torch.randn(2, 3, height, width, generator=generator)
+    normal = torch.tensor([0.0, 0.0, 1.0]).view(1, 3, 1, 1) + bumps
     depth = 4 + 0.05 * torch.randn(2, 1, height, width, generator=generator)
     sky = torch.rand(2, 1, height, width, generator=generator) < 0.1
     roughness = 0.5 + 0.05 * torch.randn(2, 1, height, width, generator=generator)
@@ -142,7 +143,8 @@ def test_weights_are_the_same_from_both_sides() -> None:
 
 def test_a_constant_stays_constant_and_a_deviation_of_nothing_is_the_identity() -> None:
     edges = make_edges(make_guide(*random_surface(9, 9, 3)), 4)
-    torch.testing.assert_close(joint_bilateral(torch.full((2, 1, 9, 9), 3.0), edges, 4, 2.0), torch.full((2, 1, 9, 9), 3.0))
+    constant = torch.full((2, 1, 9, 9), 3.0)
+    torch.testing.assert_close(joint_bilateral(constant, edges, 4, 2.0), constant)
     noise = torch.rand(2, 3, 9, 9)
     assert torch.equal(clean_up(noise, edges, torch.zeros(2, 1, 9, 9)), noise)
 

@@ -196,7 +196,8 @@ def test_a_single_pixel_object_keeps_its_own_light() -> None:
         frame["normal"][..., 10, 12] = [[1, 0, 0]]
         frame["glossy"][..., 10, 12] = 50
         frame["visibility"][..., 10, 12] = 1
-        frames.append(frame.with_channels(reflection_covariance=np.full((1, 3, 20, 28), [[[[4]], [[0]], [[4]]]], np.float32)))
+        covariance = np.full((1, 3, 20, 28), [[[[4]], [[0]], [[4]]]], np.float32)
+        frames.append(frame.with_channels(reflection_covariance=covariance))
     assert np.isfinite(run(frames)[-1]["image"]).all()
     found = run(frames, glossy="traditional", clamp=float("inf"))[-1]
     np.testing.assert_allclose(found["glossy"][0, :, 10, 12], 50, rtol=1e-4)

@@ -32,7 +32,9 @@ def test_noise_is_a_function_of_pixel_and_frame() -> None:
     assert gaussian_noise(5, 7, 3, CPU).isfinite().all()
 
 
-@pytest.mark.parametrize("covariance", [(4.0, 0.0, 1.0), (9.0, 4.0, 2.0), (1.0, -1.0, 1.0), (0.0, 0.0, 4.0), (0.0, 0.0, 0.0)])
+@pytest.mark.parametrize(
+    "covariance", [(4.0, 0.0, 1.0), (9.0, 4.0, 2.0), (1.0, -1.0, 1.0), (0.0, 0.0, 4.0), (0.0, 0.0, 0.0)]
+)
 def test_vectors_are_drawn_with_their_mean_and_covariance(covariance: tuple[float, float, float]) -> None:
     shape = (1, 1, 160, 160)
     mean = torch.tensor([3.0, -2.0]).view(1, 2, 1, 1).expand(1, 2, 160, 160)

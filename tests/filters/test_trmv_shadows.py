@@ -108,7 +108,7 @@ def moving_shadow(index: int) -> Frame:
 def error_of(**options: object) -> float:
     """RMSE against the spatially filtered shadow of the last of eight frames."""
     frames = [moving_shadow(i) for i in range(8)]
-    image = [Session(Trmv("visibility", **options)).step(f).image for f in frames[-1:]][0]  # type: ignore[arg-type]
+    image = Session(Trmv("visibility", **options)).step(frames[-1]).image  # type: ignore[arg-type]
     session = Session(Trmv("visibility", **options))  # type: ignore[arg-type]
     truth = Session(Trmv("visibility", shadow="none")).step(frames[-1]).image
     for frame in frames:
