@@ -125,18 +125,6 @@ def test_the_papers_reshading_makes_white_twice_as_bright() -> None:
 
 
 @pytest.mark.parametrize("options", VARIANTS)
-def test_without_motion_no_pixel_moves(options: dict[str, Any]) -> None:
-    # Every pixel is a surface of its own, so nothing but history could bring light from elsewhere.
-    still = plane(depth=10 ** np.random.default_rng(2).uniform(0, 12, (1, 1, 20, 28)))
-    frames = [replace(still, index=index) for index in range(5)]
-    outputs = run(frames, **options)
-    for found in outputs:
-        np.testing.assert_allclose(found["visibility"], still["visibility"], atol=1e-5)
-        np.testing.assert_allclose(found["glossy"], still["glossy"], rtol=1e-4, atol=1e-5)
-        np.testing.assert_allclose(found["indirect"], outputs[0]["indirect"], rtol=1e-4, atol=1e-5)
-
-
-@pytest.mark.parametrize("options", VARIANTS)
 def test_a_reset_is_a_new_start_bit_for_bit(options: dict[str, Any]) -> None:
     frames = moving(4, batch=2)
     frames[2] = replace(frames[2], reset=np.array([0, 1], np.float32))

@@ -78,12 +78,9 @@ STILL, LAMP, PLATE = drift(0, 0, 0), np.array([0.5, 4.0, 0.2]), np.array([0.1, 1
         (drift(-0.15, 0.1, 0.1), STILL, STILL, (0, 0, 0)),
         (STILL, STILL, drift(0.05, 0.07, 0.02), (0, 0, 0)),
         (drift(0.1, 0, 0), drift(0.1, 0.05, -0.06), drift(0, 0.05, 0), (0.05, -0.02, 0.03)),
-        (STILL, turning(0.08), STILL, (0, 0, 0)),
-        (STILL, STILL, turning(0.04, (1, 0, 0.3)), (0, 0, 0)),
-        (drift(0.1, 0, 0), turning(-0.06), turning(0.03, (0.2, 0, 1)), (0, 0.03, 0)),
         (STILL, STILL, STILL, (0, 0, 0)),
     ],
-    ids=["blocker", "light", "receiver", "everything", "turning blocker", "tilting receiver", "all turning", "nothing"],
+    ids=["blocker", "light", "receiver", "everything", "nothing"],
 )
 def test_shadow_of_a_plate_on_a_floor(lamp, plate, floor, camera):
     """With a lamp that is almost a point, the shadow is the plate seen from the lamp, projected on the floor."""
