@@ -8,7 +8,7 @@ import numpy as np
 
 from nte.errors import NteError
 from nte.frames.bad import BadPixelReport
-from nte.frames.channels import COMPONENTS
+from nte.frames.channels import CHANNELS
 from nte.frames.frame import Array, Frame
 
 State = Any  # whatever a denoiser carries from frame to frame
@@ -69,7 +69,8 @@ def check_needs(denoiser: Denoiser, available: Iterable[str], where: object) -> 
     missing = [name for name in denoiser.needs if name not in have]
     if missing:
         name = type(denoiser).__name__
-        way = "; nte render writes light components in groups with components: true" if COMPONENTS & {*missing} else ""
+        keys = sorted({CHANNELS[channel].rendered_with for channel in missing if channel in CHANNELS} - {""})
+        way = f"; nte render writes it in groups with {' and '.join(keys)}" if keys else ""
         raise NteError(f"{where}: {name} needs {', '.join(missing)}, which is missing; there is {', '.join(have)}{way}")
 
 

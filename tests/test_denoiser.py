@@ -10,6 +10,7 @@ import torch
 
 import nte
 from nte import Denoiser, Frame, Noisy, NteError, Result, Session, denoise
+from nte.denoiser import check_needs
 from nte.frames.bad import BadPixelWarning
 
 
@@ -101,3 +102,18 @@ def test_results_take_the_kind_of_array_of_the_frame() -> None:
 def test_the_package_offers_its_names() -> None:
     assert set(nte.__all__) <= set(dir(nte))
     assert nte.__version__
+
+
+@pytest.mark.parametrize(
+    ("needs", "said"),
+    [
+        (("gradient",), "needs gradient, .*; nte render writes it in groups with components: true$"),
+        (("time", "motion"), "needs time, motion, .*; nte render writes it in groups with shutter: 1$"),
+        (("motion",), "needs motion, which is missing; there is color$"),
+    ],
+)
+def test_a_missing_channel_comes_with_the_recipe_that_renders_it(needs: tuple[str, ...], said: str) -> None:
+    picky = Noisy()
+    picky.needs = needs
+    with pytest.raises(NteError, match=said):
+        check_needs(picky, ["color"], "clip")

@@ -15,6 +15,7 @@ Shown = Literal["radiance", "reflectance", "direction", "heat", "labels", "motio
 RGB = ("R", "G", "B")
 XYZ = ("X", "Y", "Z")
 XY = ("X", "Y")
+LIGHT, SHUTTER = "components: true", "shutter: 1"
 
 
 @dataclass(frozen=True)
@@ -28,6 +29,7 @@ class Channel:
     kind: Kind
     noisy: bool = False  # differs from seed to seed
     nan_means: str = ""  # what a NaN says, where it is no fault
+    rendered_with: str = ""  # what a recipe's group has to say for `nte render` to write it; nothing: it always does
 
     @property
     def augment(self) -> Augment:
@@ -76,40 +78,37 @@ _ROWS = (
         "previous_forward_motion", XY, "derived", "px, from frame i−1 to frame i", "motion",
         nan_means="unknown: a hole left by scattering",
     ),
-    Channel("direct", RGB, "half", "radiance", "radiance"),
-    Channel("visibility", ("V",), "half", "1", "scalar", noisy=True),
-    Channel("indirect", RGB, "half", "radiance", "radiance", noisy=True),
-    Channel("indirect_radiance", RGB, "half", "radiance", "radiance", noisy=True),
-    Channel("indirect_direction", XYZ, "half", "1, world; 0 = no sample", "direction", noisy=True),
-    Channel("glossy", RGB, "half", "radiance", "radiance", noisy=True),
-    Channel("reference_visibility", ("V",), "half", "1", "scalar"),
-    Channel("reference_indirect", RGB, "half", "radiance", "radiance"),
-    Channel("reference_glossy", RGB, "half", "radiance", "radiance"),
+    Channel("direct", RGB, "half", "radiance", "radiance", rendered_with=LIGHT),
+    Channel("visibility", ("V",), "half", "1", "scalar", noisy=True, rendered_with=LIGHT),
+    Channel("indirect", RGB, "half", "radiance", "radiance", noisy=True, rendered_with=LIGHT),
+    Channel("indirect_radiance", RGB, "half", "radiance", "radiance", noisy=True, rendered_with=LIGHT),
+    Channel("indirect_direction", XYZ, "half", "1, world; 0 = no sample", "direction", noisy=True, rendered_with=LIGHT),
+    Channel("glossy", RGB, "half", "radiance", "radiance", noisy=True, rendered_with=LIGHT),
+    Channel("reference_visibility", ("V",), "half", "1", "scalar", rendered_with=LIGHT),
+    Channel("reference_indirect", RGB, "half", "radiance", "radiance", rendered_with=LIGHT),
+    Channel("reference_glossy", RGB, "half", "radiance", "radiance", rendered_with=LIGHT),
     Channel(
         "shadow_motion", XY, "float", "px, to the previous frame", "motion", noisy=True,
-        nan_means="unshadowed or invalid",
+        nan_means="unshadowed or invalid", rendered_with=LIGHT,
     ),
     Channel(
         "reflection_motion", XY, "float", "px, to the previous frame", "motion", noisy=True,
-        nan_means="not glossy",
+        nan_means="not glossy", rendered_with=LIGHT,
     ),
     Channel(
         "reflection_covariance", ("XX", "XY", "YY"), "float", "px²", "covariance", noisy=True,
-        nan_means="not glossy",
+        nan_means="not glossy", rendered_with=LIGHT,
     ),
     Channel(
         "gradient", ("L", "P"), "float", "luminance", "scalar", noisy=True,
-        nan_means="no gradient sample in this pixel",
+        nan_means="no gradient sample in this pixel", rendered_with=LIGHT,
     ),
-    Channel("time", ("T",), "half", "open shutter, [0, 1]", "scalar", noisy=True),
-    Channel("shutter_motion", XY, "float", "px over the open shutter, forward in time", "motion", noisy=True),
-    Channel("shutter_depth", ("Z",), "float", "scene units", "depth", noisy=True),
+    Channel("time", ("T",), "half", "open shutter, [0, 1]", "scalar", noisy=True, rendered_with=SHUTTER),
+    Channel(
+        "shutter_motion", XY, "float", "px over the open shutter, forward in time", "motion", noisy=True,
+        rendered_with=SHUTTER,
+    ),
+    Channel("shutter_depth", ("Z",), "float", "scene units", "depth", noisy=True, rendered_with=SHUTTER),
 )  # fmt: skip
 
 CHANNELS: dict[str, Channel] = {row.name: row for row in _ROWS}
-
-# What `nte render` writes only in groups with components: true.
-COMPONENTS = frozenset({
-    "direct", "visibility", "indirect", "indirect_radiance", "indirect_direction", "glossy", "shadow_motion",
-    "reflection_motion", "reflection_covariance",
-})  # fmt: skip
