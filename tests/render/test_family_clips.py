@@ -29,4 +29,5 @@ def test_three_frames_pass_the_check(family: str, tmp_path: Path):
     luminance = frame["reference"].mean(1)
     assert (luminance > 0.02 * luminance.mean()).mean() > 0.8  # no large black areas
     assert np.quantile(luminance, 0.95) > 1.5 * np.quantile(luminance, 0.2)  # contrast
-    assert 0.1 < frame["albedo"].mean() < 0.9
+    seen = np.broadcast_to(frame.hit, frame["albedo"].shape)  # the sky has none, and is most of a picture of clouds
+    assert 0.1 < frame["albedo"][seen].mean() < 0.9
