@@ -104,15 +104,18 @@ def pairs(image: Tensor, axis: int, k: int) -> tuple[Tensor, Tensor]:
 
 
 def _slope(disparity: Tensor, axis: int) -> Tensor:
-    """Change of 1/z per pixel along an axis: the smaller of both sides', which is the surface's own at an edge."""
+    """Change of 1/z per pixel along an axis: the smaller of both sides', which is the surface's own at an edge.
+
+    A step between surface and sky says nothing of either's slope; a pixel alone between two has none, 0.
+    """
     if disparity.shape[axis] < 2:
         return torch.zeros_like(disparity)
     near, far = pairs(disparity, axis, 1)
-    step = far - near
-    last = step.shape[axis] - 1
-    ahead = torch.cat([step, step.narrow(axis, last, 1)], axis)
-    behind = torch.cat([step.narrow(axis, 0, 1), step], axis)
-    return torch.where(ahead.abs() < behind.abs(), ahead, behind)
+    step = torch.where((near > 0) == (far > 0), far - near, float("inf"))
+    nothing = torch.full_like(step.narrow(axis, 0, 1), float("inf"))
+    ahead, behind = torch.cat([step, nothing], axis), torch.cat([nothing, step], axis)
+    smaller = torch.where(ahead.abs() < behind.abs(), ahead, behind)
+    return smaller.where(smaller < float("inf"), 0.0)
 
 
 def _gaussian(weights: Sequence[Tensor], axis: int, deviation: Tensor | float) -> Iterator[Tap]:
