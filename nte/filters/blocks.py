@@ -16,26 +16,26 @@ class Moments(NamedTuple):
     deviation: Tensor
 
 
-def neighbourhood_moments(image: Tensor, size: int = 3) -> Moments:
-    """μ and σ per channel over size×size pixels; at the border over those that exist."""
-
-    mean = box_mean(image, size)
+def neighbourhood_moments(image: Tensor, size: int = 3, step: int = 1) -> Moments:
+    """μ and σ per channel over size×size pixels, `step` apart; at the border over those that exist."""
+    mean = box_mean(image, size, step)
     # Around the mean of each image: E[x²] − μ² of bright HDR values would cancel in float32.
     centre = image.mean((2, 3), keepdim=True)
-    variance = box_mean((image - centre).square_(), size) - (mean - centre).square_()
+    variance = box_mean((image - centre).square_(), size, step) - (mean - centre).square_()
     return Moments(mean, variance.clamp(min=0).sqrt())
 
 
-def box_mean(image: Tensor, size: int) -> Tensor:
-    """Mean of size×size pixels, or of those of them that exist. Three times as fast as avg_pool2d on a CPU."""
+def box_mean(image: Tensor, size: int, step: int = 1) -> Tensor:
+    """Mean of size×size pixels, `step` apart, or of those of them that exist. Three times as fast as avg_pool2d."""
     for axis in (3, 2):
         length = image.shape[axis]
         total = image.clone()
-        for k in range(1, min(size // 2, length - 1) + 1):
+        for k in range(step, min(size // 2 * step, length - 1) + 1, step):
             total.narrow(axis, 0, length - k).add_(image.narrow(axis, k, length - k))
             total.narrow(axis, k, length - k).add_(image.narrow(axis, 0, length - k))
         place = torch.arange(length, device=image.device)
-        count = (place + size // 2).clamp(max=length - 1) - (place - size // 2).clamp(min=0) + 1
+        before, after = ((room // step).clamp(max=size // 2) for room in (place, length - 1 - place))
+        count = before + after + 1
         image = total.div_(count.view(-1, 1) if axis == 2 else count)
     return image
 

@@ -71,19 +71,31 @@ def errors(frames: list[Frame], **options: Any) -> dict[str, list[float]]:
     }
 
 
+# After n frames 1/√n of a single frame's error is left, until α = 1/10, and then √(α / (2 − α)).
+FLOOR = (0.1 / 1.9) ** 0.5
+
+
 def test_at_rest_errors_fall_like_those_of_a_running_mean_to_the_floor_of_alpha() -> None:
-    frames = [plane(index) for index in range(40)]
+    # Sixteen sequences: the filters leave so few independent pixels in one that its own error is a matter of luck.
+    frames = [plane(index, batch=16) for index in range(40)]
     found = errors(frames, clamp=float("inf"), cleanup=False)
     for name, by_frame in found.items():
-        # 1 / √n until α = 1/10, and then √(α / (2 − α)) = 0.23.
-        assert by_frame[3] == pytest.approx(by_frame[0] / 2, rel=0.35), name
-        assert by_frame[9] == pytest.approx(by_frame[0] / 10**0.5, rel=0.45), name
-        assert np.mean(by_frame[30:]) < 0.4 * by_frame[0], name
+        assert by_frame[3] == pytest.approx(by_frame[0] / 2, rel=0.2), name
+        assert by_frame[9] == pytest.approx(by_frame[0] / 10**0.5, rel=0.2), name
+        assert np.mean(by_frame[30:]) == pytest.approx(FLOOR * by_frame[0], rel=0.2), name
 
 
-def test_at_rest_the_whole_system_converges_too() -> None:
-    for name, by_frame in errors([plane(index) for index in range(24)]).items():
-        assert np.mean(by_frame[-4:]) < 0.6 * by_frame[0], name
+@pytest.mark.parametrize("lobe", [0.0, 36.0])
+def test_at_rest_the_whole_system_converges_too(lobe: float) -> None:
+    """Clamp and clean-up do not stand in the way: neither of a mirror nor where filters are wide."""
+    size = (48, 64)
+    wide = np.broadcast_to(np.reshape([lobe, 0, lobe], (1, 3, 1, 1)), (4, 3, *size)).astype(np.float32)
+    frames = [plane(index, size, batch=4, reflection_covariance=wide) for index in range(30)]
+    alone = errors(frames[:1], cleanup=False)
+    for name, by_frame in errors(frames).items():
+        # At the border some of the vectors drawn from a lobe leave the image, and there is no history.
+        most = 2 if name == "glossy" and lobe else 1.25
+        assert np.mean(by_frame[-8:]) < most * FLOOR * alone[name][0], name
 
 
 def test_without_warming_up_alpha_is_constant() -> None:
@@ -122,6 +134,29 @@ def test_the_papers_reshading_makes_white_twice_as_bright() -> None:
     direction = directions(np.random.default_rng(0), white["normal"])
     found = run([white.with_channels(indirect_direction=direction)], reshading="paper")[0]
     np.testing.assert_allclose(found["indirect"], 2 * white["albedo"], rtol=1e-5)
+
+
+@pytest.mark.parametrize("options", VARIANTS)
+def test_without_motion_no_pixel_moves(options: dict[str, Any]) -> None:
+    # Stripes 4 px wide, each a surface of its own with light of its own: whatever moved a pixel would mix two.
+    stripe = np.arange(28) // 4
+    rng = np.random.default_rng(2)
+
+    def by_stripe(channels: int, low: float, high: float) -> Pixels:
+        return np.tile(rng.uniform(low, high, (1, channels, 1, 7))[..., stripe], (1, 1, 20, 1)).astype(np.float32)
+
+    light = by_stripe(3, 0.1, 5)
+    still = plane(
+        depth=np.broadcast_to(5 * 1.5**stripe, (1, 1, 20, 28)),
+        visibility=by_stripe(1, 0, 1), glossy=by_stripe(3, 0, 3),
+        indirect_radiance=light, indirect=light * plane()["albedo"], indirect_direction=plane()["normal"],
+        shadow_motion=np.zeros((1, 2, 20, 28)),
+    )  # fmt: skip
+    outputs = run([replace(still, index=index) for index in range(5)], **options)
+    for found in outputs:
+        np.testing.assert_allclose(found["visibility"], still["visibility"], rtol=1e-4, atol=1e-5)
+        np.testing.assert_allclose(found["glossy"], still["glossy"], rtol=1e-4, atol=1e-5)
+        np.testing.assert_allclose(found["indirect"], outputs[0]["indirect"], rtol=1e-4, atol=1e-5)
 
 
 @pytest.mark.parametrize("options", VARIANTS)

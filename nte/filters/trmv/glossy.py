@@ -42,7 +42,8 @@ def denoise_glossy(scene: Scene, track: Track | None, vectors: str, settings: Se
         reprojection = scene.traditional
         if vectors == "reliable":
             reprojection = glossy_reprojection(draw(lobes, frame.index), lobes.glossy, scene)
-    return accumulate("glossy", current, track, None if vectors == "none" else reprojection, scene, settings)
+    used = None if vectors == "none" else reprojection
+    return accumulate("glossy", current, track, used, scene, settings, deviation_of(lobes.spread))
 
 
 def gather_lobes(mean: Tensor, covariance: Tensor, edges: Edges) -> Lobes:
@@ -67,7 +68,12 @@ def filter_glossy(glossy: Tensor, spread: Tensor, edges: Edges) -> Tensor:
 
     A mirror is left as it is; roughness and the distance of what is reflected widen the lobe, and so the filter.
     """
-    return joint_bilateral(glossy, edges, RADIUS, (SCALE * spread).clamp(max=WIDEST))
+    return joint_bilateral(glossy, edges, RADIUS, deviation_of(spread))
+
+
+def deviation_of(spread: Tensor) -> Tensor:
+    """Of the filter, px, for lobes of this deviation."""
+    return (SCALE * spread).clamp(max=WIDEST)
 
 
 def draw(lobes: Lobes, frame: int) -> Tensor:

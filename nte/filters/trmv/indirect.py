@@ -19,6 +19,7 @@ from nte.motion.warp import warp
 
 LEVELS = 4
 KERNEL = (1.0, 0.5)  # 3×3 taps: 4 levels make 31×31, the paper's «essentially 32×32»
+REACH = 8.0  # deviation of that filter, px
 STRIP = 64  # rows blended at a time: 24 channels with their temporaries would be most of the frame's memory
 
 
@@ -78,10 +79,11 @@ class Cones:
         normals = cut(normal), cut(scene.surface.normal)
         moved, covered = hemisphere.transfer(cut(fetched.history), *normals, self.half_angle)
         history = hemisphere.radiance_of(moved)
-        margin = slice(max(0, rows.start - temporal.NEIGHBOURHOOD // 2), rows.stop + temporal.NEIGHBOURHOOD // 2)
+        reach = temporal.NEIGHBOURHOOD // 2 * temporal.spacing(REACH)
+        margin = slice(max(0, rows.start - reach), rows.stop + reach)
         around = hemisphere.radiance_of(current[:, :, margin])
         inner = slice(rows.start - margin.start, rows.start - margin.start + history.shape[2])
-        clamped = temporal.limit(history, around, settings, inner)
+        clamped = temporal.limit(history, around, REACH, settings, inner)
         valid, used = cut(fetched.valid), cut(weight.used)
         share = hemisphere.split(moved)[1] * covered.unsqueeze(2)
         usable = torch.cat([share * hemisphere.by_cone(clamped, 3), share], 2).flatten(1, 2)
@@ -105,7 +107,7 @@ def denoise_indirect(
     if cones is None:
         with record_function("trmv/indirect/filter"):
             current = filter_indirect(demodulate(frame["indirect"], frame["albedo"]), scene.guide)
-        effect = temporal.accumulate("indirect", current, track, reprojection, scene, settings)
+        effect = temporal.accumulate("indirect", current, track, reprojection, scene, settings, REACH)
         return effect._replace(image=remodulate(effect.image, frame["albedo"]))
     with record_function("trmv/indirect/filter"):
         light, direction = frame["indirect_radiance"], frame["indirect_direction"]

@@ -41,7 +41,8 @@ def denoise_shadows(scene: Scene, track: Track | None, vectors: str, settings: S
             if scene.before is not None:
                 trust = planarity(scene.surface, scene.before, scene.traditional, reprojection)
     used = None if vectors == "none" else reprojection
-    return accumulate("shadow", splatted.visibility, track, used, scene, settings, trust)
+    reach = deviation_for(scene.surface.depth.shape[2])
+    return accumulate("shadow", splatted.visibility, track, used, scene, settings, reach, trust)
 
 
 def splat(visibility: Tensor, direct: Tensor, shadow_motion: Tensor | None, edges: Edges) -> Splatted:

@@ -16,6 +16,7 @@ from nte.motion.warp import warp
 
 NEIGHBOURHOOD = 5  # pixels across, of the clamp
 WIDEST = 5.0  # deviation of the clean-up filter, px
+_APART = 4  # px, of the pixels that the clamp looks at where a filter of varying width is wide
 _EPSILON = 1e-3
 
 
@@ -63,17 +64,18 @@ class Weight(NamedTuple):
 
 def accumulate(
     name: str, current: Tensor, track: Track | None, vectors: Reprojection | None, scene: Scene, settings: Settings,
-    trust: Tensor | None = None,
+    reach: float | Tensor, trust: Tensor | None = None,
 ) -> Effect:  # fmt: skip
     """Eq. 2 with everything of section 5 on current c̃ (N, C, H, W): c = α c̃ + (1 − α) c*, cleaned up.
 
-    vectors None: the spatial filter alone. trust: G of Eq. 4. name: in the profile.
+    vectors None: the spatial filter alone. reach: of that filter, see `surroundings`. trust: G of Eq. 4. name: in
+    the profile.
     """
     if vectors is None or track is None:
         return begin(name, current, vectors, scene, settings)
     with record_function(f"trmv/{name}/temporal"):
         fetched = fetch(track, vectors, scene.frame.reset)
-        clamped = limit(fetched.history, current, settings)
+        clamped = limit(fetched.history, current, reach, settings)
         weight = weigh(fetched, settings, trust)
         # Not lerp alone: a history that is not valid must not leave a trace, not even of rounding.
         blended = torch.where(fetched.valid, torch.lerp(clamped, current, weight.used), current)
@@ -109,12 +111,29 @@ def weigh(fetched: Fetched, settings: Settings, trust: Tensor | None = None) -> 
     return Weight(default, torch.where(fetched.valid, used, 1.0))
 
 
-def limit(history: Tensor, current: Tensor, settings: Settings, rows: slice = slice(None)) -> Tensor:
-    """History (N, C, h, W) clamped to μ ± clamp·σ of the filtered current 5×5 neighbourhood; its `rows` of current."""
+def limit(
+    history: Tensor, current: Tensor, reach: float | Tensor, settings: Settings, rows: slice = slice(None)
+) -> Tensor:
+    """History (N, C, h, W) clamped to μ ± clamp·σ of 5×5 pixels of the filtered current frame; its `rows` of that.
+
+    reach: deviation of the filter, px; a number, or one for each pixel (N, 1, H, W). The 5×5 pixels lie so far apart
+    (ours): a filter makes neighbours alike, and the σ of adjacent ones says nothing of how noisy all of them
+    are together. Clamped to that, history would follow the noise of every frame, and a scene at rest would
+    never converge (docs/trmv.md).
+    """
     if settings.clamp == float("inf"):
         return history
-    moments = neighbourhood_moments(current, NEIGHBOURHOOD)
-    return clamp_history(history, Moments(moments.mean[:, :, rows], moments.deviation[:, :, rows]), settings.clamp)
+    if not isinstance(reach, Tensor):
+        moments = neighbourhood_moments(current, NEIGHBOURHOOD, spacing(reach))
+    else:
+        near, far = (neighbourhood_moments(current, NEIGHBOURHOOD, step) for step in (1, _APART))
+        moments = Moments(*(torch.where(reach > _APART / 2, f, n) for f, n in zip(far, near, strict=True)))
+    return clamp_history(history, Moments(*(m[:, :, rows] for m in moments)), settings.clamp)
+
+
+def spacing(reach: float) -> int:
+    """How far apart pixels are looked at, px, that a filter of this deviation has made independent."""
+    return max(1, round(reach))
 
 
 def clean_up_deviation(
