@@ -119,12 +119,11 @@ class Trmv:
         """The channels that the chosen effects read."""
         shadow = ("shadow_motion",) if self.chosen["shadow"] == "reliable" else ()
         # The covariance is the size of every variant's spatial filter.
-        glossy = ("reflection_motion", "reflection_covariance")
-        specular = ("specular_motion",) if self.chosen["glossy"] == "specular" else ()
+        lobes = ("reflection_motion", "reflection_covariance")
         cones = ("indirect_radiance", "indirect_direction")
         needs = {
             "visibility": ("direct", "visibility", *shadow),
-            "glossy": ("glossy", *glossy, *specular),
+            "glossy": ("glossy", *lobes),
             "indirect": ("albedo", *(cones if self.chosen["indirect"] == "cones" else ("indirect",))),
         }
         if self.target != "color":

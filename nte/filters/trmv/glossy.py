@@ -27,21 +27,27 @@ class Lobes(NamedTuple):
     """Reflection vectors as distributions, wherever a reflected path is near."""
 
     mean: Tensor  # (N, 2, H, W) px, to the previous frame
+    specular: Tensor  # (N, 2, H, W) px, the mean of the neighbourhood: without the samples' own spread
     covariance: Tensor  # (N, 3, H, W) XX XY YY, px²
     spread: Tensor  # (N, 1, H, W) px: the lobe's deviation, mean of both axes and of the neighbourhood; 0 without one
     glossy: Tensor  # (N, 1, H, W) bool: there is one
 
 
 def denoise_glossy(scene: Scene, track: Track | None, vectors: str, settings: Settings) -> Effect:
-    """Light of all lobes but the diffuse one (N, 3, H, W). vectors: reliable, specular, traditional or none."""
+    """Light of all lobes but the diffuse one (N, 3, H, W). vectors: reliable, specular, traditional or none.
+
+    specular: one vector for what the mirror direction meets, as for pure reflections (the paper's comparison): clips
+    hold no such ray, so it is the mean of those of the lobe's footprint, which is the same on a mirror.
+    """
     frame = scene.frame
     with record_function("trmv/glossy/filter"):
         lobes = gather_lobes(frame["reflection_motion"], frame["reflection_covariance"], scene.edges)
         current = filter_glossy(frame["glossy"], lobes.spread, scene.edges)
     with record_function("trmv/glossy/vectors"):
         reprojection = scene.traditional
-        if vectors == "reliable":
-            reprojection = glossy_reprojection(draw(lobes, frame.index), lobes.glossy, scene)
+        if vectors in ("reliable", "specular"):
+            motion = draw(lobes, frame.index) if vectors == "reliable" else lobes.specular
+            reprojection = glossy_reprojection(motion, lobes.glossy, scene)
     used = None if vectors == "none" else reprojection
     return accumulate("glossy", current, track, used, scene, settings, deviation_of(lobes.spread))
 
@@ -60,7 +66,7 @@ def gather_lobes(mean: Tensor, covariance: Tensor, edges: Edges) -> Lobes:
     around = torch.where(glossy, reached[:, 1:] / reached[:, :1].clamp(min=_TINY), 0.0)
     spread = ((around[:, 2:3] + around[:, 4:5]) / 2).clamp(min=0).sqrt()
     filled = torch.where(own, values, around)
-    return Lobes(filled[:, :2], filled[:, 2:], spread, glossy)
+    return Lobes(filled[:, :2], around[:, :2], filled[:, 2:], spread, glossy)
 
 
 def filter_glossy(glossy: Tensor, spread: Tensor, edges: Edges) -> Tensor:
