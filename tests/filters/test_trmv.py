@@ -20,7 +20,7 @@ VARIANTS: tuple[dict[str, Any], ...] = (
     {},
     {"shadow": "traditional", "glossy": "traditional", "occlusion": "traditional", "indirect": "colour"},
     {"shadow": "none", "glossy": "none", "occlusion": "none"},
-    {"glossy": "specular", "clamp": 1.0},
+    {"glossy": "specular"},
     {"clamp": float("inf"), "cleanup": False},
     {"history": "blended", "warm_up": False, "reshading": "paper", "half_angle": 30.0},
 )
