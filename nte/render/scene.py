@@ -1,5 +1,6 @@
 """What an animated scene is: meshes with materials that move, area lights, and a camera. No Mitsuba here."""
 
+from abc import ABC, abstractmethod
 from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Literal
@@ -13,7 +14,7 @@ Pixels = npt.NDArray[np.float32]
 Colour = tuple[float, float, float]
 Surface = Literal["diffuse", "glossy", "metal", "glass", "veil", "none"]
 
-NEAR, FAR = 0.01, 1000.0  # clipping planes of every camera, scene units
+NEAR, FAR = 0.01, 1000.0  # clipping planes of the families' cameras, scene units
 DISTANT = 1e5  # scene units: where a point at infinity is put, when it has to be a point
 
 
@@ -59,8 +60,31 @@ class Medium:
     density: Callable[[float], Pixels] | None = None
 
 
+class _Meshed(ABC):
+    """Where the places of a mesh are: (P, 3), triangle and the weights of its second and third vertex."""
+
+    mesh: Mesh
+
+    @abstractmethod
+    def at(self, time: float) -> tuple[Floats, Floats]:
+        """World positions and normals (V, 3) of the vertices at a time in frames."""
+
+    def points(self, place: Floats, time: float) -> Floats:
+        """World positions (P, 3) at a time in frames, interpolated from the triangle's own vertices."""
+        return self._interpolated(place, self.at(time)[0])
+
+    def normals(self, place: Floats, time: float) -> Floats:
+        """The same of normals, outwards; not of unit length."""
+        return self._interpolated(place, self.at(time)[1])
+
+    def _interpolated(self, place: Floats, vertices: Floats) -> Floats:
+        a, b, c = vertices[self.mesh.faces[place[:, 0].astype(np.int64)]].transpose(1, 0, 2)
+        u, v = place[:, 1:2], place[:, 2:3]
+        return np.asarray((1 - u - v) * a + u * b + v * c)
+
+
 @dataclass(frozen=True)
-class SceneObject:
+class SceneObject(_Meshed):
     """A rigid mesh on a track; an area light where `radiance` is given, filled where `medium` is.
 
     All that the renderer asks of its motion is `at(time)`.
@@ -80,7 +104,7 @@ class SceneObject:
 
 
 @dataclass(frozen=True)
-class DeformingObject:
+class DeformingObject(_Meshed):
     """A mesh whose vertices each go their own way; `mesh` gives faces and uv, and the vertices' number."""
 
     mesh: Mesh
@@ -105,6 +129,8 @@ class Camera:
     fov: float
     aperture: float = 0.0
     focus: float = 1.0
+    near: float = NEAR  # clipping planes, scene units
+    far: float = FAR
 
     def view(self, time: float) -> Floats:
         """4×4, world → camera, at a time in frames."""
@@ -120,8 +146,9 @@ class Camera:
         Equals mi.perspective_projection without its jitter; the camera's +x is to the left.
         """
         scale = 0.5 / np.tan(np.radians(self.fov) / 2)
-        z = FAR / (FAR - NEAR)
-        return np.array([[-scale, 0, 0.5, 0], [0, -scale * width / height, 0.5, 0], [0, 0, z, -NEAR * z], [0, 0, 1, 0]])
+        z = self.far / (self.far - self.near)
+        down = -scale * width / height
+        return np.array([[-scale, 0, 0.5, 0], [0, down, 0.5, 0], [0, 0, z, -self.near * z], [0, 0, 1, 0]])
 
 
 @dataclass(frozen=True)
