@@ -205,7 +205,7 @@ def test_a_faulty_animation_is_one_line(folder: Path, text: str, said: str) -> N
         ("ball.ply", "bull.ply", "bull.ply.*not found"),
         ("textures/paint.png", "paint.png", "paint.png.*No such file"),
         ("</scene>", "", "room.xml.*Pars"),
-        ('type="perspective" id="eye"><float name="fov" value="50"/>', 'type="orthographic">', "its sensor is .*expected"),
+        ('type="perspective" id="eye"><float name="fov" value="50"/>', 'type="orthographic">', "sensor is .*expected"),
         ('<ref id="gold"/>', '<ref id="silver"/>', "silver"),
     ],
 )
