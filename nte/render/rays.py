@@ -50,6 +50,7 @@ class Seen:
     normal: Floats  # (R, 3) shading normal, world
     roughness: Floats  # (R,) perceptual
     hit: npt.NDArray[np.bool_]  # (R,)
+    hits: Hits
 
 
 def to_jit(kind: Any, values: npt.NDArray[Any]) -> Any:
@@ -72,12 +73,14 @@ def trace_film(stage: Stage, pixel: Floats) -> Seen:
     mi, dr = load_mitsuba(), load_drjit()
     x, y = (to_jit(mi.Float, column) for column in (pixel / (stage.width, stage.height)).T)
     ray, _ = stage.sensor.sample_ray(0.0, 0.5, mi.Point2f(x, y), mi.Point2f(0.5))
-    si = stage.mi_scene.ray_intersect(ray)
+    first = stage.mi_scene.ray_intersect_preliminary(ray)
+    si = first.compute_surface_interaction(ray)
     hit = si.is_valid()
     columns = [si.p, si.sh_frame.n, _roughness(si, hit), hit]
-    dr.eval(columns)
+    dr.eval(columns, first, ray.d)
     point, normal, roughness, found = (np.array(column).T for column in columns)
-    return Seen(point.astype(float), normal.astype(float), roughness.astype(float), found)
+    hits = to_hits(stage, first, ray.d)
+    return Seen(point.astype(float), normal.astype(float), roughness.astype(float), found, hits)
 
 
 def trace_centres(stage: Stage) -> Hits:
@@ -105,24 +108,27 @@ def points_at(stage: Stage, hits: Hits, time: float) -> Floats:
     Interpolated from the triangle's own vertices at that time, so it holds for whatever moves them, and a
     point at rest has exactly the same position at every time.
     """
-    return _interpolated(stage, hits, [obj.at(time)[0] for obj in stage.scene.objects])
+    return _interpolated(stage, hits, stage.vertices(time)[0])
 
 
 def normals_at(stage: Stage, hits: Hits, time: float) -> Floats:
     """Unit shading normals (P, 3) of `hits` at a time, outwards; the ray's direction for a miss."""
-    normals = _interpolated(stage, hits, [obj.at(time)[1] for obj in stage.scene.objects])
+    normals = _interpolated(stage, hits, stage.vertices(time)[1])
     return np.asarray(normals / np.linalg.norm(normals, axis=1, keepdims=True))
 
 
-def _interpolated(stage: Stage, hits: Hits, vertices: list[Floats]) -> Floats:
-    values = hits.direction.copy()
-    for number, obj in enumerate(stage.scene.objects):
-        mine = hits.instance == number + 1
-        if mine.any():
-            a, b, c = vertices[number][obj.mesh.faces[hits.triangle[mine]]].transpose(1, 0, 2)
-            u, v = hits.barycentric[mine, :1], hits.barycentric[mine, 1:]
-            values[mine] = (1 - u - v) * a + u * b + v * c
-    return values
+def corners(stage: Stage, hits: Hits) -> Indices:
+    """The vertices (P, 3), rows of stage.vertices, of the triangles that are hit; of a miss, any."""
+    hit = hits.instance > 0
+    return np.asarray(stage.faces[np.where(hit, stage.first_face[hits.instance] + hits.triangle, 0)])
+
+
+def _interpolated(stage: Stage, hits: Hits, vertices: Floats) -> Floats:
+    a, b, c = vertices[corners(stage, hits).T]
+    u, v = hits.barycentric[:, :1], hits.barycentric[:, 1:]
+    with np.errstate(invalid="ignore", over="ignore"):  # of a miss, whose barycentrics are whatever was in memory
+        values = (1 - u - v) * a + u * b + v * c
+    return np.where(hits.instance[:, None] > 0, values, hits.direction)
 
 
 def trace_surfaces(stage: Stage, offsets: Floats) -> Surfaces:

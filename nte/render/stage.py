@@ -3,6 +3,7 @@
 Mitsuba 3.9 has no animated transforms, so vertices and the camera are written through mi.traverse.
 """
 
+from itertools import pairwise
 from typing import Any
 
 import numpy as np
@@ -10,9 +11,11 @@ import numpy.typing as npt
 
 from nte.render.backend import load_mitsuba
 from nte.render.scene import FAR, NEAR, DeformingObject, Material, Medium, Mesh, Scene, SceneObject
+from nte.render.transforms import Floats
 from nte.render.unshadowed import unshadowed_integrator
 
 VEIL = 0.05  # the share of light that a veil reflects or swallows
+_TIMES = 4  # whose vertices are kept: a frame asks for those of three again and again
 
 
 class Stage:
@@ -40,13 +43,19 @@ class Stage:
         # Convex objects that cannot be seen; the channels without noise look past them.
         self.containers = sum(obj.material.surface == "none" for obj in scene.objects)
         self._written = dict.fromkeys(self.meshes, np.empty(0, np.float32))  # positions and normals as they are set
+        vertices = np.cumsum([0, *(len(obj.mesh.positions) for obj in scene.objects)])
+        self._rows = [slice(*ends) for ends in pairwise(vertices)]  # of each object among the vertices of all
+        meshes = [np.int64(first) + obj.mesh.faces for first, obj in zip(vertices, scene.objects, strict=False)]
+        self.faces = np.concatenate([np.zeros((1, 3), np.int64), *meshes])  # (1 + F, 3); row 0 stands for a miss
+        self.first_face = np.cumsum([0, 1, *map(len, meshes)])  # of each instance; of 0, the miss's row
+        self._vertices: dict[float, tuple[Floats, Floats]] = {}
         self._parameters: Any = mi.traverse(self.mi_scene)
 
     def set_time(self, time: float) -> None:
         """Put every vertex and the camera where they are at a time in frames."""
         mi = load_mitsuba()
-        for name, obj in zip(self.meshes, self.scene.objects, strict=True):
-            vertices = np.stack([_flat(values) for values in obj.at(time)])
+        for number, (name, obj) in enumerate(zip(self.meshes, self.scene.objects, strict=True)):
+            vertices = np.stack([_flat(values) for values in self.vertices_of(number + 1, time)])
             # What is there already is not written again: where only the camera moves, that is four times as fast.
             if not np.array_equal(vertices, self._written[name]):
                 self._written[name] = vertices
@@ -58,6 +67,20 @@ class Stage:
                 self._parameters[f"{name}.interior_medium.sigma_t.data"] = grid
         self._parameters["sensor.to_world"] = mi.ScalarTransform4f(self.scene.camera.track(time))
         self._parameters.update()
+
+    def vertices(self, time: float) -> tuple[Floats, Floats]:
+        """World positions and normals (V, 3) of all vertices at a time, object by object; do not write in them."""
+        if time not in self._vertices:
+            while len(self._vertices) >= _TIMES:
+                self._vertices.pop(next(iter(self._vertices)))
+            positions, normals = zip(*(obj.at(time) for obj in self.scene.objects), strict=True)
+            self._vertices[time] = np.concatenate(positions), np.concatenate(normals)
+        return self._vertices[time]
+
+    def vertices_of(self, instance: int, time: float) -> tuple[Floats, Floats]:
+        """The same of one object, by its instance number."""
+        positions, normals = self.vertices(time)
+        return positions[self._rows[instance - 1]], normals[self._rows[instance - 1]]
 
 
 def _integrator(scene: Scene, depth: int) -> dict[str, Any]:
