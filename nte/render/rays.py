@@ -1,6 +1,6 @@
 """Camera rays and what they meet, as NumPy rows: the same code for vectorised and scalar Mitsuba variants."""
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from dataclasses import dataclass
 from functools import partial
 from typing import Any
@@ -52,6 +52,7 @@ class Seen:
     normal: Floats  # (R, 3) shading normal, world
     roughness: Floats  # (R,) perceptual
     hit: npt.NDArray[np.bool_]  # (R,)
+    hits: Hits
 
 
 def to_jit(kind: Any, values: npt.NDArray[Any]) -> Any:
@@ -74,12 +75,14 @@ def trace_film(stage: Stage, pixel: Floats) -> Seen:
     mi, dr = load_mitsuba(), load_drjit()
     x, y = (to_jit(mi.Float, column) for column in (pixel / (stage.width, stage.height)).T)
     ray, _ = stage.sensor.sample_ray(0.0, 0.5, mi.Point2f(x, y), mi.Point2f(0.5))
-    si = stage.mi_scene.ray_intersect(ray)
+    first = stage.mi_scene.ray_intersect_preliminary(ray)
+    si = first.compute_surface_interaction(ray)
     hit = si.is_valid()
     columns = [si.p, si.sh_frame.n, stage.roughness(si, hit), hit]
-    dr.eval(columns)
+    dr.eval(columns, first, ray.d)
     point, normal, roughness, found = (np.array(column).T for column in columns)
-    return Seen(point.astype(float), normal.astype(float), roughness.astype(float), found)
+    hits = to_hits(stage, first, ray.d, si.p)
+    return Seen(point.astype(float), normal.astype(float), roughness.astype(float), found, hits)
 
 
 def trace_centres(stage: Stage) -> Hits:
@@ -104,28 +107,16 @@ def to_hits(stage: Stage, hit: Any, direction: Any, point: Any = None) -> Hits:
 def points_at(stage: Stage, hits: Hits, time: float) -> Floats:
     """Where the surface points of `hits` are at a time: (P, 3), world; the ray's direction for a miss.
 
-    Whatever moves them, the objects say; a point at rest has exactly the same position at every time.
+    Whatever moves them, the stage says; a point at rest has exactly the same position at every time.
     """
-    found = hits.direction.copy()
-    for mine, obj in _by_object(stage, hits):
-        found[mine] = obj.points(hits.place[mine], time)
-    return found
+    return np.where(hits.instance[:, None] > 0, stage.points(hits.instance, hits.place, time), hits.direction)
 
 
 def normals_at(stage: Stage, hits: Hits, time: float) -> Floats:
     """Unit shading normals (P, 3) of `hits` at a time, outwards; the ray's direction for a miss."""
-    found = hits.direction.copy()
-    for mine, obj in _by_object(stage, hits):
-        found[mine] = obj.normals(hits.place[mine], time)
-    return np.asarray(found / np.linalg.norm(found, axis=1, keepdims=True))
-
-
-def _by_object(stage: Stage, hits: Hits) -> Iterator[tuple[npt.NDArray[np.bool_], Any]]:
-    """(rows (P,), object) for each object that was hit."""
-    for number, obj in enumerate(stage.scene.objects):
-        mine = hits.instance == number + 1
-        if mine.any():
-            yield mine, obj
+    normals = stage.normals(hits.instance, hits.place, time)
+    normals = np.where(hits.instance[:, None] > 0, normals, hits.direction)
+    return np.asarray(normals / np.linalg.norm(normals, axis=1, keepdims=True))
 
 
 def trace_surfaces(stage: Stage, offsets: Floats) -> Surfaces:

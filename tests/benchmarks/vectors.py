@@ -23,9 +23,11 @@ from nte.color import demodulate
 from nte.evaluation.metrics import SHADOWED
 from nte.evaluation.table import aligned
 from nte.evaluation.vectors import Fetched, bootstrap_interval, draw, fetch, fill, is_planar
+from nte.filters.bilateral import ROUGHNESS
 from nte.frames.scalars import estimate_exposure
 from nte.frames.show import Picture, grid, heat, quantise, write_png
 from nte.motion.geometric import dual_motion
+from nte.motion.warp import fetch_nearest, pixel_centres
 from nte.render.components import noisy, references
 from nte.render.integrator import guides
 from nte.render.recipe import ClipPlan, Group, make_scene
@@ -87,10 +89,12 @@ class Score:
         return self.traditional - self.reliable
 
 
-def render(situation: Situation, number: int, size: int, spp: int, samples: int) -> tuple[Channels, Channels]:
-    """The clean frames before and now of a test clip; now has the vectors' samples too, (S, C, H, W)."""
+def render(
+    situation: Situation, split: str, number: int, size: int, spp: int, samples: int
+) -> tuple[Channels, Channels]:
+    """The clean frames before and now of a clip; now has the vectors' samples too, (S, C, H, W)."""
     group = Group(scene=situation.scene, parameters=situation.parameters, clips=1, width=size, height=size)
-    unit = ClipPlan("vectors", 0, "test", number, group)
+    unit = ClipPlan("vectors", 0, split, number, group)
     stage = Stage(make_scene(unit), size, size, group.max_depth)
     frames = []
     for when in (TIME - 1, TIME):
@@ -125,6 +129,10 @@ def reflections(before: Channels, now: Channels) -> Case:
     glossy = lobes.isfinite().all(1, keepdim=True).any(0, keepdim=True)
     lobes = fill(lobes, now["instance"], FOOTPRINT)
     vectors = draw(lobes[:, :2], lobes[:, 2:], torch.Generator().manual_seed(0))
+    # As `trmv` uses them: a place that another surface has taken reflects something else, or nothing at all.
+    place = (pixel_centres(vectors) + vectors).nan_to_num()
+    there = fetch_nearest(before["roughness"].expand(len(vectors), -1, -1, -1), place)
+    vectors = torch.where((there - now["roughness"]).abs() < ROUGHNESS, vectors, torch.nan)
     planar = is_planar(now["normal"], now["instance"])
     regions = {"glossy": glossy, "planar": glossy & planar, "curved": glossy & ~planar}
     light = (exposure * image for image in (before[name], now[name], now[f"{name} noise"]))
@@ -233,6 +241,7 @@ def main(arguments: list[str]) -> int:
     parser.add_argument("--size", type=int, default=128)
     parser.add_argument("--spp", type=int, default=256, help="of the clean frames")
     parser.add_argument("--samples", type=int, default=64, help="of the vectors")
+    parser.add_argument("--split", choices=("test", "train"), default="test", help="train: to try things out")
     parser.add_argument("--json", type=Path)
     parser.add_argument("--pictures", type=Path)
     given = parser.parse_args(arguments)
@@ -243,7 +252,7 @@ def main(arguments: list[str]) -> int:
         situation, scores = SITUATIONS[name], {}
         for number in range(given.clips):
             start = time.perf_counter()
-            case = CASES[situation.light](*render(situation, number, given.size, given.spp, given.samples))
+            case = CASES[situation.light](*render(situation, given.split, number, given.size, given.spp, given.samples))
             found_scores, found = measure(case)
             for region, score in found_scores.items():
                 scores.setdefault(region, []).append(score)
