@@ -5,6 +5,7 @@ from typing import NamedTuple
 import torch
 from torch import Tensor
 
+from nte.motion.box import box_mean
 from nte.motion.geometric import Reprojection
 from nte.motion.warp import warp
 
@@ -24,20 +25,6 @@ def neighbourhood_moments(image: Tensor, size: int = 3) -> Moments:
     centre = image.mean((2, 3), keepdim=True)
     variance = box_mean((image - centre).square_(), size) - (mean - centre).square_()
     return Moments(mean, variance.clamp(min=0).sqrt())
-
-
-def box_mean(image: Tensor, size: int) -> Tensor:
-    """Mean of size×size pixels, or of those of them that exist. Three times as fast as avg_pool2d on a CPU."""
-    for axis in (3, 2):
-        length = image.shape[axis]
-        total = image.clone()
-        for k in range(1, min(size // 2, length - 1) + 1):
-            total.narrow(axis, 0, length - k).add_(image.narrow(axis, k, length - k))
-            total.narrow(axis, k, length - k).add_(image.narrow(axis, 0, length - k))
-        place = torch.arange(length, device=image.device)
-        count = (place + size // 2).clamp(max=length - 1) - (place - size // 2).clamp(min=0) + 1
-        image = total.div_(count.view(-1, 1) if axis == 2 else count)
-    return image
 
 
 def clamp_history(history: Tensor, moments: Moments, width: float = 1.0) -> Tensor:
