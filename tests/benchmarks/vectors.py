@@ -28,7 +28,7 @@ from nte.frames.scalars import estimate_exposure
 from nte.frames.show import Picture, grid, heat, quantise, write_png
 from nte.motion.geometric import dual_motion
 from nte.motion.warp import fetch_nearest, pixel_centres
-from nte.render.components import noisy, references
+from nte.render.components import references, reflection_samples, shadow_samples
 from nte.render.integrator import guides
 from nte.render.recipe import ClipPlan, Group, make_scene
 from nte.render.seeds import derive_seed
@@ -57,6 +57,7 @@ SITUATIONS = {
     "restaurant": Situation("restaurant", "glossy", "planar", {"speed": 2.0, "roughness": 0.05}),
     "pica": Situation("pica", "indirect", "disoccluded"),
     "temple, as it is": Situation("temple", "glossy", None),
+    "restaurant, as it is": Situation("restaurant", "glossy", None),
 }
 
 
@@ -105,12 +106,18 @@ def render(
         )
         channels |= {name: (a[name] + b[name]) / 2 for name in a} | {f"{name} noise": a[name] - b[name] for name in a}
         frames.append({name: torch.from_numpy(np.array(values))[None] for name, values in channels.items()})
-    if situation.light != "indirect":  # whose vectors are not random
-        seeds = [derive_seed(unit.name, "sample", sample) for sample in range(samples)]
-        runs = noisy(stage, TIME, seeds, frames[1]["emission"][0].numpy())[1]
-        for name in ("shadow_motion", "reflection_motion", "reflection_covariance"):
-            frames[1][name] = torch.from_numpy(np.stack([run[name] for run in runs]))
+    frames[1] |= vector_samples(stage, situation.light, [derive_seed(unit.name, "sample", n) for n in range(samples)])
     return frames[0], frames[1]
+
+
+def vector_samples(stage: Stage, light: str, seeds: list[int]) -> Channels:
+    """The random vectors of a component, (S, C, H, W); indirect light's are not random."""
+    if light == "visibility":
+        return {"shadow_motion": torch.from_numpy(np.stack(shadow_samples(stage, TIME, seeds)))}
+    if light == "glossy":
+        motion, covariance = (np.stack(values) for values in zip(*reflection_samples(stage, TIME, seeds), strict=True))
+        return {"reflection_motion": torch.from_numpy(motion), "reflection_covariance": torch.from_numpy(covariance)}
+    return {}
 
 
 def shadows(before: Channels, now: Channels) -> Case:
@@ -262,10 +269,10 @@ def main(arguments: list[str]) -> int:
             seconds = time.perf_counter() - start
             print(f"{name}: clip {number + 1} of {given.clips}, {seconds:.0f} s", file=sys.stderr, flush=True)
         rows += [Row(name, region, region == situation.promised, clips) for region, clips in scores.items()]
+        if given.json:  # after every situation, as they take minutes
+            given.json.write_text(json.dumps([row.as_dict() for row in rows], indent=1))
     print(f"{given.size}×{given.size}, {given.spp} spp, {given.samples} samples of the vectors; * promised")
     print(table(rows))
-    if given.json:
-        given.json.write_text(json.dumps([row.as_dict() for row in rows], indent=1))
     return int(any(row.promised and row.interval()[0] <= 0 for row in rows))
 
 
