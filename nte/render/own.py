@@ -6,6 +6,8 @@ which shape it is on, and that shape's keyframes carry it to any other time. Vec
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
+from itertools import chain, count
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -58,7 +60,7 @@ class OwnStage(Stage):
         self._view = load_mitsuba().traverse(self.sensor)
         path = load_mitsuba().load_dict(path_integrator(max_depth, media))
         self.integrator = unshadowed_integrator() if unshadowed else path
-        self.containers = 0
+        self.containers = sum(shape.interior_medium() is not None for shape in self.shapes)
         self.time = 0.0
 
     def set_time(self, time: float) -> None:
@@ -103,10 +105,13 @@ class OwnStage(Stage):
         mi, dr, bsdf = load_mitsuba(), load_drjit(), si.bsdf()
         smooth = hit & ~mi.has_flag(bsdf.flags(), mi.BSDFFlags.Diffuse | mi.BSDFFlags.Glossy)
         found = dr.select(smooth, mi.Float(0), 1)
-        for name in ("alpha", "roughness"):
-            known = bsdf.has_attribute(name, hit)
-            value = bsdf.eval_attribute_1(name, si, hit & known)
-            found = dr.select(known, dr.sqrt(value) if name == "alpha" else value, found)
+        # With two of them, as of brushed metal, α is their geometric mean.
+        for names, power in ((("alpha_u", "alpha_v"), 0.25), (("alpha",), 0.5), (("roughness",), 1.0)):
+            known, value = hit, mi.Float(1)
+            for name in names:
+                known = known & bsdf.has_attribute(name, hit)
+                value = value * bsdf.eval_attribute_1(name, si, known)
+            found = dr.select(known, value**power, found)
         return found
 
     def placed(self, instance: Indices, place: Floats) -> Floats:
@@ -141,12 +146,74 @@ class OwnStage(Stage):
 
 
 def _load(animation: Animation) -> Any:
+    mi = load_mitsuba()
+    config = mi.parser.ParserConfig(mi.variant())
+    # Merging shapes of one material would lose their names.
+    config.merge_meshes = config.merge_equivalent = False
+    usual = mi.file_resolver()
+    beside = mi.FileResolver(usual)  # the XML's own folder first; a <path> in it adds others
+    beside.prepend(str(Path(animation.xml).parent.absolute()))
+    mi.set_file_resolver(beside)
     try:
-        # Optimising would merge shapes of one material, and their names with them.
-        return load_mitsuba().load_file(animation.xml, optimize=False, **animation.values)
+        state = mi.parser.parse_file(config, animation.xml, **animation.values)
+        mi.parser.transform_all(config, state)
+        _drop_unused(state)
+        _name_all(state)
+        _check_transforms(animation.xml, state)
+        made = mi.parser.instantiate(config, state)
     except (RuntimeError, TypeError) as error:  # how Mitsuba says that something is wrong with a scene
         text = str(error).strip().splitlines()[0]
         raise NteError(f"{animation.xml}: {text.partition('] ')[2] if text.startswith('[') else text}") from error
+    finally:
+        mi.set_file_resolver(usual)
+    scene = made[0] if isinstance(made, list) else made
+    if not isinstance(scene, mi.Scene):
+        raise NteError(f"{animation.xml}: holds no <scene>: expected a Mitsuba scene")
+    return scene
+
+
+def _drop_unused(state: Any) -> None:
+    """Take the integrator and the samplers, which are nte's own, out of the parsed XML: plugins that this Mitsuba has
+    not, or has no more, are no obstacle there."""
+    mi = load_mitsuba()
+    for node in state.nodes:
+        if node.type in (mi.ObjectType.Scene, mi.ObjectType.Sensor):
+            for key, child in _children(state, node):
+                if child.type in (mi.ObjectType.Integrator, mi.ObjectType.Sampler):
+                    del node.props[key]
+
+
+def _name_all(state: Any) -> None:
+    """Give shapes and lights of the scene that have no id one: the name of its file, else its kind; the second of
+    a name gets _2. So the XML needs no editing."""
+    mi = load_mitsuba()
+    taken = {node.props.id() for node in state.nodes}
+    for _, node in _children(state, state.root):
+        if node.type in (mi.ObjectType.Shape, mi.ObjectType.Emitter) and not node.props.id():
+            is_file = node.type == mi.ObjectType.Shape and "filename" in node.props
+            name = Path(node.props["filename"]).stem if is_file else str(node.props.plugin_name())
+            name = name.replace(".", "_")  # dots separate the names of Mitsuba's parameters
+            chosen = next(n for n in chain([name], (f"{name}_{i}" for i in count(2))) if n not in taken)
+            node.props.set_id(chosen)
+            taken.add(chosen)
+
+
+def _check_transforms(xml: str, state: Any) -> None:
+    """Raise NteError for a shape or camera that is flattened to nothing, of which Mitsuba would make NaN."""
+    mi = load_mitsuba()
+    for node in state.nodes:
+        if node.type in (mi.ObjectType.Shape, mi.ObjectType.Sensor) and "to_world" in node.props:
+            turn = np.array(node.props["to_world"].matrix, float).reshape(4, 4)[:3, :3]
+            if not np.isfinite(turn).all() or abs(np.linalg.det(turn)) <= 1e-9 * np.linalg.norm(turn) ** 3:
+                name = node.props.id() or node.props.plugin_name()
+                raise NteError(f"{xml}: the to_world of '{name}' is singular: expected no scale of 0")
+
+
+def _children(state: Any, node: Any) -> list[tuple[str, Any]]:
+    """The nodes that a node of the parsed XML refers to, by the names of its properties."""
+    reference = load_mitsuba().Properties.ResolvedReference
+    found = [(key, value) for key, value in node.props.items() if isinstance(value, reference)]
+    return [(key, state.nodes[value.index()]) for key, value in found]
 
 
 def _check_names(xml: str, what: str, given: Mapping[str, Any], known: Sequence[str]) -> None:
@@ -174,7 +241,12 @@ def _camera(scene: Any, animation: Animation) -> Camera:
         raise NteError(f"{animation.xml}: its sensor has a principal point offset, which nte's cameras have not")
     matrix = _array("to_world", values["to_world"])
     matrix[:3, :3] /= np.linalg.norm(matrix[:3, :3], axis=0)
-    track = camera_track(animation.camera, animation.interpolation) if animation.camera else still(matrix)
+    track = still(matrix)
+    if animation.camera:
+        # Many an XML has a camera that mirrors; it stays so.
+        mirror = np.diag([np.sign(np.linalg.det(matrix[:3, :3])), 1.0, 1.0, 1.0])
+        moved = camera_track(animation.camera, animation.interpolation)
+        track = lambda time: np.asarray(moved(time) @ mirror)  # noqa: E731
     lens = number("aperture_radius"), number("focus_distance", 1.0)
     return Camera(track, number("x_fov"), *lens, number("near_clip"), number("far_clip"))
 
