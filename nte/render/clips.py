@@ -13,7 +13,7 @@ from nte.render.components import noisy, references
 from nte.render.integrator import guides, radiance
 from nte.render.jobs import in_processes, on_cluster
 from nte.render.output import claim, files_of, is_whole, remove_leftovers
-from nte.render.recipe import ClipPlan, make_scene, plan, read_recipe
+from nte.render.recipe import ClipPlan, make_stage, plan, read_recipe
 from nte.render.scene import Pixels
 from nte.render.seeds import derive_seed
 from nte.render.shutter import blurred, centre_motion
@@ -44,14 +44,14 @@ def render_recipe(
     progress: tell it on stderr. scheduler: address of a Dask cluster that is to do it instead, whose workers see
     `out` (jobs.on_cluster). Raises NteError for a faulty recipe, a folder that is not ours, a full disk.
     """
-    out = Path(out)
+    out, folder = Path(out), Path(recipe_path).parent
+    load_mitsuba()  # before anything is read or written: it may be missing
     recipe = read_recipe(Path(recipe_path))
-    load_mitsuba()  # before anything is written: it may be missing
-    plans = plan(recipe)
+    plans = plan(recipe, folder)
     for key in ("components", "shutter", "unshadowed"):
         if any(getattr(unit.group, key) for unit in plans):
             check_arrays(key)
-    claim(out, recipe, force)
+    claim(out, recipe, force, folder)
     with Progress("render", sum(p.group.frames for p in plans), "frame", progress) as told:
 
         def done(unit: ClipPlan) -> None:
@@ -78,7 +78,7 @@ def render_clip(unit: ClipPlan, out: Path, advance: Callable[[int], None] = lamb
         return
     make_folder(folder)
     (folder / "clip.json").unlink(missing_ok=True)  # the clip is not finished, so nothing may say it is
-    stage = Stage(make_scene(unit), group.width, group.height, group.max_depth, group.unshadowed)
+    stage = make_stage(unit)
     for index in missing:
         _render_frame(unit, stage, folder, index)
         advance(1)

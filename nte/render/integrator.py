@@ -28,7 +28,8 @@ def radiance(stage: Stage, spp: int, seed: int) -> Pixels:
     total = np.zeros((stage.height, stage.width, 3))
     for number, count in enumerate(launches(spp, stage.width * stage.height)):
         try:
-            image = mi.render(stage.mi_scene, integrator=stage.integrator, spp=count, seed=derive_seed(seed, number))
+            how = {"sensor": stage.sensor, "integrator": stage.integrator, "spp": count}
+            image = mi.render(stage.mi_scene, seed=derive_seed(seed, number), **how)
         except RuntimeError as error:  # how Dr.Jit hands on Ctrl-C
             if isinstance(error.__cause__, KeyboardInterrupt):
                 raise error.__cause__ from None

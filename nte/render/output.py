@@ -7,18 +7,17 @@ from nte.errors import NteError
 from nte.frames.clip import frame_path, read_frame
 from nte.frames.exr import write_whole
 from nte.render.recipe import SHARP, SPLITS, ClipPlan, Recipe, recipe_text
-from nte.render.scenes import FAMILIES
 
 _OURS = re.compile(r"(seed_\d{2}/)?(\.?frame_\d{4}\.exr(\.\w+\.tmp)?|\.?clip\.json(\.\w+\.tmp)?)")
 
 
-def claim(out: Path, recipe: Recipe, force: bool) -> None:
-    """Make `out` the folder of this recipe, keeping the frames that an earlier run of it has left.
+def claim(out: Path, recipe: Recipe, force: bool, folder: Path = Path()) -> None:
+    """Make `out` the folder of this recipe, whose file is in `folder`, keeping the frames that an earlier run has left.
 
     A folder that holds another recipe's clips, or anything else, is refused with NteError; with `force`
     the other recipe's clips are removed, and files that are not ours stay.
     """
-    text, copy = recipe_text(recipe), out / "recipe.yaml"
+    text, copy = recipe_text(recipe, folder), out / "recipe.yaml"
     if out.exists() and not out.is_dir():
         raise NteError(f"{out}: is a file: expected a folder for the clips")
     found = copy.read_text(encoding="utf-8") if copy.is_file() else None
@@ -61,11 +60,10 @@ def remove_leftovers(clip: Path) -> None:
 def _remove_clips(out: Path) -> None:
     """Delete the clips below `out`: only files and folders with the names that nte render gives them."""
     for split in (*SPLITS, *(f"{SHARP}/{split}" for split in SPLITS)):
-        for family in FAMILIES:
-            for clip in sorted((out / split).glob(f"{family}_[0-9][0-9][0-9]*")):
-                for path in sorted(clip.rglob("*"), reverse=True):
-                    if path.is_file() and _OURS.fullmatch(path.relative_to(clip).as_posix()):
-                        path.unlink()
-                for folder in [*sorted(clip.glob("seed_[0-9][0-9]")), clip]:
-                    if folder.is_dir() and not any(folder.iterdir()):
-                        folder.rmdir()
+        for clip in sorted((out / split).glob("*_[0-9][0-9][0-9]*")):
+            for path in sorted(clip.rglob("*"), reverse=True):
+                if path.is_file() and _OURS.fullmatch(path.relative_to(clip).as_posix()):
+                    path.unlink()
+            for folder in [*sorted(clip.glob("seed_[0-9][0-9]")), clip]:
+                if folder.is_dir() and not any(folder.iterdir()):
+                    folder.rmdir()

@@ -2,13 +2,14 @@
 
 from collections.abc import Callable
 from dataclasses import dataclass
+from functools import partial
 from typing import Any
 
 import numpy as np
 import numpy.typing as npt
 
 from nte.render.backend import is_scalar, load_drjit, load_mitsuba
-from nte.render.stage import Stage
+from nte.render.stage import Stage, shape_key
 from nte.render.transforms import Floats
 
 Indices = npt.NDArray[np.int64]
@@ -22,13 +23,14 @@ class Hits:
     """What rays meet: one row per ray."""
 
     instance: Indices  # (P,) 0 = miss, else index in scene.objects + 1
-    triangle: Indices  # (P,)
-    barycentric: Floats  # (P, 2), weights of the triangle's second and third vertex
+    # (P, 3) where on it: its triangle, and the weights of that one's second and third vertex; or, on a shape of
+    # somebody else's scene, which need not have triangles, the point as it is in the XML, world.
+    place: Floats
     direction: Floats  # (P, 3), world: where a miss looks
 
     def of(self, rows: npt.NDArray[np.bool_]) -> "Hits":
         """The rays that `rows` (P,) selects."""
-        return Hits(self.instance[rows], self.triangle[rows], self.barycentric[rows], self.direction[rows])
+        return Hits(self.instance[rows], self.place[rows], self.direction[rows])
 
 
 @dataclass(frozen=True)
@@ -50,6 +52,7 @@ class Seen:
     normal: Floats  # (R, 3) shading normal, world
     roughness: Floats  # (R,) perceptual
     hit: npt.NDArray[np.bool_]  # (R,)
+    hits: Hits
 
 
 def to_jit(kind: Any, values: npt.NDArray[Any]) -> Any:
@@ -72,57 +75,48 @@ def trace_film(stage: Stage, pixel: Floats) -> Seen:
     mi, dr = load_mitsuba(), load_drjit()
     x, y = (to_jit(mi.Float, column) for column in (pixel / (stage.width, stage.height)).T)
     ray, _ = stage.sensor.sample_ray(0.0, 0.5, mi.Point2f(x, y), mi.Point2f(0.5))
-    si = stage.mi_scene.ray_intersect(ray)
+    first = stage.mi_scene.ray_intersect_preliminary(ray)
+    si = first.compute_surface_interaction(ray)
     hit = si.is_valid()
-    columns = [si.p, si.sh_frame.n, _roughness(si, hit), hit]
-    dr.eval(columns)
+    columns = [si.p, si.sh_frame.n, stage.roughness(si, hit), hit]
+    dr.eval(columns, first, ray.d)
     point, normal, roughness, found = (np.array(column).T for column in columns)
-    return Seen(point.astype(float), normal.astype(float), roughness.astype(float), found)
+    hits = to_hits(stage, first, ray.d, si.p)
+    return Seen(point.astype(float), normal.astype(float), roughness.astype(float), found, hits)
 
 
 def trace_centres(stage: Stage) -> Hits:
     """Hits of the rays through the pixel centres, at the time that `stage` is set to."""
-    centre = np.full((1, 4), 0.5)
-    shape, triangle, barycentric, direction = np.split(_trace(stage, centre, _intersect), [1, 2, 4], axis=1)
-    return Hits(instances(stage)[shape[:, 0].astype(np.int64)], triangle[:, 0].astype(np.int64), barycentric, direction)
+    shape, place, direction = np.split(_trace(stage, np.full((1, 4), 0.5), stage.meet), [1, 4], axis=1)
+    instance = instances(stage)[shape[:, 0].astype(np.int64)]
+    return Hits(instance, stage.placed(instance, place), direction)
 
 
-def to_hits(stage: Stage, hit: Any, direction: Any) -> Hits:
-    """The rows of a PreliminaryIntersection3f and of the directions (3,) that its rays had."""
+def to_hits(stage: Stage, hit: Any, direction: Any, point: Any = None) -> Hits:
+    """The rows of a PreliminaryIntersection3f and of the directions (3,) that its rays had.
+
+    point (3,): where the hit is; asked for by scenes that tell places by their points.
+    """
     with np.errstate(invalid="ignore"):  # of a miss, whose barycentrics are whatever was in memory
-        barycentric = np.array(hit.prim_uv, float).T
-    return Hits(
-        instances(stage)[np.array(shape_key(hit.shape), np.int64)],
-        np.array(hit.prim_index, np.int64),
-        barycentric,
-        np.array(direction, float).T,
-    )
+        where = [*point] if stage.by_point else [hit.prim_index, *hit.prim_uv]
+        place = np.stack([np.array(column, float) for column in where], axis=1)
+    instance = instances(stage)[np.array(stage.key(hit), np.int64)]
+    return Hits(instance, stage.placed(instance, place), np.array(direction, float).T)
 
 
 def points_at(stage: Stage, hits: Hits, time: float) -> Floats:
     """Where the surface points of `hits` are at a time: (P, 3), world; the ray's direction for a miss.
 
-    Interpolated from the triangle's own vertices at that time, so it holds for whatever moves them, and a
-    point at rest has exactly the same position at every time.
+    Whatever moves them, the stage says; a point at rest has exactly the same position at every time.
     """
-    return _interpolated(stage, hits, [obj.at(time)[0] for obj in stage.scene.objects])
+    return np.where(hits.instance[:, None] > 0, stage.points(hits.instance, hits.place, time), hits.direction)
 
 
 def normals_at(stage: Stage, hits: Hits, time: float) -> Floats:
     """Unit shading normals (P, 3) of `hits` at a time, outwards; the ray's direction for a miss."""
-    normals = _interpolated(stage, hits, [obj.at(time)[1] for obj in stage.scene.objects])
+    normals = stage.normals(hits.instance, hits.place, time)
+    normals = np.where(hits.instance[:, None] > 0, normals, hits.direction)
     return np.asarray(normals / np.linalg.norm(normals, axis=1, keepdims=True))
-
-
-def _interpolated(stage: Stage, hits: Hits, vertices: list[Floats]) -> Floats:
-    values = hits.direction.copy()
-    for number, obj in enumerate(stage.scene.objects):
-        mine = hits.instance == number + 1
-        if mine.any():
-            a, b, c = vertices[number][obj.mesh.faces[hits.triangle[mine]]].transpose(1, 0, 2)
-            u, v = hits.barycentric[mine, :1], hits.barycentric[mine, 1:]
-            values[mine] = (1 - u - v) * a + u * b + v * c
-    return values
 
 
 def trace_surfaces(stage: Stage, offsets: Floats) -> Surfaces:
@@ -130,7 +124,7 @@ def trace_surfaces(stage: Stage, offsets: Floats) -> Surfaces:
 
     The first two are a place in every pixel, the others one on the lens, where there is one: a half each is its middle.
     """
-    return Surfaces(*np.split(_trace(stage, offsets, _look), [3, 6, 7, 10], axis=1))
+    return Surfaces(*np.split(_trace(stage, offsets, partial(_look, stage)), [3, 6, 7, 10], axis=1))
 
 
 def _trace(stage: Stage, offsets: Floats, look: Callable[[Any, Any, Any], list[Any]]) -> Floats:
@@ -175,13 +169,7 @@ def past_containers(stage: Stage, ray: Any) -> Any:
     return ray
 
 
-def _intersect(mi: Any, scene: Any, ray: Any) -> list[Any]:
-    """Key of the shape (see instances), triangle, two barycentric weights, direction (3)."""
-    hit = scene.ray_intersect_preliminary(ray)
-    return [shape_key(hit.shape), hit.prim_index, hit.prim_uv.x, hit.prim_uv.y, *ray.d]
-
-
-def _look(mi: Any, scene: Any, ray: Any) -> list[Any]:
+def _look(stage: Stage, mi: Any, scene: Any, ray: Any) -> list[Any]:
     """albedo (3), normal (3), roughness, emission (3), hit: 0 where the ray misses."""
     si = scene.ray_intersect(ray)
     bsdf, emitter, hit = si.bsdf(), si.emitter(scene), si.is_valid()
@@ -193,32 +181,16 @@ def _look(mi: Any, scene: Any, ray: Any) -> list[Any]:
         normal = si.sh_frame.n * (1 if si.wi.z >= 0 else -1)
         return [*bsdf.eval_diffuse_reflectance(si), *normal, rough, *emission, 1.0]
     dr = load_drjit()
-    rough = _roughness(si, hit)
+    rough = stage.roughness(si, hit)
     normal = dr.select(hit, si.sh_frame.n * dr.select(si.wi.z >= 0, 1, -1), 0)
-    albedo = bsdf.eval_diffuse_reflectance(si, hit)  # the metals' specular colour too, in `principled`
+    albedo = stage.albedo(si, hit)
     return [*albedo, *normal, dr.select(hit, rough, 0), *emitter.eval(si), dr.select(hit, mi.Float(1), 0)]
 
 
-def _roughness(si: Any, hit: Any) -> Any:
-    """Perceptual roughness in [0, 1]; 1 where the BSDF has none. Vectorised variants only."""
-    bsdf = si.bsdf()
-    known = bsdf.has_attribute("roughness", hit)
-    return load_drjit().select(known, bsdf.eval_attribute_1("roughness", si, hit & known), 1)
-
-
-def shape_key(shape: Any) -> Any:
-    """A whole number per shape: Dr.Jit's registry id, which is 1-based, in no fixed order; 0 for none."""
-    if is_scalar():
-        return int(shape.id().rsplit("_", 1)[1]) + 1 if shape else 0
-    dr = load_drjit()
-    return dr.reinterpret_array(load_mitsuba().UInt32, shape)
-
-
 def instances(stage: Stage) -> Indices:
-    """Table from keys of shapes to instance numbers: index in scene.objects + 1."""
-    mi = load_mitsuba()
-    scalar = is_scalar()
-    keys = [int(shape_key(m) if scalar else shape_key(mi.ShapePtr(m))[0]) for m in stage.meshes.values()]
+    """Table from keys of shapes (stage.shape_key) to instance numbers: index in scene.objects + 1."""
+    mi, scalar = load_mitsuba(), is_scalar()
+    keys = [int(shape_key(m) if scalar else shape_key(mi.ShapePtr(m))[0]) for m in stage.shapes]
     table = np.zeros(max(keys) + 1, np.int64)
     table[keys] = np.arange(len(keys)) + 1
     return table

@@ -13,9 +13,8 @@ import numpy as np
 from nte.render.backend import load_drjit, load_mitsuba
 from nte.render.lobes import Lobes
 from nte.render.numbers import lattice, uniform
-from nte.render.rays import shape_key
 from nte.render.scene import DISTANT, Pixels
-from nte.render.stage import Stage
+from nte.render.stage import Stage, shape_key
 from nte.render.transport import camera_ray, sample_light
 
 POINTS = 16  # in each pixel, a camera ray each

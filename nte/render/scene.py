@@ -13,7 +13,7 @@ Pixels = npt.NDArray[np.float32]
 Colour = tuple[float, float, float]
 Surface = Literal["diffuse", "glossy", "metal", "glass", "veil", "none"]
 
-NEAR, FAR = 0.01, 1000.0  # clipping planes of every camera, scene units
+NEAR, FAR = 0.01, 1000.0  # clipping planes of the families' cameras, scene units
 DISTANT = 1e5  # scene units: where a point at infinity is put, when it has to be a point
 
 
@@ -105,6 +105,8 @@ class Camera:
     fov: float
     aperture: float = 0.0
     focus: float = 1.0
+    near: float = NEAR  # clipping planes, scene units
+    far: float = FAR
 
     def view(self, time: float) -> Floats:
         """4×4, world → camera, at a time in frames."""
@@ -120,8 +122,9 @@ class Camera:
         Equals mi.perspective_projection without its jitter; the camera's +x is to the left.
         """
         scale = 0.5 / np.tan(np.radians(self.fov) / 2)
-        z = FAR / (FAR - NEAR)
-        return np.array([[-scale, 0, 0.5, 0], [0, -scale * width / height, 0.5, 0], [0, 0, z, -NEAR * z], [0, 0, 1, 0]])
+        z = self.far / (self.far - self.near)
+        down = -scale * width / height
+        return np.array([[-scale, 0, 0.5, 0], [0, down, 0.5, 0], [0, 0, z, -self.near * z], [0, 0, 1, 0]])
 
 
 @dataclass(frozen=True)

@@ -112,15 +112,15 @@ def _trace(stage: Stage, pixels: npt.NDArray[np.int64], time: float, seed: int) 
     colour, *_ = stage.integrator.sample(stage.mi_scene, sampler, mi.RayDifferential3f(ray))
     point = dr.select(first.is_valid(), seen(first.t), 0)
     dr.eval(colour, point, first, ray.d)
-    hits, view = to_hits(stage, first, ray.d), stage.scene.camera.view(time)
+    hits, view = to_hits(stage, first, ray.d, point), stage.scene.camera.view(time)
     depth = np.where(hits.instance > 0, np.array(point, float).T @ view[2, :3] + view[2, 3], 0)
-    columns = [np.array(colour, float).T, depth, hits.instance, hits.triangle, hits.barycentric, hits.direction]
+    columns = [np.array(colour, float).T, depth, hits.instance, hits.place, hits.direction]
     return np.column_stack(columns)
 
 
 def _hits(rows: Floats) -> Hits:
     """The first hits of `_trace`'s rows."""
-    return Hits(rows[:, 4].astype(np.int64), rows[:, 5].astype(np.int64), rows[:, 6:8], rows[:, 8:])
+    return Hits(rows[:, 4].astype(np.int64), rows[:, 5:8], rows[:, 8:])
 
 
 def _over_shutter(stage: Stage, hits: Hits, time: float, shutter: float) -> Pixels:

@@ -3,16 +3,20 @@
 Mitsuba 3.9 has no animated transforms, so vertices and the camera are written through mi.traverse.
 """
 
+from itertools import pairwise
 from typing import Any
 
 import numpy as np
 import numpy.typing as npt
 
-from nte.render.backend import load_mitsuba
-from nte.render.scene import FAR, NEAR, DeformingObject, Material, Medium, Mesh, Scene, SceneObject
+from nte.render.backend import is_scalar, load_drjit, load_mitsuba
+from nte.render.scene import Camera, DeformingObject, Material, Medium, Mesh, Scene, SceneObject
+from nte.render.transforms import Floats
 from nte.render.unshadowed import unshadowed_integrator
 
+Indices = npt.NDArray[np.int64]
 VEIL = 0.05  # the share of light that a veil reflects or swallows
+_TIMES = 4  # whose vertices are kept: a frame asks for those of three again and again
 
 
 class Stage:
@@ -21,15 +25,18 @@ class Stage:
     Every set_time takes all vertices from the tracks, so a frame does not depend on the frames before it.
     """
 
+    by_point = False  # whether a place on a shape is told by the point, not by the triangle
+
     def __init__(self, scene: Scene, width: int, height: int, max_depth: int, unshadowed: bool = False) -> None:
         mi = load_mitsuba()
         self.scene, self.width, self.height = scene, width, height
         max_depth = max(max_depth, scene.least_depth)
+        media = any(obj.medium is not None for obj in scene.objects)
         self.meshes = {f"object_{i:03d}": _mesh(mi, obj) for i, obj in enumerate(scene.objects)}
         self.mi_scene: Any = mi.load_dict({
             "type": "scene",
-            "integrator": _integrator(scene, max_depth),
-            "sensor": _sensor(scene, width, height),
+            "integrator": path_integrator(max_depth, media),
+            "sensor": camera_sensor(scene.camera, width, height, media),
             **_environment(mi, scene),
             **self.meshes,
         })  # fmt: skip
@@ -39,14 +46,21 @@ class Stage:
         self.beyond: Any = mi.load_dict({"type": "path", "max_depth": max_depth - 1})
         # Convex objects that cannot be seen; the channels without noise look past them.
         self.containers = sum(obj.material.surface == "none" for obj in scene.objects)
+        self.shapes: list[Any] = list(self.meshes.values())  # in the order of scene.objects
         self._written = dict.fromkeys(self.meshes, np.empty(0, np.float32))  # positions and normals as they are set
+        vertices = np.cumsum([0, *(len(obj.mesh.positions) for obj in scene.objects)])
+        self._rows = [slice(*ends) for ends in pairwise(vertices)]  # of each object among the vertices of all
+        meshes = [np.int64(first) + obj.mesh.faces for first, obj in zip(vertices, scene.objects, strict=False)]
+        self.faces = np.concatenate([np.zeros((1, 3), np.int64), *meshes])  # (1 + F, 3); row 0 stands for a miss
+        self.first_face = np.cumsum([0, 1, *map(len, meshes)])  # of each instance; of 0, the miss's row
+        self._vertices: dict[float, tuple[Floats, Floats]] = {}
         self._parameters: Any = mi.traverse(self.mi_scene)
 
     def set_time(self, time: float) -> None:
         """Put every vertex and the camera where they are at a time in frames."""
         mi = load_mitsuba()
-        for name, obj in zip(self.meshes, self.scene.objects, strict=True):
-            vertices = np.stack([_flat(values) for values in obj.at(time)])
+        for number, (name, obj) in enumerate(zip(self.meshes, self.scene.objects, strict=True)):
+            vertices = np.stack([_flat(values) for values in self.vertices_of(number + 1, time)])
             # What is there already is not written again: where only the camera moves, that is four times as fast.
             if not np.array_equal(vertices, self._written[name]):
                 self._written[name] = vertices
@@ -59,28 +73,87 @@ class Stage:
         self._parameters["sensor.to_world"] = mi.ScalarTransform4f(self.scene.camera.track(time))
         self._parameters.update()
 
+    def vertices(self, time: float) -> tuple[Floats, Floats]:
+        """World positions and normals (V, 3) of all vertices at a time, object by object; do not write in them."""
+        if time not in self._vertices:
+            while len(self._vertices) >= _TIMES:
+                self._vertices.pop(next(iter(self._vertices)))
+            positions, normals = zip(*(obj.at(time) for obj in self.scene.objects), strict=True)
+            self._vertices[time] = np.concatenate(positions), np.concatenate(normals)
+        return self._vertices[time]
 
-def _integrator(scene: Scene, depth: int) -> dict[str, Any]:
+    def vertices_of(self, instance: int, time: float) -> tuple[Floats, Floats]:
+        """The same of one object, by its instance number."""
+        positions, normals = self.vertices(time)
+        return positions[self._rows[instance - 1]], normals[self._rows[instance - 1]]
+
+    def points(self, instance: Indices, place: Floats, time: float) -> Floats:
+        """World points (P, 3) of the places (P, 3) on instances (P,) at a time in frames; of 0, a miss, any."""
+        return self._interpolated(instance, place, self.vertices(time)[0])
+
+    def normals(self, instance: Indices, place: Floats, time: float) -> Floats:
+        """The same of normals, outwards; not of unit length."""
+        return self._interpolated(instance, place, self.vertices(time)[1])
+
+    def corners(self, instance: Indices, place: Floats) -> Indices:
+        """The vertices (P, 3), rows of `vertices`, of the triangles that places are on; of a miss, any."""
+        triangle = np.where(instance > 0, place[:, 0], 0).astype(np.int64)
+        return np.asarray(self.faces[np.where(instance > 0, self.first_face[instance] + triangle, 0)])
+
+    def _interpolated(self, instance: Indices, place: Floats, vertices: Floats) -> Floats:
+        a, b, c = vertices[self.corners(instance, place).T]
+        u, v = place[:, 1:2], place[:, 2:3]
+        with np.errstate(invalid="ignore", over="ignore"):  # of a miss, whose weights are whatever was in memory
+            return np.asarray((1 - u - v) * a + u * b + v * c)
+
+    def key(self, hit: Any) -> Any:
+        """Number of the shape that a PreliminaryIntersection3f names, see shape_key."""
+        return shape_key(hit.shape)
+
+    def meet(self, mi: Any, scene: Any, ray: Any) -> list[Any]:
+        """What a ray meets: the shape's key, its place there (3), see rays.Hits, and the ray's direction (3)."""
+        hit = scene.ray_intersect_preliminary(ray)
+        return [self.key(hit), hit.prim_index, *hit.prim_uv, *ray.d]
+
+    def albedo(self, si: Any, hit: Any) -> Any:
+        """The colour (3,) that the guides show: `principled` gives a metal's as diffuse. Vectorised variants only."""
+        return si.bsdf().eval_diffuse_reflectance(si, hit)
+
+    def roughness(self, si: Any, hit: Any) -> Any:
+        """Perceptual roughness in [0, 1]; 1 where the BSDF has none. Vectorised variants only."""
+        bsdf = si.bsdf()
+        known = bsdf.has_attribute("roughness", hit)
+        return load_drjit().select(known, bsdf.eval_attribute_1("roughness", si, hit & known), 1)
+
+    def placed(self, instance: Indices, place: Floats) -> Floats:
+        """Places (P, 3) as the objects of these instances (P,) take them."""
+        return place
+
+
+def shape_key(shape: Any) -> Any:
+    """A whole number per shape: Dr.Jit's registry id, which is 1-based, in no fixed order; 0 for none."""
+    if is_scalar():
+        return int(shape.id().rsplit("_", 1)[1]) + 1 if shape else 0
+    return load_drjit().reinterpret_array(load_mitsuba().UInt32, shape)
+
+
+def path_integrator(depth: int, media: bool) -> dict[str, Any]:
     """Mitsuba's path tracer; where there are media, the one that scatters in them."""
-    if _has_media(scene):
+    if media:
         # By default Russian roulette starts at the fifth of some hundred turns, and leaves a few bright paths.
         return {"type": "volpath", "max_depth": depth, "rr_depth": depth}
     return {"type": "path", "max_depth": depth}
 
 
-def _has_media(scene: Scene) -> bool:
-    return any(obj.medium for obj in scene.objects)
-
-
-def _sensor(scene: Scene, width: int, height: int) -> dict[str, Any]:
-    camera = scene.camera
+def camera_sensor(camera: Camera, width: int, height: int, media: bool) -> dict[str, Any]:
+    """The sensor of a camera, with the film and the sampler of every clip."""
     lens = {"type": "thinlens", "aperture_radius": camera.aperture, "focus_distance": camera.focus}
     return {
         **(lens if camera.aperture else {"type": "perspective"}),
-        "fov": camera.fov, "fov_axis": "x", "near_clip": NEAR, "far_clip": FAR,
+        "fov": camera.fov, "fov_axis": "x", "near_clip": camera.near, "far_clip": camera.far,
         # As dear as independent samples, and the same as them at 1 spp, but references have half the noise. In media,
         # whose noise is another, stratified ones made one path in two million NaN, independent ones none in ten.
-        "sampler": {"type": "independent" if _has_media(scene) else "stratified"},
+        "sampler": {"type": "independent" if media else "stratified"},
         # Only the box filter keeps the noise of neighbouring pixels independent, and repeats bit for bit.
         "film": {"type": "hdrfilm", "width": width, "height": height, "pixel_format": "rgb",
                  "component_format": "float32", "rfilter": {"type": "box"}},

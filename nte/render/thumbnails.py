@@ -2,6 +2,7 @@
 
 import argparse
 from collections.abc import Sequence
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -11,9 +12,8 @@ from PIL import Image
 from nte.color import display
 from nte.errors import NteError
 from nte.render.integrator import radiance
-from nte.render.recipe import ClipPlan, make_scene, plan, read_recipe
+from nte.render.recipe import ClipPlan, make_stage, plan, read_recipe
 from nte.render.scene import Pixels
-from nte.render.stage import Stage
 
 PICTURES = 4  # of a strip, spread evenly over the clip
 COLOURS = 255  # a palette keeps a strip under 40 kB whatever noise is left in it
@@ -22,7 +22,7 @@ COLOURS = 255  # a palette keeps a strip under 40 kB whatever noise is left in i
 def thumbnails(recipe: Path, out: Path, size: int = 96, spp: int = 144) -> list[Path]:
     """A PNG for the first training clip of every family and set of parameters in the recipe; returns their paths."""
     first: dict[str, ClipPlan] = {}
-    for unit in plan(read_recipe(recipe)):
+    for unit in plan(read_recipe(recipe), recipe.parent):
         if unit.split == "train":
             first.setdefault(strip_name(unit.group.scene, unit.group.parameters), unit)
     out.mkdir(parents=True, exist_ok=True)
@@ -42,7 +42,8 @@ def strip_name(scene: str, parameters: dict[str, object]) -> str:
 
 def strip(unit: ClipPlan, size: int, spp: int) -> Pixels:
     """Frames of a clip side by side, (size, PICTURES · size, 3) uint8, as the display transform shows them."""
-    stage = Stage(make_scene(unit), size, size, unit.group.max_depth)
+    group = replace(unit.group, width=size, height=size)
+    stage = make_stage(replace(unit, group=group))
     frames = []
     for time in np.linspace(0, unit.group.frames - 1, PICTURES).round():
         stage.set_time(time)

@@ -5,7 +5,7 @@ be fractional or negative: motion needs the frames before the first and after th
 times in between.
 """
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 
 import numpy as np
 import numpy.typing as npt
@@ -31,12 +31,12 @@ def rotation(axis: npt.ArrayLike, angle: float) -> Floats:
     return matrix
 
 
-def look_at(eye: npt.ArrayLike, target: npt.ArrayLike) -> Floats:
-    """Camera → world in Mitsuba's convention: the camera looks along +z, +x is to its left, +y up."""
+def look_at(eye: npt.ArrayLike, target: npt.ArrayLike, up: Sequence[float] | Floats = (0.0, 1.0, 0.0)) -> Floats:
+    """Camera → world in Mitsuba's convention: the camera looks along +z, +x is to its left, +y towards `up`."""
     origin = np.asarray(eye, float)
     forward = np.asarray(target, float) - origin
     forward /= np.linalg.norm(forward)
-    left = np.cross([0.0, 1.0, 0.0], forward)
+    left = np.cross(up, forward)
     left /= np.linalg.norm(left)
     matrix = np.eye(4)
     matrix[:3] = np.stack([left, np.cross(forward, left), forward, origin], axis=1)

@@ -1,0 +1,206 @@
+"""Somebody else's Mitsuba scene: an XML file as it is, with what an animation moves in it (render/animation.py).
+
+Shapes stay Mitsuba's, of any kind, and instances of shapegroups as well: what a frame needs to know of a point is
+which shape it is on, and that shape's keyframes carry it to any other time. Vectorised variants only.
+"""
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+
+from nte.errors import NteError
+from nte.render.animation import Animation, camera_track, object_track
+from nte.render.backend import load_drjit, load_mitsuba
+from nte.render.scene import Camera, Scene
+from nte.render.stage import Indices, Stage, camera_sensor, path_integrator, shape_key
+from nte.render.transforms import Floats, Track, still, transform_points
+from nte.render.unshadowed import unshadowed_integrator
+
+_SENSORS = ("PerspectiveCamera", "ThinLensCamera")
+_VERTICES = ("vertex_positions", "vertex_normals")
+
+
+@dataclass(frozen=True)
+class OwnObject:
+    """A shape of the XML; `track` is what its keyframes add to its place there, None if it stays."""
+
+    name: str
+    track: Track | None = None
+
+
+class OwnStage(Stage):
+    """The XML scene of an animation. Its film, sampler and integrator are nte's, as for every clip."""
+
+    by_point = True
+
+    def __init__(
+        self, animation: Animation, width: int, height: int, max_depth: int, unshadowed: bool = False, start: float = 0
+    ) -> None:
+        self.width, self.height, self.start = width, height, start
+        self.mi_scene: Any = _load(animation)
+        self.shapes = list(self.mi_scene.shapes())
+        self._parameters = load_mitsuba().traverse(self.mi_scene)
+        tracks = {name: object_track(keys, animation.interpolation) for name, keys in animation.objects.items()}
+        lights = {name: object_track(keys, animation.interpolation) for name, keys in animation.lights.items()}
+        _check_names(animation.xml, "objects", tracks, [shape.id() for shape in self.shapes])
+        emitters = [emitter.id() for emitter in self.mi_scene.emitters() if emitter.get_shape() is None]
+        _check_names(animation.xml, "lights", lights, emitters)
+        # Not a family's objects: nobody but this stage asks them where they are.
+        objects: Any = tuple(OwnObject(shape.id(), self._from_start(tracks.get(shape.id()))) for shape in self.shapes)
+        camera = _camera(self.mi_scene, animation)
+        camera = replace(camera, track=self._from_start(camera.track))
+        self.scene = Scene(objects, camera)
+        self._moved = [self._movable(name, track) for name, track in (tracks | lights).items()]
+        media = any(shape.interior_medium() or shape.exterior_medium() for shape in self.shapes)
+        self.sensor = load_mitsuba().load_dict(camera_sensor(camera, width, height, media))
+        self._view = load_mitsuba().traverse(self.sensor)
+        path = load_mitsuba().load_dict(path_integrator(max_depth, media))
+        self.integrator = unshadowed_integrator() if unshadowed else path
+        self.containers = 0
+        self.time = 0.0
+
+    def set_time(self, time: float) -> None:
+        """Put every shape and light that moves, and the camera, where they are at a time in frames."""
+        mi = load_mitsuba()
+        self.time = time
+        for at_rest, track in self._moved:
+            matrix = track(time)
+            for name, value in at_rest.items():
+                self._parameters[name] = _at(matrix, name, value)
+        if self._moved:
+            self._parameters.update()
+        self._view["to_world"] = mi.ScalarTransform4f(self.scene.camera.track(time))
+        self._view.update()
+
+    def key(self, hit: Any) -> Any:
+        """Number of the shape, or of the instance of which it is a part."""
+        mi, dr = load_mitsuba(), load_drjit()
+        instance = dr.reinterpret_array(mi.UInt32, hit.instance)
+        return dr.select(instance != 0, instance, shape_key(hit.shape))
+
+    def meet(self, mi: Any, scene: Any, ray: Any) -> list[Any]:
+        """What a ray meets: the shape's key, the point (3), world, and the ray's direction (3)."""
+        hit = scene.ray_intersect_preliminary(ray)
+        return [self.key(hit), *load_drjit().select(hit.is_valid(), ray(hit.t), 0), *ray.d]
+
+    def albedo(self, si: Any, hit: Any) -> Any:
+        """Diffuse reflectance, or what a metal or glass does to light that it turns (3,).
+
+        A BSDF without a diffuse lobe is asked for one direction of its own choice: the weight is Fresnel's
+        reflectance, and 1 where it either reflects or transmits.
+        """
+        mi, dr, bsdf = load_mitsuba(), load_drjit(), si.bsdf()
+        lobes = mi.BSDFFlags.DiffuseReflection | mi.BSDFFlags.DiffuseTransmission
+        other = hit & ~mi.has_flag(bsdf.flags(), lobes)
+        context = mi.BSDFContext(mi.TransportMode.Importance)  # radiance would be scaled by η² in glass
+        _, weight = bsdf.sample(context, si, 0.5, mi.Point2f(0.5), other)
+        return dr.select(other, dr.clip(weight, 0, 1), bsdf.eval_diffuse_reflectance(si, hit))
+
+    def roughness(self, si: Any, hit: Any) -> Any:
+        """Perceptual roughness in [0, 1]: √α where there is one, 0 of mirrors and clear glass, 1 of what is diffuse."""
+        mi, dr, bsdf = load_mitsuba(), load_drjit(), si.bsdf()
+        smooth = hit & ~mi.has_flag(bsdf.flags(), mi.BSDFFlags.Diffuse | mi.BSDFFlags.Glossy)
+        found = dr.select(smooth, mi.Float(0), 1)
+        for name in ("alpha", "roughness"):
+            known = bsdf.has_attribute(name, hit)
+            value = bsdf.eval_attribute_1(name, si, hit & known)
+            found = dr.select(known, dr.sqrt(value) if name == "alpha" else value, found)
+        return found
+
+    def placed(self, instance: Indices, place: Floats) -> Floats:
+        """World points (P, 3) at the time that the stage is set to, as they are in the XML."""
+        return self._carried(instance, place, lambda track: np.asarray(np.linalg.inv(track(self.time)), float))
+
+    def points(self, instance: Indices, place: Floats, time: float) -> Floats:
+        """Where points (P, 3) as they are in the XML are at a time in frames, world."""
+        return self._carried(instance, place, lambda track: track(time))
+
+    def _carried(self, instance: Indices, points: Floats, matrix: Callable[[Track], Floats]) -> Floats:
+        """Points (P, 3), those on what moves transformed by what its track says."""
+        carried = points.copy()
+        for number in np.unique(instance[instance > 0]):
+            if (track := self.scene.objects[number - 1].track) is not None:
+                mine = instance == number
+                carried[mine] = transform_points(matrix(track), points[mine])
+        return carried
+
+    def _from_start(self, track: Track | None) -> Any:
+        """The track as the clip's frames see it, whose frame 0 is the animation's frame `start`."""
+        return track and (lambda time: track(time + self.start))
+
+    def _movable(self, name: str, track: Track) -> tuple[Mapping[str, Any], Track]:
+        """The parameters of a shape or light that say where it is, by their names, with their values at rest."""
+        known = {key.rpartition(".")[2]: key for key in dict(self._parameters) if key.rpartition(".")[0] == name}
+        chosen = [known[kind] for kind in (*_VERTICES, "to_world", "position") if kind in known]
+        if not chosen:
+            raise NteError(f"'{name}' cannot be moved: Mitsuba has no parameter for its place")
+        values = {key: _array(key, self._parameters[key]) for key in chosen}
+        return values, self._from_start(track)
+
+
+def _load(animation: Animation) -> Any:
+    try:
+        # Optimising would merge shapes of one material, and their names with them.
+        return load_mitsuba().load_file(animation.xml, optimize=False, **animation.values)
+    except (RuntimeError, TypeError) as error:  # how Mitsuba says that something is wrong with a scene
+        text = str(error).strip().splitlines()[0]
+        raise NteError(f"{animation.xml}: {text.partition('] ')[2] if text.startswith('[') else text}") from error
+
+
+def _check_names(xml: str, what: str, given: Mapping[str, Any], known: Sequence[str]) -> None:
+    named = [name for name in known if name]
+    for name in given:
+        if named.count(name) != 1:
+            found = "none" if name not in named else "several"
+            listed = ", ".join(dict.fromkeys(named)) or "none that has an id"
+            raise NteError(f"{xml}: {what} names '{name}', {found} of which is in the scene: there is {listed}")
+
+
+def _camera(scene: Any, animation: Animation) -> Camera:
+    """The first sensor of the XML, or its lens on the animation's own track."""
+    if not scene.sensors():
+        raise NteError(f"{animation.xml}: has no sensor: expected a perspective or thinlens camera")
+    sensor = scene.sensors()[0]
+    if (kind := sensor.class_name()) not in _SENSORS:
+        raise NteError(f"{animation.xml}: its sensor is a {kind}: expected a perspective or thinlens camera")
+    values = load_mitsuba().traverse(sensor)
+
+    def number(name: str, otherwise: float = 0.0) -> float:
+        return float(np.array(values[name]).ravel()[0]) if name in values else otherwise
+
+    if number("principal_point_offset_x") or number("principal_point_offset_y"):
+        raise NteError(f"{animation.xml}: its sensor has a principal point offset, which nte's cameras have not")
+    matrix = _array("to_world", values["to_world"])
+    matrix[:3, :3] /= np.linalg.norm(matrix[:3, :3], axis=0)
+    track = camera_track(animation.camera, animation.interpolation) if animation.camera else still(matrix)
+    lens = number("aperture_radius"), number("focus_distance", 1.0)
+    return Camera(track, number("x_fov"), *lens, number("near_clip"), number("far_clip"))
+
+
+def _array(name: str, value: Any) -> Floats:
+    """The value of a parameter; a transform's 4×4 without Dr.Jit's axis of lanes."""
+    is_transform = name.rpartition(".")[2] == "to_world"
+    return np.array(value.matrix, float).reshape(4, 4) if is_transform else np.array(value, float)
+
+
+def _at(matrix: Floats, name: str, value: Floats) -> Any:
+    """The value of a parameter after the transform 4×4."""
+    mi = load_mitsuba()
+    kind = name.rpartition(".")[2]
+    if kind == "to_world":
+        return mi.Transform4f(matrix @ value)
+    if kind == "vertex_normals":
+        turned = value.reshape(-1, 3) @ np.linalg.inv(matrix)[:3, :3]
+        length = np.linalg.norm(turned, axis=1, keepdims=True)
+        return np.ascontiguousarray(turned / np.maximum(length, 1e-30), np.float32).ravel()
+    moved = transform_points(matrix, value.reshape(-1, 3))
+    if kind == "position":
+        return mi.Point3f(moved[0])
+    return np.ascontiguousarray(moved, np.float32).ravel()
+
+
+def check_scene(animation: Animation) -> None:
+    """Raise NteError, before anything is rendered, for what the XML does not load or have."""
+    OwnStage(animation, 8, 8, 2)

@@ -1,0 +1,234 @@
+"""Somebody else's XML scene, animated: its vectors are exact, whatever kind of shape moves."""
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+import torch
+import trimesh
+from PIL import Image
+
+from nte.errors import NteError
+from nte.motion.warp import fetch_nearest, pixel_centres, warp
+from nte.render.animation import Key, object_track, read_animation
+from nte.render.clips import render_recipe
+from nte.render.gbuffer import geometry, surface
+from nte.render.own import OwnStage
+
+ROOM = """\
+<scene version="3.0.0">
+  <default name="bright" value="5"/>
+  <sensor type="perspective" id="eye"><float name="fov" value="50"/>
+    <transform name="to_world"><lookat origin="0, 2, -6" target="0, 1, 0" up="0, 1, 0"/></transform></sensor>
+  <bsdf type="twosided" id="paint"><bsdf type="diffuse"><texture type="bitmap" name="reflectance">
+    <string name="filename" value="textures/paint.png"/></texture></bsdf></bsdf>
+  <bsdf type="roughconductor" id="gold"><string name="material" value="Au"/><float name="alpha" value="0.25"/></bsdf>
+  <shape type="rectangle" id="floor"><transform name="to_world"><scale value="5"/>
+    <rotate x="1" angle="-90"/></transform><ref id="paint"/></shape>
+  <shape type="ply" id="mesh"><string name="filename" value="ball.ply"/>
+    <transform name="to_world"><scale value="0.5"/><translate x="-1" y="0.5"/></transform><ref id="paint"/></shape>
+  <shape type="obj"><string name="filename" value="box.obj"/>
+    <transform name="to_world"><translate x="1.5" y="0.5"/></transform><ref id="paint"/></shape>
+  <shape type="sphere" id="round"><point name="center" x="0.2" y="0.6" z="-1"/><float name="radius" value="0.5"/>
+    <ref id="gold"/></shape>
+  <shape type="sphere" id="clear"><point name="center" x="-2" y="2.5" z="0"/><float name="radius" value="0.4"/>
+    <bsdf type="dielectric"/></shape>
+  <shape type="shapegroup" id="tree">
+    <shape type="cylinder"><float name="radius" value="0.1"/><ref id="paint"/></shape>
+    <shape type="sphere"><point name="center" x="0" y="0" z="1.2"/><float name="radius" value="0.4"/>
+      <ref id="paint"/></shape>
+  </shape>
+  <shape type="instance" id="oak"><ref id="tree"/>
+    <transform name="to_world"><rotate x="1" angle="-90"/><translate x="-2" z="1"/></transform></shape>
+  <shape type="instance" id="elm"><ref id="tree"/>
+    <transform name="to_world"><rotate x="1" angle="-90"/><translate x="2.4" z="1"/></transform></shape>
+  <shape type="rectangle" id="panel"><transform name="to_world"><rotate x="1" angle="90"/><translate y="4"/></transform>
+    <emitter type="area"><rgb name="radiance" value="$bright"/></emitter></shape>
+  <emitter type="point" id="bulb"><point name="position" x="2" y="3" z="-2"/><rgb name="intensity" value="5"/></emitter>
+  <emitter type="envmap" id="sky"><string name="filename" value="textures/sky.exr"/></emitter>
+</scene>
+"""
+MOVES = """\
+xml: room.xml
+objects:
+  floor: [{frame: 0}, {frame: 8, rotate: [0, 20, 0]}]
+  mesh: [{frame: 0}, {frame: 8, translate: [1, 0.6, 0], rotate: [0, 90, 30], pivot: [-1, 0.5, 0]}]
+  round: [{frame: 0}, {frame: 8, translate: [0, 1.5, 0]}]
+  oak: [{frame: 0}, {frame: 8, translate: [0.6, 0, -1], rotate: [0, 60, 0], pivot: [-2, 0, 1]}]
+lights:
+  bulb: [{frame: 0}, {frame: 8, translate: [-4, 0, 0]}]
+camera:
+  - {frame: 0, origin: [0, 2, -6], target: [0, 1, 0]}
+  - {frame: 8, origin: [1, 2.2, -6], target: [0, 1, 0]}
+"""
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    from nte.frames.exr import write_exr
+
+    folder = tmp_path_factory.mktemp("own")
+    (folder / "textures").mkdir()
+    coarse = np.random.default_rng(0).integers(0, 255, (6, 6, 3), np.uint8)
+    Image.fromarray(coarse).resize((64, 64), Image.Resampling.BICUBIC).save(folder / "textures" / "paint.png")
+    write_exr(folder / "textures" / "sky.exr", {name: np.full((8, 16), 0.3, np.float32) for name in "RGB"})
+    trimesh.creation.uv_sphere(count=[12, 24]).export(folder / "ball.ply")
+    trimesh.creation.box().export(folder / "box.obj")
+    (folder / "room.xml").write_text(ROOM)
+    (folder / "moves.yaml").write_text(MOVES)
+    return folder
+
+
+@pytest.fixture(scope="module")
+def stage(folder: Path) -> OwnStage:
+    return OwnStage(read_animation(folder / "moves.yaml"), 96, 64, 4)
+
+
+def seen(stage: OwnStage, time: float) -> dict[str, torch.Tensor]:
+    stage.set_time(time)
+    return {name: torch.from_numpy(values)[None] for name, values in (surface(stage) | geometry(stage, time)).items()}
+
+
+def test_every_shape_and_instance_is_an_object_of_its_own(stage: OwnStage) -> None:
+    names = [obj.name for obj in stage.scene.objects]
+    assert {"floor", "mesh", "round", "clear", "oak", "elm", "panel"} < {*names}
+    visible = np.unique(seen(stage, 0)["instance"].numpy())
+    assert {names[int(number) - 1] for number in visible if number} == {*names} - {"panel"}
+
+
+@pytest.mark.parametrize("name", ["floor", "mesh", "round", "oak", "elm"])
+def test_motion_leads_to_the_same_point_of_the_object(stage: OwnStage, name: str) -> None:
+    """The world point that was seen there, carried on by the object's own motion, is the point that is seen now."""
+    before, now = seen(stage, 3), seen(stage, 4)
+    number = [obj.name for obj in stage.scene.objects].index(name)
+    track = stage.scene.objects[number].track
+    onward = np.eye(4) if track is None else track(4) @ np.linalg.inv(track(3))
+    there = pixel_centres(now["motion"]) + now["motion"]
+    mine = (now["instance"] == number + 1) & (fetch_nearest(before["instance"], there) == number + 1)
+    fetched = warp(before["position"], now["motion"])
+    mine &= fetched.valid & (warp(before["instance"], now["motion"]).image == number + 1)
+    assert mine.sum() > 20
+    points = fetched.image[0][:, mine[0, 0]].numpy().T
+    carried = points @ onward[:3, :3].T + onward[:3, 3]
+    # The fetched point is a mean of four that are seen in perspective, on a curved surface a little below it.
+    here = now["position"][0][:, mine[0, 0]].numpy().T
+    assert np.linalg.norm(carried - here, axis=1).mean() < 0.015
+    assert np.linalg.norm(carried - here, axis=1).max() < 0.06
+    assert (np.linalg.norm(points - here, axis=1).mean() > 0.04) == (track is not None)
+
+
+def test_guides_of_metal_and_glass(stage: OwnStage) -> None:
+    frame, names = seen(stage, 0), [obj.name for obj in stage.scene.objects]
+    inside = {name: (frame["instance"] == names.index(name) + 1)[0, 0] for name in ("round", "clear")}
+    gold, glass = ({key: frame[key][0][:, mask].median(1).values for key in frame} for mask in inside.values())
+    assert gold["albedo"][0] > 0.9
+    assert gold["albedo"][2] < 0.6
+    assert gold["roughness"] == pytest.approx(0.5, abs=1e-3)
+    assert (glass["albedo"] > 0.99).all()
+    assert glass["roughness"] == 0
+
+
+def test_lights_move_and_defaults_have_values(folder: Path) -> None:
+    from nte.render.integrator import radiance
+
+    def light(text: str, time: float) -> np.ndarray:
+        (folder / "light.yaml").write_text(text)
+        stage = OwnStage(read_animation(folder / "light.yaml"), 32, 24, 3)
+        stage.set_time(time)
+        return radiance(stage, 64, 1)
+
+    still = "xml: room.xml\nlights:\n  bulb: [{frame: 0}, {frame: 8, translate: [-4, 0, 0]}]\n"
+    before, after = (light(still + "values: {bright: '0'}\n", time) for time in (0, 8))
+    # The bulb goes from x = 2 to −2; the camera looks along +z, so +x is on the left of the image.
+    change = after - before
+    assert change[..., :16].mean() < -0.005 < 0.005 < change[..., 16:].mean()
+    assert light(still, 0).mean() > 1.1 * before.mean()
+
+
+def test_smooth_tracks_pass_through_their_keyframes_without_a_jump_of_speed() -> None:
+    keys = [Key(0.0), Key(4.0, [1.0, 2.0, 0.0]), Key(10.0, [0.0, 5.0, 0.0], [0.0, 90.0, 0.0])]
+    for kind in ("linear", "smooth"):
+        track = object_track(keys, kind)
+        for key in keys:
+            np.testing.assert_allclose(track(key.frame)[:3, 3], key.translate, atol=1e-9)
+        np.testing.assert_allclose(track(-3), track(0))
+        np.testing.assert_allclose(track(12), track(10))
+    before, after = (object_track(keys, "smooth")(4 + h)[:3, 3] - [1, 2, 0] for h in (-1e-5, 1e-5))
+    np.testing.assert_allclose(-before, after, rtol=1e-3, atol=1e-9)
+
+
+@pytest.mark.slow
+def test_clips_follow_each_other_and_pass_the_check(folder: Path, tmp_path: Path) -> None:
+    from nte.check import check_clip
+    from nte.frames.clip import Clip
+
+    (folder / "recipe.yaml").write_text(
+        "name: own\ntrain:\n  - {scene: moves.yaml, clips: 2, frames: 3, width: 64, height: 48, reference_spp: 4}\n"
+        "test:\n  - {scene: moves.yaml, clips: 1, frames: 1, width: 32, height: 24, reference_spp: 128, shutter: 1}\n"
+    )
+    render_recipe(folder / "recipe.yaml", tmp_path / "out", progress=False)
+    first, second = (Clip(tmp_path / "out" / "train" / f"moves_00{number}") for number in (0, 1))
+    assert check_clip(first).verdict == "plausible"
+    step = np.subtract(second.info["cameras"][0]["view"], first.info["cameras"][2]["view"])
+    assert 0 < np.abs(step).max() < 0.2  # the next frame of the same way
+    blurred = Clip(tmp_path / "out" / "test" / "moves_000").frame(0)
+    sharp = Clip(tmp_path / "out" / "sharp" / "test" / "moves_000").frame(0)
+    close = np.abs(blurred["shutter_motion"] - sharp["shutter_motion"]).max(1) < 1
+    assert close.mean() > 0.9  # but for samples of another surface
+    assert np.abs(sharp["shutter_motion"]).max() > 1
+
+
+@pytest.mark.parametrize(
+    ("text", "said"),
+    [
+        (MOVES.replace("  round:", "  rund:"), "objects names 'rund', none .*floor, mesh, round"),
+        (MOVES.replace("bulb:", "lamp:"), "lights names 'lamp', none .*: there is bulb, sky"),
+        (MOVES.replace("translate: [0, 1.5, 0]", "scale: [1, 0, 1]"), "objects.round.1..scale is .*singular"),
+        (MOVES.replace("target: [0, 1, 0]}", "target: [0, 2, -6]}", 1), "camera.0.: origin, target and up lie on one"),
+        (MOVES.replace("{frame: 8, translate: [-4, 0, 0]}", "{frame: 0}"), "lights.bulb.1..frame is 0 after 0"),
+        (MOVES.replace("rotate: [0, 20, 0]", "rotate: [0, 20]"), "objects.floor.1..rotate is .*expected three numbers"),
+        (MOVES.replace("room.xml", "attic.xml"), "attic.xml is no file"),
+        (MOVES + "interpolation: wobbly\n", "interpolation is 'wobbly'"),
+        (MOVES + "lamps: {}\n", "lamps"),
+    ],
+)
+def test_a_faulty_animation_is_one_line(folder: Path, text: str, said: str) -> None:
+    (folder / "faulty.yaml").write_text(text)
+    with pytest.raises(NteError, match=said) as error:
+        OwnStage(read_animation(folder / "faulty.yaml"), 8, 8, 2)
+    assert "\n" not in str(error.value)
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "said"),
+    [
+        ("ball.ply", "bull.ply", "bull.ply.*not found"),
+        ("textures/paint.png", "paint.png", "paint.png.*No such file"),
+        ("</scene>", "", "room.xml.*Pars"),
+        ('type="perspective" id="eye"><float name="fov" value="50"/>', 'type="orthographic">', "sensor is .*expected"),
+        ('<ref id="gold"/>', '<ref id="silver"/>', "silver"),
+    ],
+)
+def test_a_faulty_scene_is_one_line(folder: Path, tmp_path: Path, old: str, new: str, said: str) -> None:
+    for name in ("textures", "ball.ply", "box.obj"):
+        (tmp_path / name).symlink_to(folder / name)
+    (tmp_path / "room.xml").write_text(ROOM.replace(old, new))
+    (tmp_path / "moves.yaml").write_text(MOVES)
+    with pytest.raises(NteError, match=said) as error:
+        OwnStage(read_animation(tmp_path / "moves.yaml"), 8, 8, 2)
+    assert "\n" not in str(error.value)
+
+
+def test_a_recipe_says_what_does_not_go_with_a_scene_of_ones_own(folder: Path, tmp_path: Path) -> None:
+    for rest, said in (
+        ("components: true", "light is separated in nte's own scenes only"),
+        ("parameters: {speed: 2}", "expected nothing but 'start'"),
+        ("parameters: {start: soon}", "expected nothing but 'start'"),
+    ):
+        (folder / "bad.yaml").write_text(f"name: bad\ntrain:\n  - {{scene: moves.yaml, clips: 1, {rest}}}\n")
+        with pytest.raises(NteError, match=said):
+            render_recipe(folder / "bad.yaml", tmp_path / "out", progress=False)
+    (folder / "bad.yaml").write_text("name: bad\ntrain:\n  - {scene: nowhere.yaml, clips: 1}\n")
+    with pytest.raises(NteError, match=r"train\[0\].scene: .*nowhere.yaml is no file"):
+        render_recipe(folder / "bad.yaml", tmp_path / "out", progress=False)
+    assert not (tmp_path / "out").exists()
