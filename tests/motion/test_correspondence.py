@@ -20,7 +20,6 @@ from nte.motion.correspondence import (
     rejection_mask,
 )
 
-
 STEADY = Search(RADII["noisy"], "l1", smoothing=(4, 2, 1))
 
 
