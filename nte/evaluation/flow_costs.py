@@ -32,7 +32,8 @@ def costs(repetitions: int = 5) -> dict[str, dict[str, float]]:
     """Per method: `ms` at 1280×720, median of repetitions that alternate, and `peak_mb` at 1024×1024.
 
     OpenCV gets as many threads as PyTorch. Dual TV-L1 and eFOLKI, which take minutes, run once at 320×180, and the
-    time is multiplied by 16; their memory is not measured. peak_mb: how much the resident peak of a fresh process grows.
+    time is multiplied by 16; their memory is not measured. peak_mb: how much the resident peak of a fresh process
+    grows.
     """
     cv2.setNumThreads(torch.get_num_threads())
     images, few = _images(TIMED), _images((TIMED[0] // 4, TIMED[1] // 4))
