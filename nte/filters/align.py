@@ -1,9 +1,10 @@
-"""What `align_taa` and `align_accumulate` share: motion from the images, from geometry, or none, and its patch error."""
+"""What `align_taa` and `align_accumulate` share: motion from the images, from geometry or none, and its patch error."""
 
 from dataclasses import replace
 from typing import NamedTuple
 
 import torch
+import torch.nn.functional as F
 from torch import Tensor
 
 from nte.errors import NteError
@@ -34,10 +35,10 @@ def check_motion(name: str, motion: str) -> None:
 def check_range(name: str, **values: float) -> None:
     """Raise NteError unless 0 < alpha ≤ 1 and every other value is at least 0 and finite."""
     for key, value in values.items():
-        low = 0 < value if key == "alpha" else 0 <= value
-        if not (low and value <= (1 if key == "alpha" else 1e6)):
-            expected = "a weight of the current frame in (0, 1]" if key == "alpha" else "a number of at least 0"
-            raise NteError(f"{name}: {key} is {value}, expected {expected}")
+        if key == "alpha" and not 0 < value <= 1:
+            raise NteError(f"{name}: alpha is {value}, expected a weight of the current frame in (0, 1]")
+        if not 0 <= value < float("inf"):
+            raise NteError(f"{name}: {key} is {value}, expected a number of at least 0")
 
 
 def search_of(noise: str, radii: str) -> Search:
@@ -64,7 +65,8 @@ def align(current: Tensor, previous: Tensor, frame: Frame, motion: str, search: 
         given = traditional_motion(frame["motion"])
         return Aligned(given.motion, given.valid, patch_error(current, previous, given.motion, search))
     still = current.new_zeros(current.shape[0], 2, *current.shape[2:])
-    return Aligned(still, torch.ones_like(still[:, :1], dtype=torch.bool), patch_error(current, previous, still, search))
+    everywhere = torch.ones_like(still[:, :1], dtype=torch.bool)
+    return Aligned(still, everywhere, patch_error(current, previous, still, search))
 
 
 def patch_error(current: Tensor, previous: Tensor, motion: Tensor, search: Search) -> Tensor:
@@ -79,12 +81,9 @@ def patch_error(current: Tensor, previous: Tensor, motion: Tensor, search: Searc
     if search.norm.startswith("log"):
         difference = torch.log1p(difference / 2)  # log(2 + |a − b|) − log 2
     error = box_mean(difference, 2 * search.radii[search.error_level] + 1)
-    return torch.nn.functional.interpolate(error, scale_factor=shrink, mode="bilinear")[
-        ..., : current.shape[-2], : current.shape[-1]
-    ] if shrink > 1 else error
+    large = F.interpolate(error, scale_factor=shrink, mode="bilinear", align_corners=False)
+    return large[..., : current.shape[-2], : current.shape[-1]]
 
 
 def _shrunk(image: Tensor, factor: int) -> Tensor:
-    if factor == 1:
-        return image
-    return torch.nn.functional.avg_pool2d(image, factor, ceil_mode=True, count_include_pad=False)
+    return F.avg_pool2d(image, factor, ceil_mode=True, count_include_pad=False)

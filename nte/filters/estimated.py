@@ -41,9 +41,9 @@ class _State(NamedTuple):
 class EstimatedMotion:
     """A denoiser that gets `motion` from the images: `color` of this frame, searched in that of the frame before.
 
-    denoiser: any; it sees the estimated vectors in place of given ones, and no others. noise: of the images, which sets the
-    patches: `clean`, `moderate` (some 4 to 50 spp), `noisy` (1 spp) or `strong`. A sequence starts with no motion.
-    The wrapped denoiser's extras are its own.
+    denoiser: any; it sees the estimated vectors in place of given ones, and no others. noise: of the images, which
+    sets the patches: `clean`, `moderate` (some 4 to 50 spp), `noisy` (1 spp) or `strong`. A sequence starts with no
+    motion. The wrapped denoiser's extras are its own.
     """
 
     def __init__(self, denoiser: Denoiser, noise: str = "noisy") -> None:

@@ -19,7 +19,8 @@ def warp_catmull_rom(image: Tensor, motion: Tensor) -> Warped:
     limit = position.new_tensor([width, height]).view(1, 2, 1, 1)
     position = position.nan_to_num().clamp(min=0).minimum(limit)
     base = (position - 0.5).floor() + 0.5  # centre of the pixel to the upper left
-    across, down = (_weights(part) for part in (position - base).split(1, 1))
+    part = position - base
+    across, down = _weights(part[:, :1]), _weights(part[:, 1:])
     total = torch.zeros_like(image)
     for j, weight_y in enumerate(down):
         for i, weight_x in enumerate(across):

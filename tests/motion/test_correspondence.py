@@ -20,7 +20,6 @@ from nte.motion.correspondence import (
     rejection_mask,
 )
 
-
 STEADY = Search(RADII["noisy"], "l1", smoothing=(4, 2, 1))
 
 
@@ -220,7 +219,7 @@ def test_error_of_a_coarser_level_is_given_at_full_size() -> None:
 
 def test_a_batch_is_its_images_one_by_one_and_a_second_run_is_the_first() -> None:
     pairs = [(noisy(disc(100 + d, 128), 0.05, d), noisy(disc(100, 128), 0.05, d + 9)) for d in (3, 17)]
-    together = find_correspondence(*(torch.cat(images) for images in zip(*pairs, strict=True)))
+    together = find_correspondence(torch.cat([c for c, _ in pairs]), torch.cat([p for _, p in pairs]))
     for n, (current, previous) in enumerate(pairs):
         for _ in range(2):
             alone = find_correspondence(current, previous)
