@@ -28,8 +28,8 @@ class Hits:
     barycentric: Floats  # (P, 2), weights of the triangle's second and third vertex
     direction: Floats  # (P, 3), world: where a miss looks
 
-    def of(self, rows: npt.NDArray[np.bool_]) -> "Hits":
-        """The rays that `rows` (P,) selects."""
+    def of(self, rows: npt.NDArray[np.bool_] | Indices) -> "Hits":
+        """The rays that `rows` selects: (P,) bool, or row numbers."""
         return Hits(self.instance[rows], self.triangle[rows], self.barycentric[rows], self.direction[rows])
 
 
