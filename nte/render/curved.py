@@ -11,7 +11,7 @@ from nte.render.rays import Hits
 from nte.render.stage import Stage
 from nte.render.transforms import Floats
 
-_STEPS = 8  # of Newton's method, each of which turns the normal by _TURN radians at most
+_STEPS = 5  # of Newton's method, each of which turns the normal by _TURN radians at most
 _TURN = 0.2
 _REACH = 0.5  # radians: where the normal has turned by more, the quadric no longer is the surface
 _MISSED = 0.01  # radians by which the normal may miss the half vector
@@ -32,8 +32,12 @@ def curvatures_at(stage: Stage, hits: Hits, time: float) -> Floats:
     inner = hits.place[bent, 1:]
     weight = np.concatenate([1 - inner.sum(1, keepdims=True), inner], 1)
     length = np.linalg.norm((weight[:, :, None] * normal[bent]).sum(1), axis=1)
-    slope = np.linalg.pinv(edges) @ (turned[bent] / length[:, None, None])
-    result[bent] = slope.transpose(0, 2, 1)
+    # The edges' dual basis in the triangle's plane: what a step is in terms of them.
+    first, second = edges[:, 0], edges[:, 1]
+    across = np.cross(first, second)
+    area = np.square(across).sum(1, keepdims=True) * length[:, None]
+    dual = np.stack([np.cross(second, across), np.cross(across, first)], 1) / np.maximum(area, 1e-300)[:, :, None]
+    result[bent] = turned[bent].transpose(0, 2, 1) @ dual
     return result
 
 

@@ -3,6 +3,7 @@
 Mitsuba 3.9 has no animated transforms, so vertices and the camera are written through mi.traverse.
 """
 
+from functools import cached_property
 from itertools import pairwise
 from typing import Any
 
@@ -105,6 +106,15 @@ class Stage:
         u, v = place[:, 1:2], place[:, 2:3]
         with np.errstate(invalid="ignore", over="ignore"):  # of a miss, whose weights are whatever was in memory
             return np.asarray((1 - u - v) * a + u * b + v * c)
+
+    @cached_property
+    def instances(self) -> Indices:
+        """Table from keys of shapes (shape_key) to instance numbers: index in scene.objects + 1."""
+        mi, scalar = load_mitsuba(), is_scalar()
+        keys = [int(shape_key(m) if scalar else shape_key(mi.ShapePtr(m))[0]) for m in self.shapes]
+        table = np.zeros(max(keys) + 1, np.int64)
+        table[keys] = np.arange(len(keys)) + 1
+        return table
 
     def key(self, hit: Any) -> Any:
         """Number of the shape that a PreliminaryIntersection3f names, see shape_key."""
