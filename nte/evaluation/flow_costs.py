@@ -1,11 +1,10 @@
 """Time and memory of the ways to find motion, in one run on the same cores."""
 
 import multiprocessing
-import resource
 import statistics
-import sys
 import time
 from collections.abc import Callable
+from pathlib import Path
 from typing import Any
 
 import cv2
@@ -25,6 +24,7 @@ COSTED: dict[str, Find] = {
     "ours for 1 spp": ours("noisy"),
     "ours for 1 spp, full": ours("noisy", False),
 }
+_STATUS = Path("/proc/self/status")
 _SLOW = ("Dual TV-L1", "eFOLKI")  # timed once, on a 16th of the pixels, and multiplied
 
 
@@ -33,7 +33,7 @@ def costs(repetitions: int = 5) -> dict[str, dict[str, float]]:
 
     OpenCV gets as many threads as PyTorch. Dual TV-L1 and eFOLKI, which take minutes, run once at 320×180, and the
     time is multiplied by 16; their memory is not measured. peak_mb: how much the resident peak of a fresh process
-    grows.
+    grows; on Linux only.
     """
     cv2.setNumThreads(torch.get_num_threads())
     images, few = _images(TIMED), _images((TIMED[0] // 4, TIMED[1] // 4))
@@ -44,13 +44,18 @@ def costs(repetitions: int = 5) -> dict[str, dict[str, float]]:
                 seconds[name].append(_seconds(find, *images))
             elif repetition == 0:
                 seconds[name].append(16 * _seconds(find, *few))
-    with multiprocessing.get_context("spawn").Pool(1, maxtasksperchild=1) as pool:
-        peaks = pool.map(peak_mb, [name for name in COSTED if name not in _SLOW], chunksize=1)
-    found = dict(zip([name for name in COSTED if name not in _SLOW], peaks, strict=True))
+    found = peaks()
     return {
         name: {"ms": 1000 * statistics.median(s), **({"peak_mb": found[name]} if name in found else {})}
         for name, s in seconds.items()
     }
+
+
+def peaks() -> dict[str, float]:
+    """`peak_mb` of every method that does not take minutes, each in a process of its own."""
+    names = [name for name in COSTED if name not in _SLOW and _STATUS.exists()]
+    with multiprocessing.get_context("spawn").Pool(1, maxtasksperchild=1) as pool:
+        return dict(zip(names, pool.map(peak_mb, names, chunksize=1), strict=True))
 
 
 def passes() -> dict[str, float]:
@@ -75,9 +80,10 @@ def peak_mb(name: str) -> float:
     """How much the peak of this process's resident memory grows in a call at 1024×1024; after a small one."""
     COSTED[name](*_images((128, 128)))
     images = _images(MEASURED)
-    before = _resident_peak()
+    Path("/proc/self/clear_refs").write_text("5")  # forget the peak so far: imports, and the process before exec
+    before = _resident("VmRSS")
     COSTED[name](*images)
-    return _resident_peak() - before
+    return _resident("VmHWM") - before
 
 
 def cost_table(rows: dict[str, dict[str, float]]) -> str:
@@ -115,6 +121,7 @@ def _seconds(call: Callable[..., Any], *arguments: Any) -> float:
     return time.perf_counter() - start
 
 
-def _resident_peak() -> float:
-    peak = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
-    return peak / 1e6 if sys.platform == "darwin" else peak * 1024 / 1e6
+def _resident(key: str) -> float:
+    """Megabytes of resident memory now (VmRSS), or at its peak (VmHWM)."""
+    line = next(line for line in _STATUS.read_text().splitlines() if line.startswith(key))
+    return int(line.split()[1]) * 1024 / 1e6
