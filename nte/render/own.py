@@ -4,20 +4,19 @@ Shapes stay Mitsuba's, of any kind, and instances of shapegroups as well: what a
 which shape it is on, and that shape's keyframes carry it to any other time. Vectorised variants only.
 """
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from itertools import chain, count
 from pathlib import Path
 from typing import Any
 
 import numpy as np
-import numpy.typing as npt
 
 from nte.errors import NteError
 from nte.render.animation import Animation, camera_track, object_track
 from nte.render.backend import load_drjit, load_mitsuba
 from nte.render.scene import Camera, Scene
-from nte.render.stage import Stage, camera_sensor, path_integrator, shape_key
+from nte.render.stage import Indices, Stage, camera_sensor, path_integrator, shape_key
 from nte.render.transforms import Floats, Track, still, transform_points
 from nte.render.unshadowed import unshadowed_integrator
 
@@ -31,10 +30,6 @@ class OwnObject:
 
     name: str
     track: Track | None = None
-
-    def points(self, place: Floats, time: float) -> Floats:
-        """Where points (P, 3) as they are in the XML are at a time in frames, world."""
-        return place if self.track is None else transform_points(self.track(time), place)
 
 
 class OwnStage(Stage):
@@ -54,7 +49,7 @@ class OwnStage(Stage):
         _check_names(animation.xml, "objects", tracks, [shape.id() for shape in self.shapes])
         emitters = [emitter.id() for emitter in self.mi_scene.emitters() if emitter.get_shape() is None]
         _check_names(animation.xml, "lights", lights, emitters)
-        # Not a family's objects, but what a stage asks of those, their points, they tell as well.
+        # Not a family's objects: nobody but this stage asks them where they are.
         objects: Any = tuple(OwnObject(shape.id(), self._from_start(tracks.get(shape.id()))) for shape in self.shapes)
         camera = _camera(self.mi_scene, animation)
         camera = replace(camera, track=self._from_start(camera.track))
@@ -119,14 +114,22 @@ class OwnStage(Stage):
             found = dr.select(known, value**power, found)
         return found
 
-    def placed(self, instance: npt.NDArray[np.int64], place: Floats) -> Floats:
+    def placed(self, instance: Indices, place: Floats) -> Floats:
         """World points (P, 3) at the time that the stage is set to, as they are in the XML."""
-        rest = place.copy()
+        return self._carried(instance, place, lambda track: np.asarray(np.linalg.inv(track(self.time)), float))
+
+    def points(self, instance: Indices, place: Floats, time: float) -> Floats:
+        """Where points (P, 3) as they are in the XML are at a time in frames, world."""
+        return self._carried(instance, place, lambda track: track(time))
+
+    def _carried(self, instance: Indices, points: Floats, matrix: Callable[[Track], Floats]) -> Floats:
+        """Points (P, 3), those on what moves transformed by what its track says."""
+        carried = points.copy()
         for number in np.unique(instance[instance > 0]):
             if (track := self.scene.objects[number - 1].track) is not None:
                 mine = instance == number
-                rest[mine] = transform_points(np.linalg.inv(track(self.time)), place[mine])
-        return rest
+                carried[mine] = transform_points(matrix(track), points[mine])
+        return carried
 
     def _from_start(self, track: Track | None) -> Any:
         """The track as the clip's frames see it, whose frame 0 is the animation's frame `start`."""
