@@ -254,23 +254,25 @@ def main(arguments: list[str]) -> int:
     given = parser.parse_args(arguments)
     if unknown := [name for name in given.situations if name not in SITUATIONS]:
         parser.error(f"no situation {unknown[0]!r}: expected one of {', '.join(SITUATIONS)}")
-    rows = []
+    rows: list[Row] = []
     for name in given.situations or SITUATIONS:
-        situation, scores = SITUATIONS[name], {}
+        situation, scores, earlier = SITUATIONS[name], {}, rows
         for number in range(given.clips):
             start = time.perf_counter()
-            case = CASES[situation.light](*render(situation, given.split, number, given.size, given.spp, given.samples))
+            frames = render(situation, given.split, number, given.size, given.spp, given.samples)
+            case = CASES[situation.light](*frames)
             found_scores, found = measure(case)
             for region, score in found_scores.items():
                 scores.setdefault(region, []).append(score)
             if given.pictures and number == 0:
                 given.pictures.mkdir(parents=True, exist_ok=True)
                 write_png(given.pictures / f"{name.replace(', ', '_').replace(' ', '_')}.png", picture(case, found))
+            mine = [Row(name, region, region == situation.promised, clips) for region, clips in scores.items()]
+            rows = earlier + mine
+            if given.json:  # after every clip, as they take minutes
+                given.json.write_text(json.dumps([row.as_dict() for row in rows], indent=1))
             seconds = time.perf_counter() - start
             print(f"{name}: clip {number + 1} of {given.clips}, {seconds:.0f} s", file=sys.stderr, flush=True)
-        rows += [Row(name, region, region == situation.promised, clips) for region, clips in scores.items()]
-        if given.json:  # after every situation, as they take minutes
-            given.json.write_text(json.dumps([row.as_dict() for row in rows], indent=1))
     print(f"{given.size}×{given.size}, {given.spp} spp, {given.samples} samples of the vectors; * promised")
     print(table(rows))
     return int(any(row.promised and row.interval()[0] <= 0 for row in rows))
