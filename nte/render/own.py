@@ -150,6 +150,9 @@ def _load(animation: Animation) -> Any:
     config = mi.parser.ParserConfig(mi.variant())
     # Merging shapes of one material would lose their names.
     config.merge_meshes = config.merge_equivalent = False
+    # One after the other: what other threads still build when one fails outlived the failure, and a later rendering of
+    # a medium in the same process died of it.
+    config.parallel = False
     usual = mi.file_resolver()
     beside = mi.FileResolver(usual)  # the XML's own folder first; a <path> in it adds others
     beside.prepend(str(Path(animation.xml).parent.absolute()))
