@@ -15,7 +15,7 @@ from torch import Tensor
 from nte.filters.threads import side_by_side, threads_for
 
 B3_SPLINE = (1.0, 2 / 3, 1 / 6)  # from the centre outwards, in x and in y
-STRIP_PIXELS = 1 << 16  # processed together: a dozen planes of them stay in a core's cache
+STRIP_PIXELS = 1 << 17  # processed together: a dozen planes of them stay in a core's cache
 
 # (guides at p, guides at q, their distance in pixels) → (weight of q in p's mean, weight of p in q's mean)
 Edge: TypeAlias = Callable[[Sequence[Tensor], Sequence[Tensor], float], tuple[Tensor, Tensor]]
@@ -101,7 +101,7 @@ def _pairs(
     strip = max(1, STRIP_PIXELS // (width * group))
     reach = len(kernel) - 1
     offsets = [(y, x) for y in range(reach + 1) for x in range(-reach, reach + 1) if y > 0 or x > 0]
-    bands = max(1, min(threads, height // (2 * strip)))
+    bands = max(1, min(threads, height // (4 * reach * step)))
     borders = [height * band // bands for band in range(bands + 1)]
 
     def cut(first: int, top: int, bottom: int, y: int, x: int) -> Iterator[_Pair]:

@@ -19,7 +19,6 @@ from nte.filters.atrous import Edge, atrous_step
 from nte.filters.composition import check_target
 from nte.filters.moments import brightness, estimated_variance, lengthen, running_mean_weight, with_square
 from nte.filters.reproject import History, Surface, previous_depth, reproject, surface_of
-from nte.filters.threads import own_threads
 from nte.frames.frame import Frame
 from nte.motion.geometric import traditional_motion
 
@@ -82,7 +81,6 @@ class Svgf:
         self.optional: tuple[str, ...] = ("emission",) if target == "color" else ()
 
     @torch.no_grad()
-    @own_threads()
     def step(self, frame: Frame, state: SvgfState | None, extras: tuple[str, ...] = ()) -> tuple[Result, SvgfState]:
         """Denoise `target` (N, C, H, W) of one frame."""
         tensors = frame.torch(self.device)
