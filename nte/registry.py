@@ -17,6 +17,9 @@ NAMES: dict[str, tuple[str, str, str]] = {
     "trmv": ("nte.filters.trmv", "Trmv", "eval"),
     "align_taa": ("nte.filters.align_taa", "AlignTaa", "eval"),
     "align_accumulate": ("nte.filters.align_accumulate", "AlignAccumulate", "eval"),
+    "motion_blur": ("nte.filters.motion_blur", "MotionBlur", "eval"),
+    "post_blur": ("nte.filters.post_blur", "PostBlur", "eval"),
+    "mcguire": ("nte.filters.mcguire", "McGuire", "eval"),
     "oidn": ("nte.filters.oidn", "Oidn", "compare"),
 }
 

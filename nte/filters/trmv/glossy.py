@@ -11,7 +11,7 @@ from torch import Tensor
 from torch.profiler import record_function
 
 from nte.filters.bilateral import ROUGHNESS, Edges, joint_bilateral
-from nte.filters.trmv.noise import gaussian_noise
+from nte.filters.noise import gaussian_noise
 from nte.filters.trmv.scene import RADIUS, Scene
 from nte.filters.trmv.temporal import Effect, Settings, Track, accumulate
 from nte.motion.geometric import Reprojection, traditional_motion

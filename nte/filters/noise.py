@@ -10,13 +10,18 @@ _MASK = 0xFFFFFFFF
 
 def gaussian_noise(height: int, width: int, frame: int, device: torch.device) -> Tensor:
     """(1, 2, H, W): independent standard normal numbers, two for each pixel of the frame (Box and Muller 1958)."""
+    uniform = uniform_noise(height, width, frame, 2, device)
+    radius, angle = (-2 * uniform[:, :1].log()).sqrt(), 2 * math.pi * uniform[:, 1:]
+    return torch.cat([radius * angle.cos(), radius * angle.sin()], 1)
+
+
+def uniform_noise(height: int, width: int, frame: int, dimensions: int, device: torch.device) -> Tensor:
+    """(1, D, H, W): independent numbers, uniform in (0, 1), D for each pixel of the frame."""
     pixel = torch.arange(height * width, device=device).view(1, height, width)
-    dimension = torch.arange(2, device=device).view(2, 1, 1)
-    bits = _hash(pixel + _hash(2 * frame + dimension))
-    # Never 0: the logarithm must be finite.
-    uniform = ((bits >> 8).float() + 0.5) / 2**24
-    radius, angle = (-2 * uniform[0].log()).sqrt(), 2 * math.pi * uniform[1]
-    return torch.stack([radius * angle.cos(), radius * angle.sin()])[None]
+    dimension = torch.arange(dimensions, device=device).view(dimensions, 1, 1)
+    bits = _hash(pixel + _hash(dimensions * frame + dimension))
+    # Never 0: a logarithm must be finite.
+    return (((bits >> 8).float() + 0.5) / 2**24)[None]
 
 
 def _hash(value: Tensor) -> Tensor:

@@ -1,0 +1,124 @@
+"""The samples of a blurred frame as rows, and lists of the pixels that have work to do.
+
+Work is proportional to the moving area because every step runs on a list of pixels and gathers its neighbours from
+rows (N·H·W, C), channels last, so that one fetch is one contiguous read.
+"""
+
+from collections.abc import Callable
+from typing import NamedTuple
+
+import torch
+import torch.nn.functional as F
+from torch import Tensor
+
+from nte.color import sanitise
+from nte.errors import NteError
+from nte.frames.frame import Frame
+
+MOVING_PX = 0.5  # a sample that moves further than this over the open shutter is moving (step 1)
+WINDOW = 7  # radius of the 15×15 pixels in which a moving sample makes a pixel worth filtering
+_BATCH = 1 << 19  # taps evaluated at once: what the cache and a few megabytes hold
+
+# Columns of the rows of samples.
+COLOR, MOTION, TIME, DEPTH, MOVING = slice(0, 3), slice(3, 5), 5, 6, 7
+
+
+class Size(NamedTuple):
+    """Of a batch of images: N, H and W."""
+
+    batch: int
+    height: int
+    width: int
+
+
+class Pixels(NamedTuple):
+    """A list of K pixels, wherever they are in the batch: row number, and column x and line y in their image."""
+
+    index: Tensor  # (K,) int64: n·H·W + y·W + x
+    x: Tensor
+    y: Tensor
+    size: Size
+
+    @staticmethod
+    def at(index: Tensor, size: Size) -> "Pixels":
+        """The pixels of these row numbers."""
+        place = index % (size.height * size.width)
+        return Pixels(index, place % size.width, place // size.width, size)
+
+    def centres(self) -> Tensor:
+        """(K, 1, 2): x and y of the pixels' centres, px."""
+        return torch.stack([self.x, self.y], 1)[:, None].float() + 0.5
+
+    def chunks(self, taps: int) -> "list[Tensor]":
+        """Positions in this list, cut so that so many taps of each are evaluated at once."""
+        return list(torch.arange(len(self.index), device=self.index.device).split(max(1, _BATCH // taps)))
+
+    def some(self, which: Tensor) -> "Pixels":
+        """Those at these positions of the list (or where a mask is true)."""
+        return Pixels(self.index[which], self.x[which], self.y[which], self.size)
+
+
+def in_chunks(pixels: Pixels, taps: int, work: Callable[[Pixels, Tensor], Tensor]) -> Tensor:
+    """(K, C): `work`(some of the pixels, their positions in the list) → rows, for all of them, chunk by chunk."""
+    return torch.cat([work(pixels.some(chunk), chunk) for chunk in pixels.chunks(taps)])
+
+
+def read_samples(frame: Frame) -> tuple[Tensor, Size]:
+    """Rows (N·H·W, 8) of a frame's samples: colour, vector, time, depth, moving (0 or 1).
+
+    Bad pixels: a colour as `sanitise` leaves it, a vector that is not finite is none, one that is longer than the
+    image's diagonal is as long as that, a time that is not finite is mid-shutter. Depth of sky is infinite. Raises
+    NteError for times outside [0, 1].
+    """
+    size = Size(frame.batch, *frame.size)
+    time, motion, depth = frame["time"], frame["shutter_motion"], frame["shutter_depth"]
+    _check_time(time, frame.index)
+    motion = torch.where(motion.isfinite().all(1, keepdim=True), motion, 0)
+    length = motion.square().sum(1, keepdim=True).sqrt()
+    longest = (size.height**2 + size.width**2) ** 0.5
+    motion = motion * (longest / length.clamp(min=longest))
+    seen = depth.isfinite() & (depth > 0)
+    columns = [
+        sanitise(frame["color"]), motion, torch.where(time.isfinite(), time, 0.5),
+        torch.where(seen, depth, float("inf")), (length > MOVING_PX).float(),
+    ]  # fmt: skip
+    return torch.cat(columns, 1).movedim(1, -1).reshape(-1, 8), size
+
+
+def _check_time(time: Tensor, index: int) -> None:
+    wrong = (time < 0) | (time > 1)
+    if wrong.any():
+        low, high = float(time[wrong].min()), float(time[wrong].max())
+        raise NteError(
+            f"frame {index}: time is {low:g} to {high:g} in {int(wrong.sum())} pixels, expected the share of the open "
+            "shutter that has passed, in [0, 1]"
+        )
+
+
+def near_moving(moving: Tensor) -> Tensor:
+    """(N, 1, H, W) bool: pixels with a moving sample, (N, 1, H, W) of 0 and 1, within 15×15 pixels."""
+    side = 2 * WINDOW + 1
+    across = F.max_pool2d(moving, (1, side), 1, (0, WINDOW))
+    return F.max_pool2d(across, (side, 1), 1, (WINDOW, 0)) > 0
+
+
+def square(radius: int, device: torch.device) -> Tensor:
+    """(1, T, 2) int64: offsets x, y of the (2·radius + 1)² pixels around one."""
+    steps = torch.arange(-radius, radius + 1, device=device)
+    y, x = torch.meshgrid(steps, steps, indexing="ij")
+    return torch.stack([x.flatten(), y.flatten()], 1)[None]
+
+
+def gather(rows: Tensor, pixels: Pixels, offsets: Tensor) -> tuple[Tensor, Tensor, Tensor]:
+    """What lies at whole-pixel offsets (1 or K, T, 2) from the pixels.
+
+    Values (K, T, C), positions of their centres (K, T, 2), and which lie in the image (K, T); outside, the value is
+    that of the nearest border pixel.
+    """
+    x, y = pixels.x[:, None] + offsets[..., 0], pixels.y[:, None] + offsets[..., 1]
+    _, height, width = pixels.size
+    inside = (x >= 0) & (x < width) & (y >= 0) & (y < height)
+    start = (pixels.index - pixels.y * width - pixels.x)[:, None]
+    index = start + y.clamp(0, height - 1) * width + x.clamp(0, width - 1)
+    values = rows.index_select(0, index.flatten()).view(*index.shape, -1)
+    return values, torch.stack([x, y], -1).float() + 0.5, inside

@@ -1,0 +1,95 @@
+"""Step 1, the variance estimate (section 4.1): mean and variance of the length and direction of motion near a pixel.
+
+At half resolution: the four pixels of a 2×2 tile share the estimate over the 16×16 pixels that their 15×15 ones cover.
+"""
+
+import math
+from typing import NamedTuple
+
+import torch
+from torch import Tensor
+
+from nte.filters.motion_blur.samples import DEPTH, MOTION, MOVING, WINDOW, Pixels, Size, gather, in_chunks
+
+_COLUMNS = 6
+
+
+class Estimate(NamedTuple):
+    """Of each of K pixels, (K,): statistics of the moving samples near it."""
+
+    length: Tensor  # l: mean ‖v‖, px; 0: none moves
+    length_variance: Tensor  # px²
+    angle: Tensor  # θ: mean direction, radians, of no sign
+    angle_variance: Tensor  # over (π/2)², in [0, 1]
+    share: Tensor  # of the samples, that move
+    motion: Tensor  # (K, 2): that of the first moving sample from the centre
+
+    def reach(self, angle: float, length: float) -> Tensor:
+        """c_a c_l (K,), px, from β_a and β_l: how far from its way a sample still counts."""
+        wide = 1 + (angle * self.angle_variance).clamp(max=1)
+        return wide * (1 + (length * self.length_variance).clamp(max=1))
+
+    def some(self, which: Tensor) -> "Estimate":
+        """That of the pixels at these positions of the list."""
+        return Estimate(*(values[which] for values in self))
+
+
+def estimate_variance(rows: Tensor, pixels: Pixels, depth_threshold: float, naive: bool = False) -> Estimate:
+    """The estimate near each of the pixels, from the rows of samples.
+
+    depth_threshold: a moving sample further behind a tile of static ones than this share of their depth does not
+    count, so that edges of what hides it stay sharp. naive: angles in [0, 2π) as they are, the paper's Fig. 3 left.
+    """
+    tiles, of_pixel = _tiles(pixels)
+    table = in_chunks(tiles, 16**2, lambda some, _: _tile_statistics(rows, some, depth_threshold, naive))[of_pixel]
+    return Estimate(*table[:, : _COLUMNS - 1].unbind(1), table[:, _COLUMNS - 1 :])
+
+
+def _tiles(pixels: Pixels) -> tuple[Pixels, Tensor]:
+    """The 2×2 tiles (their upper left pixels) that pixels lie in, and which of them each pixel (K,) lies in."""
+    _, height, width = pixels.size
+    upper_left = pixels.index - pixels.x % 2 - pixels.y % 2 * width
+    index, of_pixel = upper_left.unique(return_inverse=True)
+    return Pixels.at(index, Size(*pixels.size)), of_pixel
+
+
+def _window(device: torch.device) -> Tensor:
+    """(1, 256, 2): offsets from the upper left pixel of a tile, the nearest to the tile's centre first."""
+    steps = torch.arange(-WINDOW, WINDOW + 2, device=device)
+    y, x = torch.meshgrid(steps, steps, indexing="ij")
+    offsets = torch.stack([x.flatten(), y.flatten()], 1)
+    order = ((offsets - 0.5).square().sum(1)).sort(stable=True).indices
+    return offsets[order][None]
+
+
+def _tile_statistics(rows: Tensor, tiles: Pixels, depth_threshold: float, naive: bool) -> Tensor:
+    values, _, inside = gather(rows, tiles, _window(rows.device))
+    moving = inside & (values[..., MOVING] > 0)
+    # What covers the tile, if it does not move itself.
+    static = inside[:, :4] & ~moving[:, :4]
+    cover = torch.where(static, values[:, :4, DEPTH], 0).amax(1)
+    cover = torch.where(moving[:, :4].any(1), float("inf"), cover)
+    moving &= values[..., DEPTH] <= (cover * (1 + depth_threshold))[:, None]
+    number = torch.arange(moving.shape[1], device=rows.device)
+    first = torch.where(moving, number, len(number)).amin(1).clamp(max=len(number) - 1)
+    motion = values[..., MOTION]
+    reference = motion[torch.arange(len(first), device=rows.device), first]
+    length, length_variance = _moments(motion.square().sum(-1).sqrt(), moving)
+    angle = torch.atan2(motion[..., 1], motion[..., 0])
+    start = torch.zeros_like(length) if naive else torch.atan2(reference[:, 1], reference[:, 0])
+    relative = angle % (2 * math.pi) if naive else angle - start[:, None]
+    if not naive:  # flipped by 180° outside ±90°
+        relative = relative - math.pi * (relative / math.pi).round()
+    mean, angle_variance = _moments(relative, moving)
+    share = moving.sum(1) / inside.sum(1)
+    normalised = (angle_variance / (math.pi / 2) ** 2).clamp(max=1)
+    some = moving.any(1, keepdim=True)
+    table = torch.stack([length, length_variance, start + mean, normalised, share], 1)
+    return torch.where(some, torch.cat([table, reference], 1), 0)
+
+
+def _moments(values: Tensor, counted: Tensor) -> tuple[Tensor, Tensor]:
+    """Mean and variance (K,) of the values (K, T) that are counted; 0 where none is."""
+    number = counted.sum(1).clamp(min=1)
+    mean = torch.where(counted, values, 0).sum(1) / number
+    return mean, torch.where(counted, values - mean[:, None], 0).square().sum(1) / number
