@@ -62,7 +62,7 @@ class McGuire:
         for number in range(self.samples):
             if 2 * number + 1 == self.samples:
                 continue  # the pixel itself, which has been counted
-            place = places + dominant * (2 * (number + jitter + 0.5) / self.samples - 1)
+            place = (places + dominant * (2 * (number + jitter + 0.5) / self.samples - 1)).floor() + 0.5
             found = fetch_nearest(packed, place)
             there, behind, fast = found[:, :3], found[:, 3:4], found[:, 4:]
             apart = _length(place - places)

@@ -30,8 +30,11 @@ from nte.filters.motion_blur.variance import Estimate, estimate_variance
 from nte.frames.frame import Frame
 
 CHOICES = {"steps": ("scaled", "fixed"), "angle": ("relative", "naive"), "factor": ("weighted", "share"),
-           "static": ("place", "reprojected")}  # fmt: skip
+           "static": ("place", "reprojected"), "fetch": ("tent", "kernel")}  # fmt: skip
 EXTRAS = ("factor", "reprojected", "length")
+# The paper's steps and constants, as options; the defaults are what docs/motion_blur.md measures to be better.
+PAPER = ("prefilter=true,near=2.5,jitter=1.5,beta_a=1,beta_l=10,stretch=1,weight=1,fetch=kernel,static=reprojected,"
+         "factor=share")  # fmt: skip
 
 
 class State(NamedTuple):
@@ -56,11 +59,13 @@ class State(NamedTuple):
 class MotionBlur:
     """The whole filter; the state is the first stage's output.
 
-    prefilter, history: whether those steps run. steps: of the second stage. iterations: of the reprojection, 1 or
-    more. angle: `naive` averages directions in [0°, 360°). factor: of the composition, the share of moving samples, of
-    all or weighted by the way they take. static: where the history of what does not move is fetched. beta_a, beta_l:
-    β of the weight. depth: share of the depth from which something is behind. accept, drop: px, of the reprojection.
-    weight: of history, where the current frame has 1. shutter: its open share of the frame.
+    prefilter, history: whether those steps run. steps: of the second stage, `fixed` as in the original à-trous
+    transform. stretch: of its scaled steps. iterations: of the reprojection, 1 or more. accept, drop: ‖δ‖ below and
+    above which it ends, px. fetch: history between pixels, or through the first stage's 5×5 `kernel`. static: where
+    history of what does not move is fetched. weight: of history, where the current frame has 1. angle: `naive` averages
+    directions in [0°, 360°). factor: of the composition, the share of moving samples, of all or weighted by the way
+    they take. beta_a, beta_l: β of the weight. near, jitter: px, of the pre-filter. depth: share of the depth from
+    which something is behind. shutter: its open share of the frame. PAPER: the paper's values.
     Raises NteError for what is not a choice or out of range.
     """
 
@@ -69,16 +74,17 @@ class MotionBlur:
     target = "color"
 
     def __init__(
-        self, prefilter: bool = True, history: bool = True, steps: str = "scaled", iterations: int = 2,
-        angle: str = "relative", factor: str = "weighted", static: str = "place", beta_a: float = 1.0,
-        beta_l: float = 10.0, depth: float = 0.05, accept: float = 0.5, drop: float = 8.0, weight: float = 1.0,
-        shutter: float = 1.0, device: str = "cpu",
+        self, prefilter: bool = False, history: bool = True, steps: str = "scaled", iterations: int = 2,
+        angle: str = "relative", factor: str = "weighted", static: str = "place", fetch: str = "tent",
+        beta_a: float = 0.0, beta_l: float = 0.0, stretch: float = 0.5, near: float = 0.5, jitter: float = 0.5,
+        weight: float = 0.5, accept: float = 0.5, drop: float = 8.0, depth: float = 0.05, shutter: float = 1.0,
+        device: str = "cpu",
     ) -> None:  # fmt: skip
-        chosen = {"steps": steps, "angle": angle, "factor": factor, "static": static}
+        chosen = {"steps": steps, "angle": angle, "factor": factor, "static": static, "fetch": fetch}
         for key, value in chosen.items():
             if value not in CHOICES[key]:
                 raise NteError(f"motion_blur: {key} is '{value}', expected one of {', '.join(CHOICES[key])}")
-        numbers = {"beta_a": beta_a, "beta_l": beta_l, "depth": depth, "weight": weight}
+        numbers = {"beta_a": beta_a, "beta_l": beta_l, "depth": depth, "weight": weight, "near": near, "jitter": jitter, "stretch": stretch}
         for key, number in numbers.items():
             if not 0 <= number < float("inf"):
                 raise NteError(f"motion_blur: {key} is {number}, expected a number of 0 or more")
@@ -89,8 +95,9 @@ class MotionBlur:
         if not 0 < shutter <= 1:
             raise NteError(f"motion_blur: shutter is {shutter}, expected the open share of the frame, in (0, 1]")
         self.chosen, self.prefilter, self.history, self.device = chosen, prefilter, history, device
-        self.beta_a, self.beta_l, self.depth, self.weight = beta_a, beta_l, depth, weight
-        self.reprojection = Reprojection(iterations, accept, drop, shutter)
+        self.beta_a, self.beta_l, self.depth = beta_a, beta_l, depth
+        self.near, self.jitter, self.stretch = near, jitter, stretch
+        self.reprojection = Reprojection(iterations, accept, drop, shutter, fetch == "tent", static == "place", weight)
 
     def step(self, frame: Frame, state: State | None, extras: tuple[str, ...] = ()) -> tuple[Result, State]:
         """Reconstruct one blurred frame; a pixel without a moving sample within 15×15 passes through.
@@ -136,16 +143,15 @@ class MotionBlur:
             filtered = rows
             if self.prefilter:
                 moving = pixels.some(rows[pixels.index, MOVING] > 0)
-                filtered = prefilter(rows, moving, frame.index)
+                filtered = prefilter(rows, moving, frame.index, self.near, self.jitter)
         with record_function("motion_blur/first stage"):
             sums = in_chunks(pixels, 25, lambda some, chunk: first_stage(filtered, some, reach[chunk], self.depth))
             sums[:, FACTOR] = self._factor(rows, pixels, sums, estimate, reach)
         accepted = torch.zeros(len(sums), dtype=torch.bool, device=sums.device)
         with record_function("motion_blur/temporal"):
             if self.history and state is not None:
-                in_place = self.chosen["static"] == "place"
                 still, history = rows[pixels.index, MOVING] == 0, state.rows(frame.reset)
-                added, accepted = add_history(sums, history, pixels, reach, self.reprojection, in_place, self.weight)
+                added, accepted = add_history(sums, history, pixels, reach, self.reprojection)
                 # A static pixel keeps its colour.
                 static = slice(STATIC_COLOR.start, STATIC_WEIGHT + 1)
                 added[:, static] = torch.where(still[:, None], sums[:, static], added[:, static])
@@ -170,7 +176,8 @@ class MotionBlur:
             moving = estimate.length > 0
             where, reach = pixels.some(moving), estimate.reach(self.beta_a, self.beta_l)[moving]
             if len(where.index):
-                buffer = second_stage(buffer, where, estimate.some(moving), reach, self.chosen["steps"] == "fixed")
+                stretch = None if self.chosen["steps"] == "fixed" else self.stretch
+                buffer = second_stage(buffer, where, estimate.some(moving), reach, stretch)
         with record_function("motion_blur/composition"):
             return compose(torch.cat([buffer[pixels.index], means[:, MOVING_WEIGHT + 1 :]], 1))
 

@@ -8,15 +8,14 @@ from nte.filters.motion_blur.weight import segment_distance
 from nte.filters.noise import uniform_noise
 
 SLOWEST = 3.0  # px: what moves less is left as it is
-NEAR = 2.5  # px from the pixel to the way of a sample that still counts
-JITTER = 1.5  # px, to both sides
 DRAWN = 2  # samples of each pixel, shared over 3×3
 
 
-def prefilter(rows: Tensor, pixels: Pixels, frame: int) -> Tensor:
+def prefilter(rows: Tensor, pixels: Pixels, frame: int, near: float, jitter: float) -> Tensor:
     """The rows of samples with the colour of fast pixels replaced by the mean of up to 1 + 18 samples.
 
-    frame: number of the frame, from which its random samples follow.
+    frame: number of the frame, from which its random samples follow. near: px from the pixel to the way of a sample
+    that still counts. jitter: px, to both sides, of where samples are drawn.
     """
     length = rows[pixels.index, MOTION].square().sum(1).sqrt()
     fast = pixels.some(length >= SLOWEST)
@@ -25,11 +24,11 @@ def prefilter(rows: Tensor, pixels: Pixels, frame: int) -> Tensor:
     _, height, width = fast.size
     noise = uniform_noise(height, width, frame, 3 * DRAWN, rows.device)[0].flatten(1).T
     rows = rows.clone()
-    rows[fast.index, COLOR] = in_chunks(fast, 9 * DRAWN, lambda some, _: _collect(rows, some, noise))
+    rows[fast.index, COLOR] = in_chunks(fast, 9 * DRAWN, lambda some, _: _collect(rows, some, noise, near, jitter))
     return rows
 
 
-def _collect(rows: Tensor, pixels: Pixels, noise: Tensor) -> Tensor:
+def _collect(rows: Tensor, pixels: Pixels, noise: Tensor, near: float, jitter: float) -> Tensor:
     """Colours (K, 3): of each pixel and of what its 3×3 neighbours drew that passes near it."""
     around, places, inside = gather(rows, pixels, square(1, rows.device))
     drew = inside & (around[..., MOTION].square().sum(-1) >= SLOWEST**2)
@@ -39,11 +38,11 @@ def _collect(rows: Tensor, pixels: Pixels, noise: Tensor) -> Tensor:
     random = noise[number].unflatten(-1, (DRAWN, 3))  # (K, 9, 2, 3): t′ and j
     # s = p + v_p (t′ − t_p) + j
     way = around[..., None, MOTION] * (random[..., :1] - around[..., None, TIME, None])
-    drawn = places[..., None, :] + way + (2 * random[..., 1:] - 1) * JITTER
+    drawn = places[..., None, :] + way + (2 * random[..., 1:] - 1) * jitter
     drawn, drew = drawn.flatten(1, 2), drew.repeat_interleave(DRAWN, 1)
     own = torch.stack([pixels.x, pixels.y], 1)[:, None]
     found, at, within = gather(rows, pixels, drawn.floor().long() - own)
-    near = segment_distance(pixels.centres(), at, found[..., MOTION], found[..., TIME]) < NEAR
-    kept = (drew & within & near & (found[..., MOVING] > 0)).float()[..., None]
+    close = segment_distance(pixels.centres(), at, found[..., MOTION], found[..., TIME]) < near
+    kept = (drew & within & close & (found[..., MOVING] > 0)).float()[..., None]
     total = rows[pixels.index, COLOR] + (kept * found[..., COLOR]).sum(1)
     return total / (1 + kept.sum(1))

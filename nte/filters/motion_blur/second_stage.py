@@ -11,14 +11,15 @@ from nte.filters.motion_blur.weight import kernel, motion_weight
 ITERATIONS = 3
 
 
-def second_stage(buffer: Tensor, pixels: Pixels, estimate: Estimate, reach: Tensor, fixed: bool) -> Tensor:
+def second_stage(buffer: Tensor, pixels: Pixels, estimate: Estimate, reach: Tensor, stretch: float | None) -> Tensor:
     """The moving buffer (rows (M, 6): colour, vector, weight) filtered at the pixels, of which l > 0.
 
-    fixed: à-trous steps 2^(i−1) along the axes of the image, instead of scaled by l and rotated to θ.
+    stretch: of the steps along θ, 1 as in the paper; None: à-trous steps 2^(i−1) along the axes of the image, instead of
+    scaled by l and rotated to θ.
     """
     rows = buffer
     for i in range(1, ITERATIONS + 1):
-        offsets = fixed_steps(i, rows.device) if fixed else scaled_steps(estimate, i)
+        offsets = fixed_steps(i, rows.device) if stretch is None else scaled_steps(estimate, i, stretch)
 
         def work(some: Pixels, chunk: Tensor, rows: Tensor = rows, offsets: Tensor = offsets) -> Tensor:
             return _filter(rows, some, offsets if len(offsets) == 1 else offsets[chunk], reach[chunk])
@@ -34,9 +35,9 @@ def fixed_steps(iteration: int, device: torch.device) -> Tensor:
     return square(2, device) << (iteration - 1)
 
 
-def scaled_steps(estimate: Estimate, iteration: int) -> Tensor:
+def scaled_steps(estimate: Estimate, iteration: int, stretch: float = 1.0) -> Tensor:
     """(K, 25, 2): offsets by s_x = (1/5)·l/2^(3−i) along θ and s_y = lerp(1, s_x, σ²_θ) across, in whole pixels."""
-    along = estimate.length / 5 / 2 ** (ITERATIONS - iteration)
+    along = stretch * estimate.length / 5 / 2 ** (ITERATIONS - iteration)
     across = torch.lerp(torch.ones_like(along), along, estimate.angle_variance)
     steps = square(2, along.device)[0].float()
     x, y = steps[:, 0] * along[:, None], steps[:, 1] * across[:, None]

@@ -18,12 +18,15 @@ from nte.filters.motion_blur.weight import kernel, motion_weight
 
 
 class Reprojection(NamedTuple):
-    """How history is found. shutter: its open share of the frame; accept, drop: ‖δ‖ in px."""
+    """How history is found and added; see MotionBlur."""
 
     iterations: int = 2
     accept: float = 0.5
     drop: float = 8.0
     shutter: float = 1.0
+    tent: bool = True
+    in_place: bool = True
+    weight: float = 1.0
 
 
 def find(history: Tensor, pixels: Pixels, motion: Tensor, settings: Reprojection) -> tuple[Tensor, Tensor]:
@@ -50,42 +53,44 @@ def find(history: Tensor, pixels: Pixels, motion: Tensor, settings: Reprojection
 
 
 def add_history(
-    sums: Tensor, history: Tensor, pixels: Pixels, reach: Tensor, settings: Reprojection, in_place: bool, weight: float
+    sums: Tensor, history: Tensor, pixels: Pixels, reach: Tensor, settings: Reprojection
 ) -> tuple[Tensor, Tensor]:
-    """The sums (K, 11) with those of the history rows added, and where moving history was accepted (K,).
-
-    in_place: what is static is fetched where it stands, not along the moving samples' way.
-    weight: of the history, where the current frame's kernel has 1.
-    """
+    """The sums (K, 11) with those of the history rows added, and where moving history was accepted (K,)."""
     motion = sums[:, MOVING_MOTION] / sums[:, MOVING_WEIGHT, None].clamp(min=1e-12)
     offset, accepted = find(history, pixels, motion, settings)
 
     def work(some: Pixels, chunk: Tensor) -> Tensor:
-        return _fetch(history, some, offset[chunk], accepted[chunk], reach[chunk], settings, in_place)
+        return _fetch(history, some, offset[chunk], motion[chunk], accepted[chunk], reach[chunk], settings)
 
-    found = weight * in_chunks(pixels, 25, work)
+    found = settings.weight * in_chunks(pixels, 25, work)
     total = sums + found
     # The factor is a mean already: history counts where it has been found.
-    counts = found[:, MOVING_WEIGHT].clamp(max=weight)
+    counts = found[:, MOVING_WEIGHT].clamp(max=settings.weight)
     factor = (sums[:, FACTOR] + found[:, FACTOR]) / (1 + counts)
     return torch.cat([total[:, :FACTOR], factor[:, None]], 1), accepted
 
 
 def _fetch(
-    history: Tensor, pixels: Pixels, offset: Tensor, accepted: Tensor, reach: Tensor, settings: Reprojection,
-    in_place: bool,
+    history: Tensor, pixels: Pixels, offset: Tensor, own_motion: Tensor, accepted: Tensor, reach: Tensor, settings: Reprojection
 ) -> Tensor:  # fmt: skip
     """Sums (K, 11) of the history's 5×5 pixels around the found ones, each moved on by its frame, t = 0.5."""
     values, places, inside = gather(history, pixels, offset[:, None] + square(2, history.device))
     motion = values[..., MOVING_MOTION]
-    now = places + motion / settings.shutter
+    # As in δ, half the way by the vector of either frame, so that motion that changes leaves no error of first order.
+    now = places + (motion + own_motion[:, None]) / 2 / settings.shutter
     half = torch.full_like(now[..., 0], 0.5)
     known = inside & accepted[:, None]
     b3 = kernel(history.device)
-    weight = b3 * motion_weight(pixels.centres(), now, motion, half, reach[:, None])
+    if settings.tent:
+        # What history holds is blurred along the motion already: nothing but its place between pixels is left.
+        # A neighbour that moves otherwise belongs to something else.
+        differs = (motion - own_motion[:, None]).square().sum(-1).sqrt() / 2 / settings.shutter
+        weight = (1 - (now - pixels.centres()).abs()).clamp(min=0).prod(-1) * (differs < settings.accept)
+    else:
+        weight = b3 * motion_weight(pixels.centres(), now, motion, half, reach[:, None])
     weight = (weight * known * values[..., MOVING_WEIGHT])[..., None]
     own = history[pixels.index]
-    if in_place:
+    if settings.in_place:
         static = own[:, STATIC_COLOR] * own[:, STATIC_WEIGHT, None]
         static_weight = own[:, STATIC_WEIGHT, None]
     else:

@@ -1,0 +1,213 @@
+"""The whole filter for motion blur: what must hold of its output, whatever its switches."""
+
+import time
+
+import numpy as np
+import pytest
+
+from nte.denoiser import Session, check_needs
+from nte.errors import NteError
+from nte.filters.motion_blur import MotionBlur
+from nte.frames.bad import BadPixelWarning
+from nte.frames.frame import Frame
+from tests.filters.blurred import DISC, blurred_disc, coverage
+from tests.filters.sequences import run
+
+SWITCHES = [
+    {}, {"prefilter": True}, {"history": False}, {"steps": "fixed"}, {"iterations": 1}, {"angle": "naive"},
+    {"factor": "share"}, {"static": "reprojected"}, {"fetch": "kernel"}, {"beta_a": 1.0, "beta_l": 10.0},
+]  # fmt: skip
+
+
+def sequence(count=3, **options):
+    return [blurred_disc(index, **options) for index in range(count)]
+
+
+def still(frame):
+    return Frame({**frame.channels, "shutter_motion": np.zeros_like(frame["shutter_motion"])}, frame.index)
+
+
+@pytest.mark.parametrize("options", SWITCHES, ids=str)
+def test_constant_stays_constant(options):
+    frames = [blurred_disc(i, velocity=(5.0, 2.0)) for i in range(3)]
+    frames = [f.with_channels(color=np.full_like(f["color"], 0.7)) for f in frames]
+    for image in run(MotionBlur(**options), frames):
+        np.testing.assert_allclose(image, 0.7, rtol=1e-5)
+
+
+@pytest.mark.parametrize("options", SWITCHES[1:], ids=str)
+def test_switches_change_the_result(options):
+    frames = sequence(velocity=(7.0, 4.0))
+    if options.keys() & {"iterations", "angle", "beta_a"}:  # what turns, and goes right: angles about 0°
+        y, x = np.indices(frames[0].size) - 20.0
+        turning = np.stack([8 - 0.15 * y, 0.15 * x])[None].astype(np.float32)
+        frames = [f.with_channels(shutter_motion=turning) for f in frames]
+    ours, theirs = (run(MotionBlur(**chosen), frames)[-1] for chosen in ({}, options))
+    assert np.abs(ours - theirs).max() > 1e-3
+
+
+def test_disc_of_twenty_pixels_is_blurred_as_computed():
+    truth = coverage((20.0, 0.0))
+    expected = truth * DISC[:, None, None] + (1 - truth)
+    runs = [run(MotionBlur(), [blurred_disc(seed=seed, flat=True)])[0][0] for seed in range(24)]
+    # Without bias: the mean over noise is the truth to within a pixel of its outline and what 24 runs leave.
+    assert np.abs(np.mean(runs, 0) - expected).mean() < 0.03
+    raw = blurred_disc(flat=True)["color"][0]
+    assert np.abs(runs[0] - expected).mean() < 0.5 * np.abs(raw - expected).mean()
+
+
+def test_light_is_neither_made_nor_lost():
+    truth = coverage((20.0, 0.0))
+    light = (truth * (DISC[0] - 1)).sum()
+    found = [(run(MotionBlur(), [blurred_disc(seed=seed, flat=True)])[0][0, 0] - 1).sum() for seed in range(24)]
+    assert np.mean(found) == pytest.approx(light, rel=0.08)
+
+
+def test_history_lowers_the_noise_of_a_steady_slide():
+    errors = {}
+    for history in (True, False):
+        images = []
+        for seed in range(3):
+            frames = [blurred_disc(i, velocity=(2.0, 0.0), seed=seed, radius=14.0, flat=True) for i in range(-3, 1)]
+            images.append(run(MotionBlur(history=history), frames)[-1][0, 0])
+        truth = coverage((2.0, 0.0), radius=14.0)
+        inside, edge = truth == 1, (truth > 0.1) & (truth < 0.9)
+        assert np.abs(np.array(images)[:, inside] - DISC[0]).max() < 1e-4
+        errors[history] = np.std(np.array(images)[:, edge], 0).mean()
+    assert errors[True] < errors[False]
+
+
+def test_a_static_pixel_keeps_its_colour_where_nothing_passes():
+    frames = sequence(velocity=(6.0, 0.0))
+    for frame, image in zip(frames, run(MotionBlur(), frames), strict=True):
+        moving = frame["shutter_motion"][0, 0] != 0
+        ys, xs = np.nonzero(moving)
+        y, x = np.indices(moving.shape)
+        far = np.ones_like(moving)
+        for row, column in zip(ys, xs, strict=True):
+            far &= (abs(y - row) > 7) | (abs(x - column) > 7)
+        assert far.any() and moving.any()
+        np.testing.assert_array_equal(image[0][:, far], frame["color"][0][:, far])
+
+
+def test_an_edge_along_the_motion_stays_sharp():
+    """A half plane that slides along its edge covers what it covers: nothing is blurred."""
+    frame = blurred_disc(flat=True)
+    below = np.indices(frame.size)[0] >= 24
+    color = np.where(below, 3.0, 1.0) * np.ones((1, 3, 1, 1))
+    motion = np.where(below, np.reshape([9.0, 0.0], (2, 1, 1)), 0.0)[None]
+    depth = np.where(below, 3.0, 5.0)[None, None]
+    channels = {"color": color, "time": frame["time"], "shutter_motion": motion, "shutter_depth": depth}
+    frame = Frame({name: values.astype(np.float32) for name, values in channels.items()})
+    image = run(MotionBlur(), [frame])[0]
+    np.testing.assert_allclose(image, frame["color"], atol=1e-4)
+
+
+def test_static_geometry_in_front_stays_as_it_is():
+    frame = blurred_disc(velocity=(9.0, 0.0))
+    bars = np.indices(frame.size)[1] % 16 < 8
+    channels = {
+        "color": np.where(bars, 0.25, frame["color"]),
+        "shutter_motion": np.where(bars, 0, frame["shutter_motion"]),
+        "shutter_depth": np.where(bars, 1, frame["shutter_depth"]),
+        "time": frame["time"],
+    }
+    image = run(MotionBlur(), [Frame({k: v.astype(np.float32) for k, v in channels.items()})])[0]
+    np.testing.assert_allclose(image[0][:, bars], 0.25, atol=1e-6)
+
+
+def test_nothing_moves_nothing_changes_and_it_is_cheap():
+    frame = blurred_disc(size=(192, 256), velocity=(7.0, 3.0), radius=80.0)
+    rest = still(frame)
+    denoiser = MotionBlur()
+    np.testing.assert_allclose(run(denoiser, [rest])[0], rest["color"], atol=1e-6)
+
+    def fastest(frame):
+        times = []
+        for _ in range(3):
+            start = time.perf_counter()
+            denoiser.step(frame, None)
+            times.append(time.perf_counter() - start)
+        return min(times)
+
+    assert fastest(frame) > 3 * fastest(rest)
+
+
+def test_reset_is_a_new_start_bit_for_bit():
+    frames = sequence(4, batch=2)
+    reset = Frame(frames[2].channels, 2, reset=np.array([1.0, 0.0], np.float32))
+    denoiser = MotionBlur(prefilter=True)
+    through = run(denoiser, [*frames[:2], reset, frames[3]])
+    fresh = run(denoiser, frames[2:])
+    kept = run(denoiser, frames)
+    for ours, started, went in zip(through[2:], fresh, kept[2:], strict=True):
+        np.testing.assert_array_equal(ours[0], started[0])
+        np.testing.assert_array_equal(ours[1], went[1])
+    assert np.abs(through[2][0] - kept[2][0]).max() > 0
+
+
+def test_a_batch_is_its_sequences_one_by_one():
+    frames = sequence(3, batch=2, velocity=(6.0, 3.0))
+    both = run(MotionBlur(prefilter=True), frames)
+    for number in (0, 1):
+        single = [Frame({k: v[number : number + 1] for k, v in f.channels.items()}, f.index) for f in frames]
+        for ours, alone in zip(both, run(MotionBlur(prefilter=True), single), strict=True):
+            np.testing.assert_allclose(ours[number], alone[0], atol=2e-5)
+
+
+def test_the_same_input_gives_the_same_output():
+    first, second = (run(MotionBlur(prefilter=True), sequence()) for _ in range(2))
+    np.testing.assert_array_equal(first, second)
+
+
+def test_extras_say_what_was_done():
+    session = Session(MotionBlur())
+    for frame in sequence(2, velocity=(4.0, 0.0)):
+        extras = session.step(frame, ("factor", "reprojected", "length")).extras
+    assert extras["factor"].min() >= 0 and 0.9 < extras["factor"].max() <= 1
+    assert 0 < extras["reprojected"].mean() < 1
+    assert extras["length"].max() == pytest.approx(4, rel=1e-5)
+    with pytest.raises(NteError, match="no extra 'nothing'"):
+        session.step(frame, ("nothing",))
+
+
+@pytest.mark.parametrize("size", [(1, 1), (2, 3), (5, 4)])
+def test_images_smaller_than_the_kernels(size):
+    for image in run(MotionBlur(prefilter=True), sequence(size=size, velocity=(9.0, 4.0), radius=3.0)):
+        assert image.shape[-2:] == size and np.isfinite(image).all()
+
+
+def test_bad_pixels_are_sanitised_and_reported():
+    frame = blurred_disc()
+    for name, value in (("color", np.nan), ("time", np.nan), ("shutter_motion", np.inf), ("shutter_depth", np.nan)):
+        frame[name][:, :, 20:22, 30] = value
+    with pytest.warns(BadPixelWarning):
+        assert np.isfinite(run(MotionBlur(prefilter=True), [frame, blurred_disc(1)])).all()
+
+
+def test_vectors_longer_than_the_image():
+    frame = blurred_disc(velocity=(1e4, 0.0), flat=True)
+    frame["shutter_motion"][:, 0, 10:20] = 1e6
+    image = run(MotionBlur(prefilter=True), [frame, frame])[1]
+    assert np.isfinite(image).all() and image.min() >= 0.99 and image.max() <= 3.01
+
+
+def test_times_outside_the_shutter_are_refused():
+    frame = blurred_disc()
+    frame["time"][0, 0, 0, :3] = 16.6
+    with pytest.raises(NteError, match=r"frame 0: time is 16.6 to 16.6 in 3 pixels, expected .* in \[0, 1\]"):
+        run(MotionBlur(), [frame])
+
+
+def test_missing_channels_name_the_recipe_that_has_them():
+    with pytest.raises(NteError, match="needs time, shutter_motion, shutter_depth.*shutter: 1"):
+        check_needs(MotionBlur(), ("color",), "clip")
+
+
+@pytest.mark.parametrize(
+    "options", [{"factor": "x"}, {"steps": "x"}, {"iterations": 0}, {"accept": 9.0}, {"shutter": 0.0},
+                {"beta_l": float("nan")}, {"near": -1.0}],
+)  # fmt: skip
+def test_options_out_of_range_are_refused(options):
+    with pytest.raises(NteError, match=f"motion_blur: .*{next(iter(options))}"):
+        MotionBlur(**options)
