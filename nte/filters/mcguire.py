@@ -55,7 +55,7 @@ class McGuire:
         """The third pass: the weighted mean along the dominant vector."""
         speed = _length(half).clamp(min=0.5)
         places = pixel_centres(color)
-        jitter = uniform_noise(*color.shape[-2:], index, 1, color.device) - 0.5
+        jitter = uniform_noise(color.shape[-2], color.shape[-1], index, 1, color.device) - 0.5
         weights = 1 / speed
         total = color * weights
         packed = torch.cat([color, depth, speed], 1)
@@ -82,8 +82,8 @@ def dominant_motion(half: Tensor, tile: int) -> Tensor:
     height, width = half.shape[-2:]
     padded = F.pad(half, (0, -width % tile, 0, -height % tile))
     rows, columns = padded.shape[-2] // tile, padded.shape[-1] // tile
-    tiles = padded.unflatten(3, (columns, tile)).unflatten(2, (rows, tile)).transpose(3, 4).flatten(4)
-    largest = _longest(tiles.reshape(len(half), 2, rows, columns, tile**2))
+    tiles = padded.view(len(half), 2, rows, tile, columns, tile).transpose(3, 4).flatten(4)
+    largest = _longest(tiles)
     around = F.unfold(largest, 3, padding=1).view(len(half), 2, 9, rows, columns).movedim(2, -1)
     chosen = _longest(around)
     return chosen.repeat_interleave(tile, 2).repeat_interleave(tile, 3)[..., :height, :width]

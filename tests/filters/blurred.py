@@ -14,7 +14,7 @@ def blurred_disc(
     index: int = 0, velocity: tuple[float, float] = (20.0, 0.0), size: tuple[int, int] = (48, 64), radius: float = 8.0,
     batch: int = 1, seed: int = 0, flat: bool = False,
 ) -> Frame:  # fmt: skip
-    """The disc crosses the image's centre in the middle of frame 0's shutter. Both have textures, or are 3, 2, 1 and 1."""
+    """The disc crosses the image's centre in the middle of frame 0's shutter. flat: without textures, wall 1."""
     rng = np.random.default_rng((seed, index + 100))
     shape = (batch, 1, *size)
     time = rng.random(shape)

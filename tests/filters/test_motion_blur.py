@@ -86,7 +86,8 @@ def test_a_static_pixel_keeps_its_colour_where_nothing_passes():
         far = np.ones_like(moving)
         for row, column in zip(ys, xs, strict=True):
             far &= (abs(y - row) > 7) | (abs(x - column) > 7)
-        assert far.any() and moving.any()
+        assert far.any()
+        assert moving.any()
         np.testing.assert_array_equal(image[0][:, far], frame["color"][0][:, far])
 
 
@@ -164,7 +165,8 @@ def test_extras_say_what_was_done():
     session = Session(MotionBlur())
     for frame in sequence(2, velocity=(4.0, 0.0)):
         extras = session.step(frame, ("factor", "reprojected", "length")).extras
-    assert extras["factor"].min() >= 0 and 0.9 < extras["factor"].max() <= 1
+    assert extras["factor"].min() >= 0
+    assert 0.9 < extras["factor"].max() <= 1
     assert 0 < extras["reprojected"].mean() < 1
     assert extras["length"].max() == pytest.approx(4, rel=1e-5)
     with pytest.raises(NteError, match="no extra 'nothing'"):
@@ -174,7 +176,8 @@ def test_extras_say_what_was_done():
 @pytest.mark.parametrize("size", [(1, 1), (2, 3), (5, 4)])
 def test_images_smaller_than_the_kernels(size):
     for image in run(MotionBlur(prefilter=True), sequence(size=size, velocity=(9.0, 4.0), radius=3.0)):
-        assert image.shape[-2:] == size and np.isfinite(image).all()
+        assert image.shape[-2:] == size
+        assert np.isfinite(image).all()
 
 
 def test_bad_pixels_are_sanitised_and_reported():
@@ -189,7 +192,9 @@ def test_vectors_longer_than_the_image():
     frame = blurred_disc(velocity=(1e4, 0.0), flat=True)
     frame["shutter_motion"][:, 0, 10:20] = 1e6
     image = run(MotionBlur(prefilter=True), [frame, frame])[1]
-    assert np.isfinite(image).all() and image.min() >= 0.99 and image.max() <= 3.01
+    assert np.isfinite(image).all()
+    assert image.min() >= 0.99
+    assert image.max() <= 3.01
 
 
 def test_times_outside_the_shutter_are_refused():
@@ -200,7 +205,7 @@ def test_times_outside_the_shutter_are_refused():
 
 
 def test_missing_channels_name_the_recipe_that_has_them():
-    with pytest.raises(NteError, match="needs time, shutter_motion, shutter_depth.*shutter: 1"):
+    with pytest.raises(NteError, match=r"needs time, shutter_motion, shutter_depth.*shutter: 1"):
         check_needs(MotionBlur(), ("color",), "clip")
 
 

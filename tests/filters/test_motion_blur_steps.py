@@ -108,7 +108,8 @@ def test_near_moving_is_fifteen_pixels_square():
     moving = torch.zeros(1, 1, 40, 40)
     moving[0, 0, 20, 11] = 1
     near = near_moving(moving)[0, 0]
-    assert near.sum() == 15 * 15 and near[13:28, 4:19].all()
+    assert near.sum() == 15 * 15
+    assert near[13:28, 4:19].all()
 
 
 def test_variance_estimate_is_that_of_a_loop():
@@ -239,7 +240,8 @@ def test_the_second_iteration_finds_more_of_a_rotation():
         shares[iterations] = accepted.float().mean().item()
         turn = torch.tensor([[math.cos(0.5), -math.sin(0.5)], [math.sin(0.5), math.cos(0.5)]])
         error[iterations] = (arm @ turn - arm - offset)[accepted].norm(dim=1).mean().item()
-    assert shares[2] > 1.3 * shares[1] and error[2] < 1.5
+    assert shares[2] > 1.3 * shares[1]
+    assert error[2] < 1.5
 
 
 def test_what_is_far_off_is_dropped():
@@ -250,7 +252,8 @@ def test_what_is_far_off_is_dropped():
 
 def test_steps_of_the_second_stage():
     steps = scaled_steps(estimated(1, 20.0), 3)[0]
-    assert steps[:, 0].unique().tolist() == [-8, -4, 0, 4, 8] and steps[:, 1].unique().tolist() == [-2, -1, 0, 1, 2]
+    assert steps[:, 0].unique().tolist() == [-8, -4, 0, 4, 8]
+    assert steps[:, 1].unique().tolist() == [-2, -1, 0, 1, 2]
     assert scaled_steps(estimated(1, 20.0), 2)[0, :, 0].max() == 4
     assert scaled_steps(estimated(1, 20.0, math.pi / 2), 3)[0, :, 1].max() == 8
     assert scaled_steps(estimated(1, 20.0, 0.0, 1.0), 3)[0, :, 1].max() == 8
@@ -266,7 +269,9 @@ def test_second_stage_spreads_what_moves_along_its_way_only():
     buffer[4 * 41 + 20, :3] = 1
     count = len(pixels.index)
     out = second_stage(buffer, pixels, estimated(count, 20.0), torch.ones(count), 1.0)[:, 0].view(9, 41)
-    assert (out[4, 8:33] > 0).sum() > 10 and not out[:4].any() and not out[5:].any()
+    assert (out[4, 8:33] > 0).sum() > 10
+    assert not out[:4].any()
+    assert not out[5:].any()
     torch.testing.assert_close(out, out.flip(1))
     assert out.sum().item() == pytest.approx(1, rel=0.1)
 
@@ -279,7 +284,8 @@ def test_weighted_share_is_the_share_of_the_shutter():
     pixels = everywhere(size)
     moves = (pixels.x + 0.5 - 30 - 20 * (time - 0.5)).abs() < 5
     rows = torch.zeros(2400, 8)
-    rows[:, TIME], rows[:, MOVING], rows[:, DEPTH], rows[:, MOTION.start] = time, moves.float(), 5 - moves.float(), 20 * moves.float()
+    rows[:, TIME], rows[:, MOVING] = time, moves.float()
+    rows[:, DEPTH], rows[:, MOTION.start] = 5 - moves.float(), 20 * moves.float()
     estimate, reach = estimate_variance(rows, pixels, 0.05), torch.ones(2400)
     sums = first_stage(rows, pixels, reach, 0.05)
     share = weighted_share(rows, pixels, sums, estimate, reach, 0.05).view(40, 60)

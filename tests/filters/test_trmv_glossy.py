@@ -3,8 +3,8 @@
 import pytest
 import torch
 
-from nte.filters.trmv.glossy import Lobes, draw, filter_glossy, gather_lobes, glossy_reprojection
 from nte.filters.noise import gaussian_noise
+from nte.filters.trmv.glossy import Lobes, draw, filter_glossy, gather_lobes, glossy_reprojection
 from nte.filters.trmv.scene import Scene, prepare
 from tests.filters.trmv_frames import plane
 

@@ -4,7 +4,7 @@ One sample per pixel at a random time of the open shutter becomes the blurred fr
 order. docs/motion_blur.md says which options are which of the paper's comparisons, and what is ours.
 """
 
-from typing import NamedTuple
+from dataclasses import dataclass
 
 import torch
 from torch import Tensor
@@ -37,7 +37,8 @@ PAPER = ("prefilter=true,near=2.5,jitter=1.5,beta_a=1,beta_l=10,stretch=1,weight
          "factor=share")  # fmt: skip
 
 
-class State(NamedTuple):
+@dataclass(frozen=True)
+class State:
     """The first stage's buffers of the previous frame: rows of the pixels that were filtered, colours of all."""
 
     color: Tensor  # (N, 3, H, W)
@@ -84,7 +85,8 @@ class MotionBlur:
         for key, value in chosen.items():
             if value not in CHOICES[key]:
                 raise NteError(f"motion_blur: {key} is '{value}', expected one of {', '.join(CHOICES[key])}")
-        numbers = {"beta_a": beta_a, "beta_l": beta_l, "depth": depth, "weight": weight, "near": near, "jitter": jitter, "stretch": stretch}
+        numbers = {"beta_a": beta_a, "beta_l": beta_l, "depth": depth, "weight": weight, "near": near,
+                   "jitter": jitter, "stretch": stretch}  # fmt: skip
         for key, number in numbers.items():
             if not 0 <= number < float("inf"):
                 raise NteError(f"motion_blur: {key} is {number}, expected a number of 0 or more")
@@ -97,7 +99,9 @@ class MotionBlur:
         self.chosen, self.prefilter, self.history, self.device = chosen, prefilter, history, device
         self.beta_a, self.beta_l, self.depth = beta_a, beta_l, depth
         self.near, self.jitter, self.stretch = near, jitter, stretch
-        self.reprojection = Reprojection(iterations, accept, drop, shutter, fetch == "tent", static == "place", weight)
+        self.reprojection = Reprojection(
+            iterations, accept, drop, shutter, tent=fetch == "tent", in_place=static == "place", weight=weight
+        )
 
     def step(self, frame: Frame, state: State | None, extras: tuple[str, ...] = ()) -> tuple[Result, State]:
         """Reconstruct one blurred frame; a pixel without a moving sample within 15×15 passes through.

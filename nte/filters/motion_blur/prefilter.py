@@ -35,7 +35,7 @@ def _collect(rows: Tensor, pixels: Pixels, noise: Tensor, near: float, jitter: f
     whole = places.floor().long()
     width = pixels.size.width
     number = (whole[..., 1] * width + whole[..., 0]).clamp(0, len(noise) - 1)
-    random = noise[number].unflatten(-1, (DRAWN, 3))  # (K, 9, 2, 3): t′ and j
+    random = noise[number].view(*number.shape, DRAWN, 3)  # (K, 9, 2, 3): t′ and j
     # s = p + v_p (t′ − t_p) + j
     way = around[..., None, MOTION] * (random[..., :1] - around[..., None, TIME, None])
     drawn = places[..., None, :] + way + (2 * random[..., 1:] - 1) * jitter

@@ -5,6 +5,7 @@ rows (N·H·W, C), channels last, so that one fetch is one contiguous read.
 """
 
 from collections.abc import Callable
+from dataclasses import dataclass
 from typing import NamedTuple
 
 import torch
@@ -31,7 +32,8 @@ class Size(NamedTuple):
     width: int
 
 
-class Pixels(NamedTuple):
+@dataclass(frozen=True)
+class Pixels:
     """A list of K pixels, wherever they are in the batch: row number, and column x and line y in their image."""
 
     index: Tensor  # (K,) int64: n·H·W + y·W + x
@@ -49,9 +51,9 @@ class Pixels(NamedTuple):
         """(K, 1, 2): x and y of the pixels' centres, px."""
         return torch.stack([self.x, self.y], 1)[:, None].float() + 0.5
 
-    def chunks(self, taps: int) -> "list[Tensor]":
+    def chunks(self, taps: int) -> list[Tensor]:
         """Positions in this list, cut so that so many taps of each are evaluated at once."""
-        return list(torch.arange(len(self.index), device=self.index.device).split(max(1, _BATCH // taps)))
+        return list(torch.split(torch.arange(len(self.index), device=self.index.device), max(1, _BATCH // taps)))
 
     def some(self, which: Tensor) -> "Pixels":
         """Those at these positions of the list (or where a mask is true)."""

@@ -14,8 +14,8 @@ ITERATIONS = 3
 def second_stage(buffer: Tensor, pixels: Pixels, estimate: Estimate, reach: Tensor, stretch: float | None) -> Tensor:
     """The moving buffer (rows (M, 6): colour, vector, weight) filtered at the pixels, of which l > 0.
 
-    stretch: of the steps along θ, 1 as in the paper; None: à-trous steps 2^(i−1) along the axes of the image, instead of
-    scaled by l and rotated to θ.
+    stretch: of the steps along θ, 1 as in the paper; None: à-trous steps 2^(i−1) along the axes of the image,
+    instead of scaled by l and rotated to θ.
     """
     rows = buffer
     for i in range(1, ITERATIONS + 1):

@@ -40,7 +40,7 @@ def find(history: Tensor, pixels: Pixels, motion: Tensor, settings: Reprojection
     lost = motion.square().sum(1) == 0
     for _ in range(settings.iterations):
         whole = (p + offset).floor() - (p - 0.5)
-        there, at, inside = (part[:, 0] for part in gather(history, pixels, whole.long()[:, None]))
+        there, _, inside = (part[:, 0] for part in gather(history, pixels, whole.long()[:, None]))
         lost = lost | (~accepted & ~(inside & (there[:, MOVING_WEIGHT] > 0)))
         # δ between the half-way points, of a frame rather than of its shutter
         q = p + offset
@@ -71,7 +71,8 @@ def add_history(
 
 
 def _fetch(
-    history: Tensor, pixels: Pixels, offset: Tensor, own_motion: Tensor, accepted: Tensor, reach: Tensor, settings: Reprojection
+    history: Tensor, pixels: Pixels, offset: Tensor, own_motion: Tensor, accepted: Tensor, reach: Tensor,
+    settings: Reprojection,
 ) -> Tensor:  # fmt: skip
     """Sums (K, 11) of the history's 5×5 pixels around the found ones, each moved on by its frame, t = 0.5."""
     values, places, inside = gather(history, pixels, offset[:, None] + square(2, history.device))

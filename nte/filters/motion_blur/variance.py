@@ -9,9 +9,7 @@ from typing import NamedTuple
 import torch
 from torch import Tensor
 
-from nte.filters.motion_blur.samples import DEPTH, MOTION, MOVING, WINDOW, Pixels, Size, gather, in_chunks
-
-_COLUMNS = 6
+from nte.filters.motion_blur.samples import DEPTH, MOTION, MOVING, WINDOW, Pixels, gather, in_chunks
 
 
 class Estimate(NamedTuple):
@@ -42,15 +40,16 @@ def estimate_variance(rows: Tensor, pixels: Pixels, depth_threshold: float, naiv
     """
     tiles, of_pixel = _tiles(pixels)
     table = in_chunks(tiles, 16**2, lambda some, _: _tile_statistics(rows, some, depth_threshold, naive))[of_pixel]
-    return Estimate(*table[:, : _COLUMNS - 1].unbind(1), table[:, _COLUMNS - 1 :])
+    length, length_variance, angle, angle_variance, share, *motion = table.unbind(1)
+    return Estimate(length, length_variance, angle, angle_variance, share, torch.stack(motion, 1))
 
 
 def _tiles(pixels: Pixels) -> tuple[Pixels, Tensor]:
     """The 2×2 tiles (their upper left pixels) that pixels lie in, and which of them each pixel (K,) lies in."""
-    _, height, width = pixels.size
+    width = pixels.size.width
     upper_left = pixels.index - pixels.x % 2 - pixels.y % 2 * width
-    index, of_pixel = upper_left.unique(return_inverse=True)
-    return Pixels.at(index, Size(*pixels.size)), of_pixel
+    index, of_pixel = torch.unique(upper_left, return_inverse=True)
+    return Pixels.at(index, pixels.size), of_pixel
 
 
 def _window(device: torch.device) -> Tensor:
