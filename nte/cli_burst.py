@@ -19,8 +19,9 @@ def add_burst(commands: Any) -> None:
         help="variance A·x + B of a signal x, 1 the white level (default: fitted to the burst)",
     )  # fmt: skip
     parser.add_argument(
-        "--radii", type=int, nargs="+", metavar="R", help="of the search's patches, finest level first (default: 16 8 4 2)"
-    )
+        "--radii", type=int, nargs="+", metavar="R",
+        help="of the search's patches, finest level first (default: 16 8 4 2)",
+    )  # fmt: skip
     parser.add_argument("--force", action="store_true", help="overwrite what exists")
     parser.set_defaults(run=_merge)
 

@@ -9,7 +9,6 @@ import torch
 from torch import Tensor
 
 from nte.burst.merge import RADII, Merged, merge_burst
-from nte.burst.mosaic import Mosaic
 from nte.burst.noise import NoiseModel, fit_noise
 from nte.burst.pictures import SUFFIXES, read_picture, write_picture
 from nte.burst.raw import Raw, develop, read_raw
@@ -96,9 +95,7 @@ def _read(path: Path, base: Tensor, first: Path, camera: Raw | None) -> Tensor:
         if raw.mosaic != camera.mosaic or not np.allclose(raw.camera, camera.camera, rtol=1e-4):
             raise NteError(f"{path}: of another camera than {first}: expected one burst")
         if raw.exposure != camera.exposure:
-            found, given = (
-                f"ISO {iso:g}, {seconds:g} s, f/{aperture:g}" for iso, seconds, aperture in (raw.exposure, camera.exposure)
-            )
+            found, given = ("ISO {:g}, {:g} s, f/{:g}".format(*one.exposure) for one in (raw, camera))
             raise NteError(f"{path}: taken with {found}; {first} with {given}: expected one exposure")
     if frame.shape != base.shape:
         raise NteError(f"{path}: is {_size(frame)}, {first} is {_size(base)}: expected one size")

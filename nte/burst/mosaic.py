@@ -65,7 +65,7 @@ class Mosaic:
         return F.avg_pool2d(image[..., self.origin[0] :, self.origin[1] :], self.block)
 
     def spread(self, motion: Tensor, height: int, width: int) -> Tensor:
-        """Motion (N, 2, h, w) in blocks, per block → (N, 2, H, W) in pixels, per pixel: bilinear, the border repeats."""
+        """Motion (N, 2, h, w) in blocks → (N, 2, H, W) in pixels, per pixel: bilinear, the border repeated."""
         large = F.interpolate(motion * self.block, scale_factor=self.block, mode="bilinear", align_corners=False)
         top, left = self.origin
         bottom, right = height - top - large.shape[-2], width - left - large.shape[-1]

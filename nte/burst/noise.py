@@ -15,7 +15,9 @@ from nte.errors import NteError
 
 _TILE = 4  # quads along each axis over which variance is estimated
 _BINS = 16  # of the signal, with equally many tiles in each
-_FLAT = 0.25  # share of the tiles of a bin that count as flat
+_SHARE = 0.25  # of the tiles of a bin that count as flat at first
+_ACCEPTED = 1.4  # times the fitted variance: tiles below count as flat then, nearly all that are
+_ROUNDS = 4
 _LEAST = 64  # flat tiles below which there is nothing to fit
 _SATURATED = 0.95  # of the white level: noise above is cut off
 _FLOOR = 1e-10  # variance: rounding to 16 bits has about this much
@@ -45,34 +47,34 @@ def fit_noise(first: Tensor, second: Tensor, mosaic: Mosaic | None) -> NoiseMode
 
     Four neighbouring pixels of one colour (p q / r s) give (p − q − r + s)/2, which has the noise's variance and
     no trace of a linear gradient. One frame tells which tiles are flat, and the other what the variance is
-    there: a tile that is chosen because it looks quiet would otherwise count as less noisy than it is.
+    there: a tile that is chosen because it looks quiet would otherwise count as less noisy than it is. At first
+    the quietest tiles are taken, then all that are as quiet as the fit says.
     Where no part of the picture is flat, texture counts as noise. Raises NteError where too little is usable.
     """
-    chosen, other = _tiles(first, mosaic), _tiles(second, mosaic)
-    signal, variance = [], []
-    for select, measure in ((chosen, other), (other, chosen)):
-        flat = _flat(select)
-        flat &= measure[:, 2] < _SATURATED
-        signal.append(measure[flat, 0])
-        variance.append(measure[flat, 1])
-    x, v = torch.cat(signal).double(), torch.cat(variance).double()
-    if len(x) < _LEAST:
-        raise NteError(
-            f"the noise cannot be fitted: {len(x)} flat tiles that are not saturated, {_LEAST} are needed: give --noise"
-        )
-    a, b = _line(x, v)
-    return NoiseModel(a, max(b, _FLOOR) if a == 0 else b)
+    tiles = _tiles(first, mosaic), _tiles(second, mosaic)
+    both = (tiles[0], tiles[1]), (tiles[1], tiles[0])
+    usable = [(select[:, 2] < _SATURATED) & (measure[:, 2] < _SATURATED) for select, measure in both]
+    flat = [_quietest(select) & use for (select, _), use in zip(both, usable, strict=True)]
+    for _ in range(_ROUNDS):
+        found = torch.cat([measure[part] for (_, measure), part in zip(both, flat, strict=True)]).double()
+        if len(found) < _LEAST:
+            raise NteError(
+                f"the noise cannot be fitted: {len(found)} flat tiles that are not saturated, {_LEAST} are needed: "
+                "give --noise"
+            )
+        model = NoiseModel(*_line(found[:, 0], found[:, 1]))
+        flat = [
+            (select[:, 1] < model.variance(select[:, 0]) * _ACCEPTED) & use
+            for (select, _), use in zip(both, usable, strict=True)
+        ]
+    return model
 
 
-def _flat(tiles: Tensor) -> Tensor:
-    """(T,) bool: the quietest quarter of the tiles of similar signal."""
-    signal, variance, brightest = tiles.unbind(1)
-    usable = brightest < _SATURATED
-    flat = torch.zeros_like(usable)
-    order = signal.argsort()
-    for part in order[usable[order]].chunk(_BINS):
-        if len(part):
-            flat[part[variance[part].argsort()[: max(int(len(part) * _FLAT), 1)]]] = True
+def _quietest(tiles: Tensor) -> Tensor:
+    """(T,) bool: a quarter of the tiles of similar signal, those of least variance."""
+    flat = torch.zeros(len(tiles), dtype=torch.bool, device=tiles.device)
+    for part in tiles[:, 0].argsort().chunk(_BINS):
+        flat[part[tiles[part, 1].argsort()[: int(len(part) * _SHARE)]]] = True
     return flat
 
 
@@ -91,7 +93,7 @@ def _line(x: Tensor, v: Tensor) -> tuple[float, float]:
         if a < 0:
             a, b = 0.0, float(mean_v)
         fitted = a * x.clamp(min=0) + b
-    return a, b
+    return a, max(b, _FLOOR)
 
 
 def _tiles(image: Tensor, mosaic: Mosaic | None) -> Tensor:
@@ -118,14 +120,11 @@ def _quads(image: Tensor, mosaic: Mosaic | None) -> list[tuple[Tensor, Tensor, T
         y, x = ((start - 1) % mosaic.block for start in mosaic.origin)
         corner = image[:, 0, y:, x:]
         planes = [_first_two(_first_two(corner, 1), 2)]
-    return [(plane[:, ::2, ::2], plane[:, ::2, 1::2], plane[:, 1::2, ::2], plane[:, 1::2, 1::2]) for plane in map(_even, planes)]
-
-
-def _even(plane: Tensor) -> Tensor:
-    return plane[:, : plane.shape[1] // 2 * 2, : plane.shape[2] // 2 * 2]
+    even = [plane[:, : plane.shape[1] // 2 * 2, : plane.shape[2] // 2 * 2] for plane in planes]
+    return [(p[:, ::2, ::2], p[:, ::2, 1::2], p[:, 1::2, ::2], p[:, 1::2, 1::2]) for p in even]
 
 
 def _first_two(plane: Tensor, axis: int) -> Tensor:
     """Of every three rows (axis 1) or columns (axis 2) the first two."""
-    count = plane.shape[axis] // 3
-    return plane.narrow(axis, 0, 3 * count).unflatten(axis, (count, 3)).narrow(axis + 1, 0, 2).flatten(axis, axis + 1)
+    index = torch.arange(plane.shape[axis] // 3 * 3, device=plane.device)
+    return plane.index_select(axis, index[index % 3 < 2])

@@ -17,20 +17,25 @@ _XYZ_TO_SRGB = (3.2404542, -1.5371385, -0.4985314, -0.969266, 1.8760108, 0.04155
 
 
 def write_dng(
-    path: Path, raw: np.ndarray, pattern: np.ndarray, black: int | list[int] = 64, white: int = 1023, model: str = "Test 1",
-    iso: int = 3200,
+    path: Path, raw: np.ndarray, pattern: np.ndarray, black: tuple[int, ...] = (64,) * 4, white: int = 1023,
+    seconds: float = 0.02,
 ) -> Path:  # fmt: skip
-    """Write raw values (H, W), uint16; the camera's colours are those of sRGB, and its white balance is 1."""
+    """Write raw values (H, W), uint16; the camera's colours are those of sRGB, and its white balance is 1.
+
+    black: levels of each 2×2 pixels, row by row.
+    """
     height, width = raw.shape
     rows, columns = pattern.shape
     data = raw.astype("<u2").tobytes()
     matrix = [part for value in _XYZ_TO_SRGB for part in (round(value * 10000), 10000)]
     tags = {
         254: (_LONG, [0]), 256: (_LONG, [width]), 257: (_LONG, [height]), 258: (_SHORT, [16]), 259: (_SHORT, [1]),
-        262: (_SHORT, [32803]), 271: (_ASCII, b"nte\0"), 272: (_ASCII, model.encode() + b"\0"), 273: (_LONG, [8]),
+        262: (_SHORT, [32803]), 271: (_ASCII, b"nte\0"), 272: (_ASCII, b"Test\0"), 273: (_LONG, [8]),
         274: (_SHORT, [1]), 277: (_SHORT, [1]), 278: (_LONG, [height]), 279: (_LONG, [len(data)]), 284: (_SHORT, [1]),
-        33421: (_SHORT, [rows, columns]), 33422: (_BYTE, pattern.ravel().tolist()), 34855: (_SHORT, [iso]),
-        50706: (_BYTE, [1, 4, 0, 0]), 50708: (_ASCII, model.encode() + b"\0"), 50713: (_SHORT, [2, 2]), 50714: (_SHORT, [black] * 4 if isinstance(black, int) else black),
+        33421: (_SHORT, [rows, columns]), 33422: (_BYTE, pattern.ravel().tolist()),
+        33434: (_RATIONAL, [round(seconds * 1000), 1000]),
+        50706: (_BYTE, [1, 4, 0, 0]), 50708: (_ASCII, b"Test\0"), 50713: (_SHORT, [2, 2]),
+        50714: (_SHORT, black),
         50717: (_LONG, [white]), 50721: (_SRATIONAL, matrix), 50728: (_RATIONAL, [1, 1] * 3), 50778: (_SHORT, [21]),
     }  # fmt: skip
     directory = 8 + len(data)

@@ -1,5 +1,7 @@
 """Synthetic bursts: a textured scene, sharp at every position, that moves by any fraction of a pixel under a sensor."""
 
+from functools import cache
+
 import numpy as np
 import torch
 from torch import Tensor
@@ -16,6 +18,7 @@ def mosaic_of(name: str) -> Mosaic:
     return Mosaic(tuple(tuple(row) for row in PATTERNS[name].tolist()))
 
 
+@cache
 def scene(
     size: tuple[int, int], shift: tuple[float, float] = (0, 0), disc: tuple[float, float] | None = None,
     radius: float = 12.0,
@@ -54,7 +57,8 @@ def sense(image: Tensor, mosaic: Mosaic | None, noise: NoiseModel | None, seed: 
         image = image.gather(1, mosaic.colours(*image.shape[-2:])[None, None])
     if noise is None:
         return image
-    return image + noise.variance(image).sqrt() * torch.randn(image.shape, generator=torch.Generator().manual_seed(seed))
+    unit = torch.randn(image.shape, generator=torch.Generator().manual_seed(seed))
+    return image + noise.variance(image).sqrt() * unit
 
 
 def psnr(image: Tensor, clean: Tensor, margin: int = 16) -> float:
