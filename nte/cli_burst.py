@@ -37,7 +37,7 @@ def _merge(options: argparse.Namespace) -> None:
     with Progress("merge", len(options.files) - 1, "photograph") as progress:
         done = merge_files(
             options.files, options.out, options.reference, noise, radii, options.force,
-            lambda count: progress.reach(count, len(options.files) - 1, "photographs"),
+            lambda count: progress.reach(count, len(options.files) - 1, str(options.out)),
         )  # fmt: skip
     print(f"noise: variance = {done.noise.a:.3g} · signal + {done.noise.b:.3g}")
     for path, frame in zip(done.others, done.merged.frames, strict=True):

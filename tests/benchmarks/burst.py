@@ -34,8 +34,10 @@ def hand(frames: int, whole: int = 0) -> Shifts:
     return [tuple(map(float, np.round(step / whole) * whole if whole else step)) for step in steps]  # type: ignore[misc]
 
 
-def measure(kind: str, noise: NoiseModel, shifts: Shifts, disc: bool, size: tuple[int, int]) -> tuple[list[str], list[Tensor]]:
-    """The cells of a row, and truth, first frame and merged image."""
+def measure(
+    kind: str, noise: NoiseModel, shifts: Shifts, disc: bool, size: tuple[int, int]
+) -> tuple[list[str], list[Tensor]]:
+    """The cells of a row; and truth, first frame, merged image and the mean without alignment."""
     mosaic = None if kind == "rgb" else mosaic_of(kind)
     middle = size[1] / 2, size[0] / 2
     clean = [scene(size, s, (middle[0] + 9 * i, middle[1]) if disc else None, 24.0) for i, s in enumerate(shifts)]
@@ -81,9 +83,11 @@ def main(arguments: list[str]) -> int:
         cells, images = measure(kind, LEVELS[level], hands[moved](), disc, (height, width))
         rows.append([f"{kind}, {level} noise, {moved}" + (", disc" if disc else ""), *cells])
         if given.pictures and disc:
-            strip = torch.cat([image[..., height // 2 - 80 : height // 2 + 80, width // 2 - 80 : width // 2 + 120] for image in images], 3)
+            rows_shown, columns_shown = (slice(side // 2 - 80, side // 2 + 80) for side in (height, width))
+            strip = torch.cat([image[..., rows_shown, columns_shown] for image in images], 3)
             write_picture(given.pictures / f"{kind}.png", strip[0].expand(3, -1, -1).numpy())
-    print(f"{given.frames} frames of {width}x{height}: at most {10 * np.log10(given.frames):.1f} dB where pixels are not mixed")
+    most = 10 * np.log10(given.frames)
+    print(f"{given.frames} frames of {width}x{height}: at most {most:.1f} dB where pixels are not mixed")
     print(aligned([list(column) for column in zip(titles, *rows, strict=True)]))
     return 0
 

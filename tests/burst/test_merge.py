@@ -51,6 +51,15 @@ def test_what_moves_by_itself_leaves_no_ghost(kind: str) -> None:
     assert (local < 1.5 * local_alone).all()
 
 
+def test_a_bright_thing_that_moves_by_itself_does_not_lead_the_search() -> None:
+    """The phase correlation's highest peak is that of the disc here, and most of the picture moves otherwise."""
+    shifts = [(0, 0), (-18, 14), (-16, 12)]
+    frames = [scene((480, 640), s, (320 + 27 * i, 240), 24.0).mean(1, True) for i, s in enumerate(shifts)]
+    done = merge_burst(frames[0], frames[1:], NOISE)
+    for frame, shift in zip(done.frames, shifts[1:], strict=True):
+        assert frame.motion == pytest.approx(shift, abs=0.1)
+
+
 def test_without_weights_the_disc_would_be_a_ghost() -> None:
     """The scene is a hard one: with a model of huge noise everything fits, and the error is worse than alone."""
     mosaic = mosaic_of("bayer")
