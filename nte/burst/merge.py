@@ -54,8 +54,8 @@ def merge_burst(
     """Mean of `reference` and of what fits in `others`, linear values of white level 1, each (1, C, H, W).
 
     With a mosaic C is 1 and frames are fetched by whole pixels of the same colour; without one they are images
-    of at least one channel, fetched bilinearly. A frame's pixel with excess difference is weighted as if that
-    were its error: 1 / (1 + b²/σ²), which cannot make the mean worse than the reference alone, whatever b is.
+    of at least one channel, fetched bilinearly. A frame's pixel with an excess difference b is weighted by the
+    inverse of its squared error, 1 / (1 + b²/σ²): at most half a deviation of a single frame's b remains.
     radii: of the search's patches, finest first, in blocks of the sensor or pixels. reach: told after each frame.
     The frames are taken one by one. Raises NteError for frames of another size.
     """
