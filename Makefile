@@ -1,12 +1,13 @@
 # make demo   everything once, from a bare machine: install, render, train, export, denoise, evaluate
 # make test   every test, the notebooks included
 # make lint   style and types
+# make paper  the published comparisons, with their data: an hour or two       make bench   times, as ratios in one run
 PYTHON ?= python3
 VENV := .venv
 BIN := $(VENV)/bin
 INSTALLED := $(VENV)/installed
 
-.PHONY: demo test fast lint acceptance clean
+.PHONY: demo test fast lint acceptance paper bench clean
 
 demo: $(INSTALLED)
 	$(BIN)/nte render datasets/quickstart.yaml --out data/quickstart
@@ -29,6 +30,16 @@ lint: $(INSTALLED)
 # What the demo must have reached; run it after make demo.
 acceptance: $(INSTALLED)
 	$(BIN)/pytest -s tests/acceptance
+
+paper: $(INSTALLED)
+	$(BIN)/nte compare configs/compare_trmv.yaml --data data/trmv --out reports/trmv --force
+	$(BIN)/python tests/benchmarks/vectors.py --pictures reports/vectors
+	$(BIN)/nte render datasets/correspondence.yaml --out data/correspondence
+	$(BIN)/python tests/benchmarks/correspondence.py data/correspondence/test
+
+bench: $(INSTALLED)
+	$(BIN)/python tests/benchmarks/components.py
+	$(BIN)/nte bench svgf asvgf trmv taa oidn:quality=fast --size 1280x720 --frames 5
 
 $(INSTALLED): pyproject.toml constraints.txt
 	@$(PYTHON) -c "import sys; sys.version_info >= (3, 11) or sys.exit('nte needs Python 3.11 or newer, this is ' + sys.version.split()[0] + ': make PYTHON=python3.11 …')"

@@ -101,6 +101,7 @@ def _parser() -> argparse.ArgumentParser:
     denoise.add_argument("sources", type=Path, nargs="+", metavar="CLIP_OR_FILES")
     denoise.add_argument("--denoiser", required=True, metavar="SPEC", help="run, .onnx, or name:key=value")
     denoise.add_argument("--out", type=Path, required=True, help="folder for the frames")
+    denoise.add_argument("--motion", choices=["estimate"], help="estimate it from the images, instead of given vectors")
     denoise.add_argument("--exposure", type=float, help="linear factor of the sequence (default: estimated once)")
     denoise.add_argument("--png", action="store_true", help="a tonemapped picture beside each frame")
     _device(denoise, "cpu")
@@ -191,7 +192,8 @@ def _denoise(options: argparse.Namespace) -> None:
     from nte.registry import load_denoiser
     from nte.sequences import denoise_files
 
-    denoiser = load_denoiser(options.denoiser, options.device)
+    spec = f"{options.motion}+{options.denoiser}" if options.motion else options.denoiser
+    denoiser = load_denoiser(spec, options.device)
     written = denoise_files(options.sources, denoiser, options.out, options.exposure, options.png, options.force)
     print(f"{len(written)} frames in {options.out}")
 

@@ -15,6 +15,8 @@ NAMES: dict[str, tuple[str, str, str]] = {
     "svgf": ("nte.filters.svgf", "Svgf", "eval"),
     "asvgf": ("nte.filters.asvgf", "Asvgf", "eval"),
     "trmv": ("nte.filters.trmv", "Trmv", "eval"),
+    "align_taa": ("nte.filters.align_taa", "AlignTaa", "eval"),
+    "align_accumulate": ("nte.filters.align_accumulate", "AlignAccumulate", "eval"),
     "oidn": ("nte.filters.oidn", "Oidn", "compare"),
 }
 
@@ -22,9 +24,14 @@ NAMES: dict[str, tuple[str, str, str]] = {
 def load_denoiser(spec: str, device: str = "cpu") -> Denoiser:
     """The denoiser that `spec` names: a run folder, an .onnx file, or `name:key=value,key=value`.
 
-    What exists on disk wins over a name. Option `target=components`, of those that have `target`: a denoiser for each
-    light component, put together. Raises NteError for anything unknown, listing what there is.
+    What exists on disk wins over a name. `estimate+` before any of them: with motion that is estimated from the
+    images (nte.filters.estimated). Option `target=components`, of those that have `target`: a denoiser for each light
+    component, put together. Raises NteError for anything unknown, listing what there is.
     """
+    if spec.startswith("estimate+"):
+        from nte.filters.estimated import EstimatedMotion
+
+        return EstimatedMotion(load_denoiser(spec.removeprefix("estimate+"), device))
     path = Path(spec)
     if path.suffix == ".onnx":
         from nte.runtime.session import OnnxDenoiser

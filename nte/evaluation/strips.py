@@ -35,7 +35,8 @@ def strip(shown: Shown, labels: dict[str, str]) -> RGB:
     brightened = BRIGHTENED.get(shown.target)
     note = f"{shown.target}, {brightened:g} times as bright" if brightened else shown.target
     whole = [Picture(labels.get(name, name), pixels, note) for name, pixels in images.items()]
-    crops = [Picture("", pixels[rows, columns], place) for pixels in images.values()]
+    # As large as the pictures, so that the sheet shows both rows at the same width.
+    crops = [Picture("", pixels[rows, columns].repeat(_CROP, 0).repeat(_CROP, 1), place) for pixels in images.values()]
     return grid([*whole, *crops], columns=len(images))
 
 

@@ -4,15 +4,18 @@ Dammertz et al. 2010, «Edge-Avoiding À-Trous Wavelet Transform for fast Global
 kernel and the variance filtered with it are those of SVGF (Schied et al. 2017).
 """
 
-from collections.abc import Callable, Iterator, Sequence
-from itertools import product
+from collections.abc import Callable, Iterable, Iterator, Sequence
+from functools import partial
+from itertools import pairwise, product
 from typing import NamedTuple, TypeAlias
 
 import torch
 from torch import Tensor
 
+from nte.filters.threads import side_by_side, threads_for
+
 B3_SPLINE = (1.0, 2 / 3, 1 / 6)  # from the centre outwards, in x and in y
-STRIP_PIXELS = 1 << 16  # processed together: a dozen planes of them stay in a core's cache
+STRIP_PIXELS = 1 << 17  # processed together: a dozen planes of them stay in a core's cache
 
 # (guides at p, guides at q, their distance in pixels) → (weight of q in p's mean, weight of p in q's mean)
 Edge: TypeAlias = Callable[[Sequence[Tensor], Sequence[Tensor], float], tuple[Tensor, Tensor]]
@@ -43,19 +46,25 @@ def atrous_step(
     kernel: h along one axis from the centre outwards, beginning with 1; (1, 1, 1, 1) is a 7×7 window.
 
     Every unordered pair is visited once, strip by strip of rows, and gives to both of its pixels, so what is
-    symmetric in an edge is computed once. Memory: the accumulators and some temporaries of a strip.
+    symmetric in an edge is computed once. Memory: the accumulators and some temporaries of a strip of each thread.
     """
-    height, width = values.shape[-2:]
     total = torch.ones_like(values[:, :1])
     mean = values.clone()
     spread = None if variance is None else variance.clone()
-    for here, there, weight, distance in _pairs(height, width, step, kernel, values.shape[0]):
-        toward_here, toward_there = edge([here(g) for g in guides], [there(g) for g in guides], distance)
-        for to, source, w in ((here, there, toward_here), (there, here, toward_there)):
-            to(total).add_(w, alpha=weight)
-            to(mean).addcmul_(source(values), w, value=weight)
-            if spread is not None and variance is not None:
-                to(spread).addcmul_(source(variance), w.square(), value=weight * weight)
+
+    def add(pairs: Iterable[_Pair]) -> None:
+        for here, there, weight, distance in pairs:
+            toward_here, toward_there = edge([here(g) for g in guides], [there(g) for g in guides], distance)
+            for to, source, w in ((here, there, toward_here), (there, here, toward_there)):
+                to(total).add_(w, alpha=weight)
+                to(mean).addcmul_(source(values), w, value=weight)
+                if spread is not None and variance is not None:
+                    to(spread).addcmul_(source(variance), w.square(), value=weight * weight)
+
+    threads = threads_for(values)
+    within, across = _pairs(values.shape, step, kernel, threads)
+    side_by_side([partial(add, pairs) for pairs in within], threads)
+    add(across)
     mean.div_(total)
     return Filtered(mean, None if spread is None else spread.div_(total.square_()))
 
@@ -77,20 +86,41 @@ class _Window(NamedTuple):
         return tensor.narrow(2, self.top, self.rows).narrow(3, self.left, self.columns)
 
 
+_Pair: TypeAlias = tuple[_Window, _Window, float, float]  # pixels p, their partners q, h, |q − p|
+
+
 def _pairs(
-    height: int, width: int, step: int, kernel: Sequence[float], batch: int
-) -> Iterator[tuple[_Window, _Window, float, float]]:
-    """(pixels p, their partners q, h, |q − p|) for each half of the kernel's offsets and each strip of rows."""
-    reach = len(kernel) - 1
+    shape: Sequence[int], step: int, kernel: Sequence[float], threads: int
+) -> tuple[list[Iterator[_Pair]], Iterator[_Pair]]:
+    """All pairs of the kernel's half: those within each band of rows, strip by strip; and those between bands.
+
+    Bands, of different images or different rows, share no pixel, so they may be filtered at the same time.
+    """
+    batch, _, height, width = shape
     group = min(batch, max(1, STRIP_PIXELS // (height * width)))  # small images together
     strip = max(1, STRIP_PIXELS // (width * group))
+    reach = len(kernel) - 1
     offsets = [(y, x) for y in range(reach + 1) for x in range(-reach, reach + 1) if y > 0 or x > 0]
-    for first, top in product(range(0, batch, group), range(0, height, strip)):
-        images = min(group, batch - first)
-        for y, x in offsets:
-            dy, dx = y * step, x * step
-            rows, columns = min(strip, height - dy - top), width - abs(dx)
-            if rows > 0 and columns > 0:
-                here = _Window(first, images, top, rows, max(0, -dx), columns)
-                there = _Window(first, images, top + dy, rows, max(0, dx), columns)
-                yield here, there, kernel[y] * kernel[abs(x)], step * (x * x + y * y) ** 0.5
+    bands = max(1, min(threads, height // (4 * reach * step)))
+    borders = [height * band // bands for band in range(bands + 1)]
+
+    def cut(first: int, top: int, bottom: int, y: int, x: int) -> Iterator[_Pair]:
+        """The pairs of one offset whose upper pixels are in these rows."""
+        dy, dx = y * step, x * step
+        columns = width - abs(dx)
+        if bottom > top and columns > 0:
+            images = min(group, batch - first)
+            here = _Window(first, images, top, bottom - top, max(0, -dx), columns)
+            there = _Window(first, images, top + dy, bottom - top, max(0, dx), columns)
+            yield here, there, kernel[y] * kernel[abs(x)], step * (x * x + y * y) ** 0.5
+
+    def inside(first: int, start: int, end: int) -> Iterator[_Pair]:
+        for top, (y, x) in product(range(start, end, strip), offsets):
+            yield from cut(first, top, min(top + strip, end - y * step), y, x)
+
+    def between() -> Iterator[_Pair]:
+        for first, (start, end), (y, x) in product(range(0, batch, group), pairwise(borders), offsets):
+            yield from cut(first, max(start, end - y * step), min(end, height - y * step), y, x)
+
+    images = range(0, batch, group)
+    return [inside(first, start, end) for first in images for start, end in pairwise(borders)], between()

@@ -5,6 +5,7 @@ from typing import NamedTuple
 import torch
 from torch import Tensor
 
+from nte.motion.box import box_mean
 from nte.motion.geometric import Reprojection
 from nte.motion.warp import warp
 
@@ -23,21 +24,6 @@ def neighbourhood_moments(image: Tensor, size: int = 3, step: int = 1) -> Moment
     centre = image.mean((2, 3), keepdim=True)
     variance = box_mean((image - centre).square_(), size, step) - (mean - centre).square_()
     return Moments(mean, variance.clamp(min=0).sqrt())
-
-
-def box_mean(image: Tensor, size: int, step: int = 1) -> Tensor:
-    """Mean of size×size pixels, `step` apart, or of those of them that exist. Three times as fast as avg_pool2d."""
-    for axis in (3, 2):
-        length = image.shape[axis]
-        total = image.clone()
-        for k in range(step, min(size // 2 * step, length - 1) + 1, step):
-            total.narrow(axis, 0, length - k).add_(image.narrow(axis, k, length - k))
-            total.narrow(axis, k, length - k).add_(image.narrow(axis, 0, length - k))
-        place = torch.arange(length, device=image.device)
-        before, after = ((room // step).clamp(max=size // 2) for room in (place, length - 1 - place))
-        count = before + after + 1
-        image = total.div_(count.view(-1, 1) if axis == 2 else count)
-    return image
 
 
 def clamp_history(history: Tensor, moments: Moments, width: float = 1.0) -> Tensor:

@@ -4,6 +4,7 @@ Schied et al. 2017, «Spatiotemporal Variance-Guided Filtering», section 4.1, w
 Depth (N, 1, H, W) is along the view axis in scene units, 0 = miss; normals (N, 3, H, W) are unit, 0 at a miss.
 """
 
+from functools import partial
 from itertools import product
 from typing import NamedTuple
 
@@ -11,6 +12,7 @@ import torch
 from torch import Tensor
 
 from nte.filters.atrous import STRIP_PIXELS
+from nte.filters.threads import side_by_side, threads_for
 from nte.motion.camera import points_from_depth
 from nte.motion.geometric import infinite_sky
 from nte.motion.warp import pixel_centres
@@ -118,10 +120,13 @@ def reproject(
     start = torch.arange(batch, device=motion.device).mul_(height * width).repeat_interleave(height * width)
     may = _flat(allowed)[0]
     fetched, valid = torch.empty_like(taken[4:]), torch.empty_like(may)
-    for first in range(0, len(may), STRIP_PIXELS):
+
+    def fetch(first: int) -> None:
         part = slice(first, first + STRIP_PIXELS)
         taps = _Taps(taken, own[:, part], corner[:, part], start[part], (height, width))
         fetched[:, part], valid[part] = _fetch(taps, may[part])
+
+    side_by_side([partial(fetch, first) for first in range(0, len(may), STRIP_PIXELS)], threads_for(values))
     shape = (-1, batch, height, width)
     return History(fetched.view(shape).transpose(0, 1), valid.view(shape).transpose(0, 1))
 

@@ -18,6 +18,7 @@ REACH = 2  # shifts of −2 … 2 px along x and y
 _SIDE = 2 * REACH + 1
 _SHIFTS = [(x, y) for y in range(-REACH, REACH + 1) for x in range(-REACH, REACH + 1)]  # rows of the 5×5 table
 _CENTRE = len(_SHIFTS) // 2
+_WEIGHTS = [2 - math.exp(-0.02 * (x * x + y * y)) for x, y in _SHIFTS]  # of log_centred: Equation 5
 # Which of equal shifts wins: no shift, then shorter ones. The place in this order rides in the low bits of each
 # distance, so that one minimum over integers finds distance and shift: 20 times faster than torch.min with indices.
 _ORDER = sorted(range(len(_SHIFTS)), key=lambda k: (_SHIFTS[k][0] ** 2 + _SHIFTS[k][1] ** 2, k))
@@ -54,10 +55,11 @@ def best_shift(
             least = (best & ~_BITS).view(torch.float32)
             x, y = place % _SIDE - REACH, place.div(_SIDE, rounding_mode="floor") - REACH
             shift[n, 0, top:bottom], shift[n, 1, top:bottom] = x, y
+            if norm == "log_centred":  # its weight has chosen the shift, and would pull the fraction towards 0
+                least = least / (2 - torch.exp(-0.02 * (x * x + y * y)))
+                table.div_(table.new_tensor(_WEIGHTS).view(-1, 1, 1))
             if refine:
                 shift[n, :, top:bottom] += _subpixel(table, place, least, _floor(norm))
-            if norm == "log_centred":
-                least = least / (2 - torch.exp(-0.02 * (x * x + y * y)))
             distance[n, 0, top:bottom] = (least - _floor(norm)).clamp(min=0)
     return shift, distance
 
@@ -85,13 +87,13 @@ class _Strips:
         plane.zero_()  # what lies outside the image adds nothing
         pixels = plane.view(-1, self.stride)[first - top + r : last - top + r, r : r + self.width]
         share = 1 / (self.rows[top:bottom, None] * self.columns)
-        for place, (x, y) in enumerate(_SHIFTS):
+        for place, ((x, y), weight) in enumerate(zip(_SHIFTS, _WEIGHTS, strict=True)):
             shifted = margin[:, first + REACH + y : last + REACH + y, REACH + x : REACH + x + self.width]
             self._differences(current[:, first:last], shifted, pixels, norm)
             sums = self._box(plane).view(-1, self.stride)[:size, : self.width]
             torch.mul(sums, share, out=table[place])
             if norm == "log_centred":
-                table[place].mul_(2 - math.exp(-0.02 * (x * x + y * y)))  # Equation 5
+                table[place].mul_(weight)
             table[place].view(torch.int32).bitwise_and_(~_BITS).bitwise_or_(_ORDER.index(place))
         return table
 
@@ -173,6 +175,7 @@ def _subpixel(table: Tensor, place: Tensor, least: Tensor, floor: float) -> Tens
     along_y = torch.where(bowl, (xy * to_x - xx * to_y) / determinant, -to_y / yy.clamp(min=1e-30))
     mean = (nw + n + ne + w + e + sw + s + se) / 8
     perfect = least - floor <= _PERFECT * mean + _ROUNDING * floor
-    keep = inner & ~perfect
+    flat = mean <= 2 * _ROUNDING * least  # every shift is equally good or bad
+    keep = inner & ~perfect & ~flat
     offset = torch.stack([torch.where(keep & (xx > 0), along_x, 0), torch.where(keep & (yy > 0), along_y, 0)])
     return offset.nan_to_num_(0, 0, 0).clamp_(-1, 1)

@@ -13,12 +13,12 @@ from nte.render.backend import load_drjit, load_mitsuba
 from nte.render.gradient import shade_again, shade_before
 from nte.render.integrator import launches
 from nte.render.rays import instances, to_hits
-from nte.render.resampling import sample_direct, trace_shadow
+from nte.render.resampling import Direct, ShadowRay, sample_direct, trace_shadow
 from nte.render.scene import Pixels
 from nte.render.seeds import derive_seed
 from nte.render.stage import Stage
 from nte.render.transforms import Floats
-from nte.render.transport import sample_camera_ray, trace_path
+from nte.render.transport import Path, sample_camera_ray, trace_path
 from nte.render.vectors import Bounce, Shadow, reflection_vectors, shadow_vectors
 
 _SAMPLES = 1 << 22  # paths per launch: their components are stored before they are summed, 200 MB
@@ -48,6 +48,21 @@ def noisy(stage: Stage, time: float, seeds: Sequence[int], emission: Pixels) -> 
     return direct, [channels for _, channels, _, _ in samples]
 
 
+def shadow_samples(stage: Stage, time: float, seeds: Sequence[int]) -> list[Pixels]:
+    """The shadow_motion of `noisy` alone, for each seed."""
+    rays = (_shadow_ray(stage, seed)[1] for seed in seeds)
+    return [shadow_vectors(stage, _shadow(stage, ray), time) for ray in rays]
+
+
+def reflection_samples(stage: Stage, time: float, seeds: Sequence[int]) -> list[tuple[Pixels, Pixels]]:
+    """The reflection_motion and reflection_covariance of `noisy` alone, for each seed."""
+    bounces = [_bounce(stage, _path(stage, seed)) for seed in seeds]
+    stage.set_time(time - 1)
+    vectors = [reflection_vectors(stage, bounce, time) for bounce in bounces]
+    stage.set_time(time)
+    return vectors
+
+
 def references(stage: Stage, spp: int, seeds: tuple[int, int]) -> dict[str, Pixels]:
     """reference_a, reference_b, reference_visibility, reference_indirect and reference_glossy (C, H, W).
 
@@ -70,13 +85,9 @@ def references(stage: Stage, spp: int, seeds: tuple[int, int]) -> dict[str, Pixe
 
 def _sample(stage: Stage, seed: int) -> tuple[Pixels, dict[str, Pixels], Shadow, Bounce]:
     """direct, the light channels, and what the shadow ray and the path met, for one seed."""
-    mi, dr = load_mitsuba(), load_drjit()
-    pixels = stage.width * stage.height
-    candidates = sample_direct(stage, derive_seed(seed, "direct"))
-    shadow = trace_shadow(stage, candidates, derive_seed(seed, "direct"))
-    sampler = mi.load_dict({"type": "independent"})
-    sampler.seed(dr.opaque(mi.UInt32, derive_seed(seed, "path")), pixels)
-    path = trace_path(stage, sample_camera_ray(stage, dr.arange(mi.UInt32, pixels), sampler), sampler)
+    dr = load_drjit()
+    candidates, shadow = _shadow_ray(stage, seed)
+    path = _path(stage, seed)
     light = [path.indirect, path.indirect_radiance, path.indirect_direction, path.glossy]
     dr.eval(shadow, light, path.first, path.second, path.direction, path.is_reflection)
 
@@ -91,21 +102,41 @@ def _sample(stage: Stage, seed: int) -> tuple[Pixels, dict[str, Pixels], Shadow,
         "indirect_direction": image(*path.indirect_direction),
         "glossy": image(*path.glossy),
     }
-    return (
-        candidates.direct,
-        channels,
-        Shadow(
-            receiver=to_hits(stage, shadow.receiver, shadow.view),
-            blocker=to_hits(stage, shadow.blocker, shadow.view),
-            light=instances(stage)[np.array(shadow.light, np.int64)],
-            light_point=np.array(shadow.light_point, float).T,
-            blocked=np.array(shadow.blocked),
-        ),
-        Bounce(
-            first=to_hits(stage, path.first, path.direction),
-            second=to_hits(stage, path.second, path.direction),
-            reflected=np.array(path.is_reflection),
-        ),
+    return candidates.direct, channels, _shadow(stage, shadow), _bounce(stage, path)
+
+
+def _shadow_ray(stage: Stage, seed: int) -> tuple[Direct, ShadowRay]:
+    seed = derive_seed(seed, "direct")
+    candidates = sample_direct(stage, seed)
+    return candidates, trace_shadow(stage, candidates, seed)
+
+
+def _path(stage: Stage, seed: int) -> Path:
+    """One path per pixel."""
+    mi, dr = load_mitsuba(), load_drjit()
+    pixels = stage.width * stage.height
+    sampler = mi.load_dict({"type": "independent"})
+    sampler.seed(dr.opaque(mi.UInt32, derive_seed(seed, "path")), pixels)
+    return trace_path(stage, sample_camera_ray(stage, dr.arange(mi.UInt32, pixels), sampler), sampler)
+
+
+def _shadow(stage: Stage, ray: ShadowRay) -> Shadow:
+    load_drjit().eval(ray)  # one kernel instead of one per array
+    return Shadow(
+        receiver=to_hits(stage, ray.receiver, ray.view),
+        blocker=to_hits(stage, ray.blocker, ray.view),
+        light=instances(stage)[np.array(ray.light, np.int64)],
+        light_point=np.array(ray.light_point, float).T,
+        blocked=np.array(ray.blocked),
+    )
+
+
+def _bounce(stage: Stage, path: Path) -> Bounce:
+    load_drjit().eval(path.first, path.second, path.direction, path.is_reflection)
+    return Bounce(
+        first=to_hits(stage, path.first, path.direction),
+        second=to_hits(stage, path.second, path.direction),
+        reflected=np.array(path.is_reflection),
     )
 
 

@@ -59,7 +59,7 @@ def shade_before(stage: Stage, time: float, seed: int) -> Replay:
     source, pixel, found = _choose(stage, hits, now, time, np.array(priority))
     chosen = dr.gather(mi.PreliminaryIntersection3f, hit, to_jit(mi.UInt32, source))
     dr.eval(chosen)  # so that the same kernel shades then and now
-    then = points_at(stage, hits, time - 1)[source]
+    then = points_at(stage, hits.of(source), time - 1)
     return Replay(seed, chosen, now[source], pixel, found, _shade(stage, chosen, then, time - 1, found, seed))
 
 

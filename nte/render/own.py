@@ -4,18 +4,19 @@ Shapes stay Mitsuba's, of any kind, and instances of shapegroups as well: what a
 which shape it is on, and that shape's keyframes carry it to any other time. Vectorised variants only.
 """
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
+from itertools import chain, count
+from pathlib import Path
 from typing import Any
 
 import numpy as np
-import numpy.typing as npt
 
 from nte.errors import NteError
 from nte.render.animation import Animation, camera_track, object_track
 from nte.render.backend import load_drjit, load_mitsuba
 from nte.render.scene import Camera, Scene
-from nte.render.stage import Stage, camera_sensor, path_integrator, shape_key
+from nte.render.stage import Indices, Stage, camera_sensor, path_integrator, shape_key
 from nte.render.transforms import Floats, Track, still, transform_points
 from nte.render.unshadowed import unshadowed_integrator
 
@@ -29,10 +30,6 @@ class OwnObject:
 
     name: str
     track: Track | None = None
-
-    def points(self, place: Floats, time: float) -> Floats:
-        """Where points (P, 3) as they are in the XML are at a time in frames, world."""
-        return place if self.track is None else transform_points(self.track(time), place)
 
 
 class OwnStage(Stage):
@@ -52,7 +49,7 @@ class OwnStage(Stage):
         _check_names(animation.xml, "objects", tracks, [shape.id() for shape in self.shapes])
         emitters = [emitter.id() for emitter in self.mi_scene.emitters() if emitter.get_shape() is None]
         _check_names(animation.xml, "lights", lights, emitters)
-        # Not a family's objects, but what a stage asks of those, their points, they tell as well.
+        # Not a family's objects: nobody but this stage asks them where they are.
         objects: Any = tuple(OwnObject(shape.id(), self._from_start(tracks.get(shape.id()))) for shape in self.shapes)
         camera = _camera(self.mi_scene, animation)
         camera = replace(camera, track=self._from_start(camera.track))
@@ -63,7 +60,7 @@ class OwnStage(Stage):
         self._view = load_mitsuba().traverse(self.sensor)
         path = load_mitsuba().load_dict(path_integrator(max_depth, media))
         self.integrator = unshadowed_integrator() if unshadowed else path
-        self.containers = 0
+        self.containers = sum(shape.interior_medium() is not None for shape in self.shapes)
         self.time = 0.0
 
     def set_time(self, time: float) -> None:
@@ -108,20 +105,31 @@ class OwnStage(Stage):
         mi, dr, bsdf = load_mitsuba(), load_drjit(), si.bsdf()
         smooth = hit & ~mi.has_flag(bsdf.flags(), mi.BSDFFlags.Diffuse | mi.BSDFFlags.Glossy)
         found = dr.select(smooth, mi.Float(0), 1)
-        for name in ("alpha", "roughness"):
-            known = bsdf.has_attribute(name, hit)
-            value = bsdf.eval_attribute_1(name, si, hit & known)
-            found = dr.select(known, dr.sqrt(value) if name == "alpha" else value, found)
+        # With two of them, as of brushed metal, α is their geometric mean.
+        for names, power in ((("alpha_u", "alpha_v"), 0.25), (("alpha",), 0.5), (("roughness",), 1.0)):
+            known, value = hit, mi.Float(1)
+            for name in names:
+                known = known & bsdf.has_attribute(name, hit)
+                value = value * bsdf.eval_attribute_1(name, si, known)
+            found = dr.select(known, value**power, found)
         return found
 
-    def placed(self, instance: npt.NDArray[np.int64], place: Floats) -> Floats:
+    def placed(self, instance: Indices, place: Floats) -> Floats:
         """World points (P, 3) at the time that the stage is set to, as they are in the XML."""
-        rest = place.copy()
+        return self._carried(instance, place, lambda track: np.asarray(np.linalg.inv(track(self.time)), float))
+
+    def points(self, instance: Indices, place: Floats, time: float) -> Floats:
+        """Where points (P, 3) as they are in the XML are at a time in frames, world."""
+        return self._carried(instance, place, lambda track: track(time))
+
+    def _carried(self, instance: Indices, points: Floats, matrix: Callable[[Track], Floats]) -> Floats:
+        """Points (P, 3), those on what moves transformed by what its track says."""
+        carried = points.copy()
         for number in np.unique(instance[instance > 0]):
             if (track := self.scene.objects[number - 1].track) is not None:
                 mine = instance == number
-                rest[mine] = transform_points(np.linalg.inv(track(self.time)), place[mine])
-        return rest
+                carried[mine] = transform_points(matrix(track), points[mine])
+        return carried
 
     def _from_start(self, track: Track | None) -> Any:
         """The track as the clip's frames see it, whose frame 0 is the animation's frame `start`."""
@@ -138,12 +146,77 @@ class OwnStage(Stage):
 
 
 def _load(animation: Animation) -> Any:
+    mi = load_mitsuba()
+    config = mi.parser.ParserConfig(mi.variant())
+    # Merging shapes of one material would lose their names.
+    config.merge_meshes = config.merge_equivalent = False
+    # One after the other: what other threads still build when one fails outlived the failure, and a later rendering of
+    # a medium in the same process died of it.
+    config.parallel = False
+    usual = mi.file_resolver()
+    beside = mi.FileResolver(usual)  # the XML's own folder first; a <path> in it adds others
+    beside.prepend(str(Path(animation.xml).parent.absolute()))
+    mi.set_file_resolver(beside)
     try:
-        # Optimising would merge shapes of one material, and their names with them.
-        return load_mitsuba().load_file(animation.xml, optimize=False, **animation.values)
+        state = mi.parser.parse_file(config, animation.xml, **animation.values)
+        mi.parser.transform_all(config, state)
+        _drop_unused(state)
+        _name_all(state)
+        _check_transforms(animation.xml, state)
+        made = mi.parser.instantiate(config, state)
     except (RuntimeError, TypeError) as error:  # how Mitsuba says that something is wrong with a scene
         text = str(error).strip().splitlines()[0]
         raise NteError(f"{animation.xml}: {text.partition('] ')[2] if text.startswith('[') else text}") from error
+    finally:
+        mi.set_file_resolver(usual)
+    scene = made[0] if isinstance(made, list) else made
+    if not isinstance(scene, mi.Scene):
+        raise NteError(f"{animation.xml}: holds no <scene>: expected a Mitsuba scene")
+    return scene
+
+
+def _drop_unused(state: Any) -> None:
+    """Take the integrator and the samplers, which are nte's own, out of the parsed XML: plugins that this Mitsuba has
+    not, or has no more, are no obstacle there."""
+    mi = load_mitsuba()
+    for node in state.nodes:
+        if node.type in (mi.ObjectType.Scene, mi.ObjectType.Sensor):
+            for key, child in _children(state, node):
+                if child.type in (mi.ObjectType.Integrator, mi.ObjectType.Sampler):
+                    del node.props[key]
+
+
+def _name_all(state: Any) -> None:
+    """Give shapes and lights of the scene that have no id one: the name of its file, else its kind; the second of
+    a name gets _2. So the XML needs no editing."""
+    mi = load_mitsuba()
+    taken = {node.props.id() for node in state.nodes}
+    for _, node in _children(state, state.root):
+        if node.type in (mi.ObjectType.Shape, mi.ObjectType.Emitter) and not node.props.id():
+            is_file = node.type == mi.ObjectType.Shape and "filename" in node.props
+            name = Path(node.props["filename"]).stem if is_file else str(node.props.plugin_name())
+            name = name.replace(".", "_")  # dots separate the names of Mitsuba's parameters
+            chosen = next(n for n in chain([name], (f"{name}_{i}" for i in count(2))) if n not in taken)
+            node.props.set_id(chosen)
+            taken.add(chosen)
+
+
+def _check_transforms(xml: str, state: Any) -> None:
+    """Raise NteError for a shape or camera that is flattened to nothing, of which Mitsuba would make NaN."""
+    mi = load_mitsuba()
+    for node in state.nodes:
+        if node.type in (mi.ObjectType.Shape, mi.ObjectType.Sensor) and "to_world" in node.props:
+            turn = np.array(node.props["to_world"].matrix, float).reshape(4, 4)[:3, :3]
+            if not np.isfinite(turn).all() or abs(np.linalg.det(turn)) <= 1e-9 * np.linalg.norm(turn) ** 3:
+                name = node.props.id() or node.props.plugin_name()
+                raise NteError(f"{xml}: the to_world of '{name}' is singular: expected no scale of 0")
+
+
+def _children(state: Any, node: Any) -> list[tuple[str, Any]]:
+    """The nodes that a node of the parsed XML refers to, by the names of its properties."""
+    reference = load_mitsuba().Properties.ResolvedReference
+    found = [(key, value) for key, value in node.props.items() if isinstance(value, reference)]
+    return [(key, state.nodes[value.index()]) for key, value in found]
 
 
 def _check_names(xml: str, what: str, given: Mapping[str, Any], known: Sequence[str]) -> None:
@@ -171,7 +244,12 @@ def _camera(scene: Any, animation: Animation) -> Camera:
         raise NteError(f"{animation.xml}: its sensor has a principal point offset, which nte's cameras have not")
     matrix = _array("to_world", values["to_world"])
     matrix[:3, :3] /= np.linalg.norm(matrix[:3, :3], axis=0)
-    track = camera_track(animation.camera, animation.interpolation) if animation.camera else still(matrix)
+    track = still(matrix)
+    if animation.camera:
+        # Many an XML has a camera that mirrors; it stays so.
+        mirror = np.diag([np.sign(np.linalg.det(matrix[:3, :3])), 1.0, 1.0, 1.0])
+        moved = camera_track(animation.camera, animation.interpolation)
+        track = lambda time: np.asarray(moved(time) @ mirror)  # noqa: E731
     lens = number("aperture_radius"), number("focus_distance", 1.0)
     return Camera(track, number("x_fov"), *lens, number("near_clip"), number("far_clip"))
 

@@ -1,6 +1,6 @@
 """Camera rays and what they meet, as NumPy rows: the same code for vectorised and scalar Mitsuba variants."""
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from dataclasses import dataclass
 from functools import partial
 from typing import Any
@@ -9,8 +9,9 @@ import numpy as np
 import numpy.typing as npt
 
 from nte.render.backend import is_scalar, load_drjit, load_mitsuba
-from nte.render.stage import Stage, shape_key
+from nte.render.stage import Stage
 from nte.render.transforms import Floats
+from nte.render.transport import camera_ray
 
 Indices = npt.NDArray[np.int64]
 _BEHIND = 1 + 1e-4  # along the ray itself: Mitsuba's spawn_ray steps sideways too
@@ -28,8 +29,8 @@ class Hits:
     place: Floats
     direction: Floats  # (P, 3), world: where a miss looks
 
-    def of(self, rows: npt.NDArray[np.bool_]) -> "Hits":
-        """The rays that `rows` (P,) selects."""
+    def of(self, rows: npt.NDArray[np.bool_] | Indices) -> "Hits":
+        """The rays that `rows` selects: (P,) bool, or row numbers."""
         return Hits(self.instance[rows], self.place[rows], self.direction[rows])
 
 
@@ -52,6 +53,7 @@ class Seen:
     normal: Floats  # (R, 3) shading normal, world
     roughness: Floats  # (R,) perceptual
     hit: npt.NDArray[np.bool_]  # (R,)
+    hits: Hits
 
 
 def to_jit(kind: Any, values: npt.NDArray[Any]) -> Any:
@@ -74,12 +76,14 @@ def trace_film(stage: Stage, pixel: Floats) -> Seen:
     mi, dr = load_mitsuba(), load_drjit()
     x, y = (to_jit(mi.Float, column) for column in (pixel / (stage.width, stage.height)).T)
     ray, _ = stage.sensor.sample_ray(0.0, 0.5, mi.Point2f(x, y), mi.Point2f(0.5))
-    si = stage.mi_scene.ray_intersect(ray)
+    first = stage.mi_scene.ray_intersect_preliminary(ray)
+    si = first.compute_surface_interaction(ray)
     hit = si.is_valid()
     columns = [si.p, si.sh_frame.n, stage.roughness(si, hit), hit]
-    dr.eval(columns)
+    dr.eval(columns, first, ray.d)
     point, normal, roughness, found = (np.array(column).T for column in columns)
-    return Seen(point.astype(float), normal.astype(float), roughness.astype(float), found)
+    hits = to_hits(stage, first, ray.d, si.p)
+    return Seen(point.astype(float), normal.astype(float), roughness.astype(float), found, hits)
 
 
 def trace_centres(stage: Stage) -> Hits:
@@ -104,28 +108,16 @@ def to_hits(stage: Stage, hit: Any, direction: Any, point: Any = None) -> Hits:
 def points_at(stage: Stage, hits: Hits, time: float) -> Floats:
     """Where the surface points of `hits` are at a time: (P, 3), world; the ray's direction for a miss.
 
-    Whatever moves them, the objects say; a point at rest has exactly the same position at every time.
+    Whatever moves them, the stage says; a point at rest has exactly the same position at every time.
     """
-    found = hits.direction.copy()
-    for mine, obj in _by_object(stage, hits):
-        found[mine] = obj.points(hits.place[mine], time)
-    return found
+    return np.where(hits.instance[:, None] > 0, stage.points(hits.instance, hits.place, time), hits.direction)
 
 
 def normals_at(stage: Stage, hits: Hits, time: float) -> Floats:
     """Unit shading normals (P, 3) of `hits` at a time, outwards; the ray's direction for a miss."""
-    found = hits.direction.copy()
-    for mine, obj in _by_object(stage, hits):
-        found[mine] = obj.normals(hits.place[mine], time)
-    return np.asarray(found / np.linalg.norm(found, axis=1, keepdims=True))
-
-
-def _by_object(stage: Stage, hits: Hits) -> Iterator[tuple[npt.NDArray[np.bool_], Any]]:
-    """(rows (P,), object) for each object that was hit."""
-    for number, obj in enumerate(stage.scene.objects):
-        mine = hits.instance == number + 1
-        if mine.any():
-            yield mine, obj
+    normals = stage.normals(hits.instance, hits.place, time)
+    normals = np.where(hits.instance[:, None] > 0, normals, hits.direction)
+    return np.asarray(normals / np.linalg.norm(normals, axis=1, keepdims=True))
 
 
 def trace_surfaces(stage: Stage, offsets: Floats) -> Surfaces:
@@ -138,30 +130,48 @@ def trace_surfaces(stage: Stage, offsets: Floats) -> Surfaces:
 
 def _trace(stage: Stage, offsets: Floats, look: Callable[[Any, Any, Any], list[Any]]) -> Floats:
     """Values (P, K) of look(mi, scene, ray), summed over the rays at `offsets` (S, 4), see trace_surfaces."""
-    mi = load_mitsuba()
-    pixels, samples = stage.width * stage.height, len(offsets)
+    samples, rows = len(offsets), []
+    step = max(1, _RAYS // samples)
+    for start in range(0, stage.width * stage.height, step):
+        count = min(step, stage.width * stage.height - start)
+        rows.append(_trace_scalar(stage, offsets, look, start, count) if is_scalar() else
+                    _trace_arrays(stage, offsets, look, start, count))  # fmt: skip
+    return np.concatenate(rows)
 
-    def values(x: Any, y: Any, u: Any, v: Any) -> list[Any]:
+
+def _trace_scalar(
+    stage: Stage, offsets: Floats, look: Callable[[Any, Any, Any], list[Any]], start: int, count: int
+) -> Floats:
+    """The rows of _trace of `count` pixels from `start` on, one ray at a time."""
+    mi = load_mitsuba()
+    index = np.arange(start, start + count)
+    corner = np.stack([index % stage.width, index // stage.width], axis=1)
+    film = (corner[:, None] + offsets[:, :2]).reshape(-1, 2) / (stage.width, stage.height)
+    rays = np.concatenate([film, np.tile(offsets[:, 2:], (count, 1))], axis=1)
+
+    def values(x: float, y: float, u: float, v: float) -> list[Any]:
         ray, _ = stage.sensor.sample_ray(0.0, 0.5, mi.Point2f(x, y), mi.Point2f(u, v))
         return look(mi, stage.mi_scene, past_containers(stage, ray))
 
-    rows = []
-    step = max(1, _RAYS // samples)
-    for start in range(0, pixels, step):
-        index = np.arange(start, min(start + step, pixels))
-        corner = np.stack([index % stage.width, index // stage.width], axis=1)
-        film = (corner[:, None] + offsets[:, :2]).reshape(-1, 2) / (stage.width, stage.height)
-        rays = np.concatenate([film, np.tile(offsets[:, 2:], (len(index), 1))], axis=1)
-        if is_scalar():
-            table = np.array([values(*ray) for ray in rays.tolist()], float)
-            rows.append(table.reshape(len(index), samples, -1).sum(1))
-        else:
-            columns = values(*(to_jit(mi.Float, column) for column in rays.T))
-            dr = load_drjit()
-            dr.eval(columns)  # one kernel instead of one per column
-            sums = columns if samples == 1 else [dr.block_sum(column, samples) for column in columns]
-            rows.append(np.stack([np.array(column, float) for column in sums], axis=1))
-    return np.concatenate(rows)
+    table = np.array([values(*ray) for ray in rays.tolist()], float)
+    return np.asarray(table.reshape(count, len(offsets), -1).sum(1))
+
+
+def _trace_arrays(
+    stage: Stage, offsets: Floats, look: Callable[[Any, Any, Any], list[Any]], start: int, count: int
+) -> Floats:
+    """The same, all rays in one kernel, which makes them too."""
+    mi, dr = load_mitsuba(), load_drjit()
+    samples = len(offsets)
+    lane = dr.arange(mi.UInt32, count * samples)
+    pixel, sample = lane // samples, lane % samples
+    x, y, u, v = (dr.gather(mi.Float, to_jit(mi.Float, column), sample) for column in offsets.T)
+    ray = camera_ray(stage, pixel + dr.opaque(mi.UInt32, start), mi.Point2f(x, y), mi.Point2f(u, v))
+    columns = look(mi, stage.mi_scene, past_containers(stage, ray))
+    dr.eval(columns)  # one kernel instead of one per column
+    sums = columns if samples == 1 else [dr.block_sum(column, samples) for column in columns]
+    dr.eval(sums)
+    return np.stack([np.array(column, float) for column in sums], axis=1)
 
 
 def past_containers(stage: Stage, ray: Any) -> Any:
@@ -198,8 +208,4 @@ def _look(stage: Stage, mi: Any, scene: Any, ray: Any) -> list[Any]:
 
 def instances(stage: Stage) -> Indices:
     """Table from keys of shapes (stage.shape_key) to instance numbers: index in scene.objects + 1."""
-    mi, scalar = load_mitsuba(), is_scalar()
-    keys = [int(shape_key(m) if scalar else shape_key(mi.ShapePtr(m))[0]) for m in stage.shapes]
-    table = np.zeros(max(keys) + 1, np.int64)
-    table[keys] = np.arange(len(keys)) + 1
-    return table
+    return stage.instances

@@ -1,6 +1,5 @@
 """What an animated scene is: meshes with materials that move, area lights, and a camera. No Mitsuba here."""
 
-from abc import ABC, abstractmethod
 from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Literal
@@ -60,31 +59,8 @@ class Medium:
     density: Callable[[float], Pixels] | None = None
 
 
-class _Meshed(ABC):
-    """Where the places of a mesh are: (P, 3), triangle and the weights of its second and third vertex."""
-
-    mesh: Mesh
-
-    @abstractmethod
-    def at(self, time: float) -> tuple[Floats, Floats]:
-        """World positions and normals (V, 3) of the vertices at a time in frames."""
-
-    def points(self, place: Floats, time: float) -> Floats:
-        """World positions (P, 3) at a time in frames, interpolated from the triangle's own vertices."""
-        return self._interpolated(place, self.at(time)[0])
-
-    def normals(self, place: Floats, time: float) -> Floats:
-        """The same of normals, outwards; not of unit length."""
-        return self._interpolated(place, self.at(time)[1])
-
-    def _interpolated(self, place: Floats, vertices: Floats) -> Floats:
-        a, b, c = vertices[self.mesh.faces[place[:, 0].astype(np.int64)]].transpose(1, 0, 2)
-        u, v = place[:, 1:2], place[:, 2:3]
-        return np.asarray((1 - u - v) * a + u * b + v * c)
-
-
 @dataclass(frozen=True)
-class SceneObject(_Meshed):
+class SceneObject:
     """A rigid mesh on a track; an area light where `radiance` is given, filled where `medium` is.
 
     All that the renderer asks of its motion is `at(time)`.
@@ -104,7 +80,7 @@ class SceneObject(_Meshed):
 
 
 @dataclass(frozen=True)
-class DeformingObject(_Meshed):
+class DeformingObject:
     """A mesh whose vertices each go their own way; `mesh` gives faces and uv, and the vertices' number."""
 
     mesh: Mesh

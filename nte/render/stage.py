@@ -3,6 +3,8 @@
 Mitsuba 3.9 has no animated transforms, so vertices and the camera are written through mi.traverse.
 """
 
+from functools import cached_property
+from itertools import pairwise
 from typing import Any
 
 import numpy as np
@@ -13,7 +15,9 @@ from nte.render.scene import Camera, DeformingObject, Material, Medium, Mesh, Sc
 from nte.render.transforms import Floats
 from nte.render.unshadowed import unshadowed_integrator
 
+Indices = npt.NDArray[np.int64]
 VEIL = 0.05  # the share of light that a veil reflects or swallows
+_TIMES = 4  # whose vertices are kept: a frame asks for those of three again and again
 
 
 class Stage:
@@ -45,13 +49,19 @@ class Stage:
         self.containers = sum(obj.material.surface == "none" for obj in scene.objects)
         self.shapes: list[Any] = list(self.meshes.values())  # in the order of scene.objects
         self._written = dict.fromkeys(self.meshes, np.empty(0, np.float32))  # positions and normals as they are set
+        vertices = np.cumsum([0, *(len(obj.mesh.positions) for obj in scene.objects)])
+        self._rows = [slice(*ends) for ends in pairwise(vertices)]  # of each object among the vertices of all
+        meshes = [np.int64(first) + obj.mesh.faces for first, obj in zip(vertices, scene.objects, strict=False)]
+        self.faces = np.concatenate([np.zeros((1, 3), np.int64), *meshes])  # (1 + F, 3); row 0 stands for a miss
+        self.first_face = np.cumsum([0, 1, *map(len, meshes)])  # of each instance; of 0, the miss's row
+        self._vertices: dict[float, tuple[Floats, Floats]] = {}
         self._parameters: Any = mi.traverse(self.mi_scene)
 
     def set_time(self, time: float) -> None:
         """Put every vertex and the camera where they are at a time in frames."""
         mi = load_mitsuba()
-        for name, obj in zip(self.meshes, self.scene.objects, strict=True):
-            vertices = np.stack([_flat(values) for values in obj.at(time)])
+        for number, (name, obj) in enumerate(zip(self.meshes, self.scene.objects, strict=True)):
+            vertices = np.stack([_flat(values) for values in self.vertices_of(number + 1, time)])
             # What is there already is not written again: where only the camera moves, that is four times as fast.
             if not np.array_equal(vertices, self._written[name]):
                 self._written[name] = vertices
@@ -64,6 +74,47 @@ class Stage:
         self._parameters["sensor.to_world"] = mi.ScalarTransform4f(self.scene.camera.track(time))
         self._parameters.update()
 
+    def vertices(self, time: float) -> tuple[Floats, Floats]:
+        """World positions and normals (V, 3) of all vertices at a time, object by object; do not write in them."""
+        if time not in self._vertices:
+            while len(self._vertices) >= _TIMES:
+                self._vertices.pop(next(iter(self._vertices)))
+            positions, normals = zip(*(obj.at(time) for obj in self.scene.objects), strict=True)
+            self._vertices[time] = np.concatenate(positions), np.concatenate(normals)
+        return self._vertices[time]
+
+    def vertices_of(self, instance: int, time: float) -> tuple[Floats, Floats]:
+        """The same of one object, by its instance number."""
+        positions, normals = self.vertices(time)
+        return positions[self._rows[instance - 1]], normals[self._rows[instance - 1]]
+
+    def points(self, instance: Indices, place: Floats, time: float) -> Floats:
+        """World points (P, 3) of the places (P, 3) on instances (P,) at a time in frames; of 0, a miss, any."""
+        return self._interpolated(instance, place, self.vertices(time)[0])
+
+    def normals(self, instance: Indices, place: Floats, time: float) -> Floats:
+        """The same of normals, outwards; not of unit length."""
+        return self._interpolated(instance, place, self.vertices(time)[1])
+
+    def corners(self, instance: Indices, place: Floats) -> Indices:
+        """The vertices (P, 3), rows of `vertices`, of the triangles that places are on; of a miss, any."""
+        triangle = np.where(instance > 0, place[:, 0], 0).astype(np.int64)
+        return np.asarray(self.faces[np.where(instance > 0, self.first_face[instance] + triangle, 0)])
+
+    def _interpolated(self, instance: Indices, place: Floats, vertices: Floats) -> Floats:
+        a, b, c = vertices[self.corners(instance, place).T]
+        u, v = place[:, 1:2], place[:, 2:3]
+        with np.errstate(invalid="ignore", over="ignore"):  # of a miss, whose weights are whatever was in memory
+            return np.asarray((1 - u - v) * a + u * b + v * c)
+
+    @cached_property
+    def instances(self) -> Indices:
+        """Table from keys of shapes (shape_key) to instance numbers: index in scene.objects + 1."""
+        mi, scalar = load_mitsuba(), is_scalar()
+        keys = [int(shape_key(m) if scalar else shape_key(mi.ShapePtr(m))[0]) for m in self.shapes]
+        table = np.zeros(max(keys) + 1, np.int64)
+        table[keys] = np.arange(len(keys)) + 1
+        return table
 
     def key(self, hit: Any) -> Any:
         """Number of the shape that a PreliminaryIntersection3f names, see shape_key."""
@@ -84,7 +135,7 @@ class Stage:
         known = bsdf.has_attribute("roughness", hit)
         return load_drjit().select(known, bsdf.eval_attribute_1("roughness", si, hit & known), 1)
 
-    def placed(self, instance: npt.NDArray[np.int64], place: Floats) -> Floats:
+    def placed(self, instance: Indices, place: Floats) -> Floats:
         """Places (P, 3) as the objects of these instances (P,) take them."""
         return place
 

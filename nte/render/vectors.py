@@ -10,6 +10,7 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 
+from nte.render.curved import curvatures_at, reflecting_points, solve, tangents, within
 from nte.render.rays import Hits, Indices, normals_at, points_at, trace_film
 from nte.render.scene import DISTANT, Pixels
 from nte.render.stage import Stage
@@ -62,8 +63,9 @@ def reflection_vectors(stage: Stage, bounce: Bounce, time: float) -> tuple[Pixel
     """reflection_motion (2, H, W) px, and reflection_covariance (3, H, W) px².
 
     Eq. 5: x^R = sample(P(mirror[T⁻¹h, T⁻¹plane(s)]), Σ), all at time − 1; its two parameters are returned, the
-    mean as a vector from the pixel. NaN where no lobe but the diffuse one has reflected the path, where the
-    mirrored point is behind the camera, and where no surface is seen there at time − 1.
+    mean as a vector from the pixel. Where the surface is curved, it is the place that mirrors T⁻¹h by the curvature
+    at T⁻¹s (`nte.render.curved`), and T⁻¹s itself if there is none near by. NaN where no lobe but the diffuse one has
+    reflected the path, where the mirrored point is behind the camera, and where no surface is seen there at time − 1.
 
     Σ is the image of the points about s^C, the surface seen there, that reflect the same h into the camera, by the
     roughness at s^C: see `footprint`.
@@ -77,25 +79,40 @@ def reflection_vectors(stage: Stage, bounce: Bounce, time: float) -> tuple[Pixel
     target[distant] = point[distant] + DISTANT * target[distant]
     height = _dot(target - point, normal)
     image = target - 2 * height * normal
-    turned_away = (height * _dot(_eye(stage, time - 1) - point, normal))[:, 0] <= 0
-    image[turned_away] = np.nan  # no reflection is seen
+    eye = _eye(stage, time - 1)
+    side = np.sign(_dot(eye - point, normal))
+    image[(height * side)[:, 0] <= 0] = np.nan  # no reflection is seen
+    curvature = curvatures_at(stage, first, time - 1) * side[:, :, None]
+    bent = curvature.any((1, 2)) & np.isfinite(image[:, 0])
+    image[bent] = _unfolded(point[bent], (normal * side)[bent], curvature[bent], target[bent], eye)
     covariance = footprint(stage, image, time - 1)
     image[np.isnan(covariance).any(1)] = np.nan
     return _motion(stage, rows, first, image, time), _scattered(stage, rows, covariance)
+
+
+def _unfolded(point: Floats, normal: Floats, curvature: Floats, target: Floats, eye: Floats) -> Floats:
+    """Where a plane mirror would have to show targets (R, 3) for the eye to see them where the curved one shows them.
+
+    That is, behind the place that mirrors them and as far behind as they are before it.
+    """
+    place = reflecting_points(point, normal, curvature, target, eye)
+    place = np.where(np.isfinite(place), place, point)
+    gaze = place - eye
+    gaze /= np.maximum(np.linalg.norm(gaze, axis=1, keepdims=True), 1e-9)
+    return np.asarray(place + gaze * np.linalg.norm(target - place, axis=1, keepdims=True))
 
 
 def footprint(stage: Stage, image: Floats, time: float) -> Floats:
     """Covariance (R, 3), XX XY YY, px², of where the mirror images (R, 3) of points can be seen at `time`.
 
     A mirror shows each at one point s^C of its surface, a rough one at all points about it whose microfacets
-    can turn the light. Slopes of a Beckmann distribution have a deviation of α/√2, α = roughness². They turn
-    light by √2 α in the plane of incidence, and by the cosine times as much across it. A point of the surface
-    to which the camera's ray is turned by γ, and the image's by γ' the other way, needs γ + γ': the lobe that
-    leaves the image has d/(d + d') of that deviation, d and d' being the distances of camera and image from s^C.
-    The tangent plane cuts it in an ellipse, which is projected to first order.
+    can turn the light. Slopes of a Beckmann distribution have a deviation of α/√2, α = roughness². A step δ along the
+    surface turns the half vector of camera and point by (1/d + 1/d') (δ − a a·δ), d and d' being their distances
+    from s^C and a the ray's direction, and the normal by the curvature: what is between the two the microfacets
+    must make up, 2 cos θ each radian of it. δ of that deviation is an ellipse, projected to first order.
 
     Zeng et al. trace the whole lobe from the image, which is too wide by (d + d')/d: four times where a floor
-    nearby reflects what is far away.
+    nearby reflects what is far away; and know no curvature.
     """
     pixel = pixel_positions(stage, image, time)
     usable = np.isfinite(pixel).all(1)
@@ -107,15 +124,20 @@ def footprint(stage: Stage, image: Floats, time: float) -> Floats:
     distance = np.linalg.norm(axis, axis=1, keepdims=True)
     axis /= np.maximum(distance, 1e-9)
     to_camera = np.linalg.norm(_eye(stage, time) - seen.point, axis=1, keepdims=True)
-    spread = np.sqrt(2) * seen.roughness[:, None] ** 2 * distance * to_camera / np.maximum(distance + to_camera, 1e-9)
-    cosine = _dot(axis, seen.normal)
-    # Head on, every direction across is one across the plane of incidence, and has the same deviation.
-    across = np.cross(axis, seen.normal + 1e-6 * np.where(np.abs(axis[:, :1]) < 0.9, [[1.0, 0, 0]], [[0, 1.0, 0]]))
-    across /= np.maximum(np.linalg.norm(across, axis=1, keepdims=True), 1e-12)
-    kept = np.copysign(np.maximum(np.abs(cosine), _GRAZING), cosine)
+    side = np.where(_dot(axis, seen.normal) < 0, -1.0, 1.0)  # the axis runs from the image to the camera
+    normal = seen.normal * side
+    cosine = np.maximum(_dot(axis, normal), _GRAZING)
+    frame = tangents(normal, axis)
+    # In this frame the flat part is diagonal: across the plane of incidence, and within it.
+    flat = (1 / np.maximum(distance, 1e-9) + 1 / np.maximum(to_camera, 1e-9)) * np.concatenate(
+        [np.ones_like(cosine), cosine**2], 1
+    )
+    bend = 2 * cosine[:, :, None] * within(frame, curvatures_at(stage, seen.hits, time) * side[:, :, None])
+    turning = bend + flat[:, :, None] * np.eye(2)
+    deviation = np.sqrt(2) * seen.roughness[:, None] ** 2 * cosine
+    ends = frame @ solve(turning, deviation[:, :, None] * np.eye(2))
     total = np.zeros((len(axis), 3))
-    for side in (np.abs(cosine) * across, np.cross(axis, across)):
-        end = spread * (side - axis * _dot(side, seen.normal) / kept)  # slid along the axis into the plane
+    for end in ends.transpose(2, 0, 1):
         x, y = _image_of(stage, seen.point, end, time).T
         total += np.stack([x * x, x * y, y * y], 1)
     total[~seen.hit] = np.nan
@@ -130,7 +152,7 @@ def _moved(stage: Stage, instance: Indices, points: Floats, time: float) -> Floa
     """
     moved = points.copy()
     for number in np.unique(instance[instance > 0]):
-        now, before = (stage.scene.objects[number - 1].at(t)[0] for t in (time, time - 1))
+        now, before = (stage.vertices_of(number, t)[0] for t in (time, time - 1))
         middle = now.mean(0)
         if (now != before).any():
             turn = np.linalg.lstsq(now - middle, before - before.mean(0), rcond=1e-6)[0]

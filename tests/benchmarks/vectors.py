@@ -23,10 +23,12 @@ from nte.color import demodulate
 from nte.evaluation.metrics import SHADOWED
 from nte.evaluation.table import aligned
 from nte.evaluation.vectors import Fetched, bootstrap_interval, draw, fetch, fill, is_planar
+from nte.filters.bilateral import ROUGHNESS
 from nte.frames.scalars import estimate_exposure
 from nte.frames.show import Picture, grid, heat, quantise, write_png
 from nte.motion.geometric import dual_motion
-from nte.render.components import noisy, references
+from nte.motion.warp import fetch_nearest, pixel_centres
+from nte.render.components import references, reflection_samples, shadow_samples
 from nte.render.integrator import guides
 from nte.render.recipe import ClipPlan, Group, make_scene
 from nte.render.seeds import derive_seed
@@ -55,6 +57,7 @@ SITUATIONS = {
     "restaurant": Situation("restaurant", "glossy", "planar", {"speed": 2.0, "roughness": 0.05}),
     "pica": Situation("pica", "indirect", "disoccluded"),
     "temple, as it is": Situation("temple", "glossy", None),
+    "restaurant, as it is": Situation("restaurant", "glossy", None),
 }
 
 
@@ -87,10 +90,12 @@ class Score:
         return self.traditional - self.reliable
 
 
-def render(situation: Situation, number: int, size: int, spp: int, samples: int) -> tuple[Channels, Channels]:
-    """The clean frames before and now of a test clip; now has the vectors' samples too, (S, C, H, W)."""
+def render(
+    situation: Situation, split: str, number: int, size: int, spp: int, samples: int
+) -> tuple[Channels, Channels]:
+    """The clean frames before and now of a clip; now has the vectors' samples too, (S, C, H, W)."""
     group = Group(scene=situation.scene, parameters=situation.parameters, clips=1, width=size, height=size)
-    unit = ClipPlan("vectors", 0, "test", number, group)
+    unit = ClipPlan("vectors", 0, split, number, group)
     stage = Stage(make_scene(unit), size, size, group.max_depth)
     frames = []
     for when in (TIME - 1, TIME):
@@ -101,12 +106,18 @@ def render(situation: Situation, number: int, size: int, spp: int, samples: int)
         )
         channels |= {name: (a[name] + b[name]) / 2 for name in a} | {f"{name} noise": a[name] - b[name] for name in a}
         frames.append({name: torch.from_numpy(np.array(values))[None] for name, values in channels.items()})
-    if situation.light != "indirect":  # whose vectors are not random
-        seeds = [derive_seed(unit.name, "sample", sample) for sample in range(samples)]
-        runs = noisy(stage, TIME, seeds, frames[1]["emission"][0].numpy())[1]
-        for name in ("shadow_motion", "reflection_motion", "reflection_covariance"):
-            frames[1][name] = torch.from_numpy(np.stack([run[name] for run in runs]))
+    frames[1] |= vector_samples(stage, situation.light, [derive_seed(unit.name, "sample", n) for n in range(samples)])
     return frames[0], frames[1]
+
+
+def vector_samples(stage: Stage, light: str, seeds: list[int]) -> Channels:
+    """The random vectors of a component, (S, C, H, W); indirect light's are not random."""
+    if light == "visibility":
+        return {"shadow_motion": torch.from_numpy(np.stack(shadow_samples(stage, TIME, seeds)))}
+    if light == "glossy":
+        motion, covariance = (np.stack(values) for values in zip(*reflection_samples(stage, TIME, seeds), strict=True))
+        return {"reflection_motion": torch.from_numpy(motion), "reflection_covariance": torch.from_numpy(covariance)}
+    return {}
 
 
 def shadows(before: Channels, now: Channels) -> Case:
@@ -125,6 +136,10 @@ def reflections(before: Channels, now: Channels) -> Case:
     glossy = lobes.isfinite().all(1, keepdim=True).any(0, keepdim=True)
     lobes = fill(lobes, now["instance"], FOOTPRINT)
     vectors = draw(lobes[:, :2], lobes[:, 2:], torch.Generator().manual_seed(0))
+    # As `trmv` uses them: a place that another surface has taken reflects something else, or nothing at all.
+    place = (pixel_centres(vectors) + vectors).nan_to_num()
+    there = fetch_nearest(before["roughness"].expand(len(vectors), -1, -1, -1), place)
+    vectors = torch.where((there - now["roughness"]).abs() < ROUGHNESS, vectors, torch.nan)
     planar = is_planar(now["normal"], now["instance"])
     regions = {"glossy": glossy, "planar": glossy & planar, "curved": glossy & ~planar}
     light = (exposure * image for image in (before[name], now[name], now[f"{name} noise"]))
@@ -233,30 +248,33 @@ def main(arguments: list[str]) -> int:
     parser.add_argument("--size", type=int, default=128)
     parser.add_argument("--spp", type=int, default=256, help="of the clean frames")
     parser.add_argument("--samples", type=int, default=64, help="of the vectors")
+    parser.add_argument("--split", choices=("test", "train"), default="test", help="train: to try things out")
     parser.add_argument("--json", type=Path)
     parser.add_argument("--pictures", type=Path)
     given = parser.parse_args(arguments)
     if unknown := [name for name in given.situations if name not in SITUATIONS]:
         parser.error(f"no situation {unknown[0]!r}: expected one of {', '.join(SITUATIONS)}")
-    rows = []
+    rows: list[Row] = []
     for name in given.situations or SITUATIONS:
-        situation, scores = SITUATIONS[name], {}
+        situation, scores, earlier = SITUATIONS[name], {}, rows
         for number in range(given.clips):
             start = time.perf_counter()
-            case = CASES[situation.light](*render(situation, number, given.size, given.spp, given.samples))
+            frames = render(situation, given.split, number, given.size, given.spp, given.samples)
+            case = CASES[situation.light](*frames)
             found_scores, found = measure(case)
             for region, score in found_scores.items():
                 scores.setdefault(region, []).append(score)
             if given.pictures and number == 0:
                 given.pictures.mkdir(parents=True, exist_ok=True)
                 write_png(given.pictures / f"{name.replace(', ', '_').replace(' ', '_')}.png", picture(case, found))
+            mine = [Row(name, region, region == situation.promised, clips) for region, clips in scores.items()]
+            rows = earlier + mine
+            if given.json:  # after every clip, as they take minutes
+                given.json.write_text(json.dumps([row.as_dict() for row in rows], indent=1))
             seconds = time.perf_counter() - start
             print(f"{name}: clip {number + 1} of {given.clips}, {seconds:.0f} s", file=sys.stderr, flush=True)
-        rows += [Row(name, region, region == situation.promised, clips) for region, clips in scores.items()]
     print(f"{given.size}×{given.size}, {given.spp} spp, {given.samples} samples of the vectors; * promised")
     print(table(rows))
-    if given.json:
-        given.json.write_text(json.dumps([row.as_dict() for row in rows], indent=1))
     return int(any(row.promised and row.interval()[0] <= 0 for row in rows))
 
 

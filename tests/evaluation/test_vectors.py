@@ -12,6 +12,7 @@ import torch
 from nte.evaluation.vectors import bootstrap_interval, draw, fetch, fill, is_planar
 
 ROOT = Path(__file__).parents[2]
+PROMISED = {("fence", "shadowed"), ("temple", "glossy"), ("pica", "disoccluded")}
 
 
 def test_the_right_vectors_have_no_error_and_samples_are_averaged() -> None:
@@ -99,19 +100,34 @@ def test_the_interval_covers_the_mean_as_often_as_it_says() -> None:
 
 
 @pytest.mark.slow
-def test_reliable_vectors_are_better_in_every_kind_of_situation(tmp_path: Path) -> None:
-    """The command in small: shadows, reflections and occlusions, two clips each."""
+def test_the_command_measures_every_kind_of_situation(tmp_path: Path) -> None:
+    """The command in small: shadows, reflections and occlusions, two clips each.
+
+    Two clips of 48² cannot carry what the project promises of eight of 128²: two values have a bootstrap interval from
+    one to the other, and a statue or the edge of a floor, where reflections lose, is a larger share of a small image.
+    So whether an interval includes zero is left to the command's own size; here it has to judge by what it prints, and
+    where the gain is several times what it loses elsewhere, shadows and the plane part of the floor, it has to be seen.
+    """
     command = [sys.executable, "tests/benchmarks/vectors.py", "fence", "temple", "pica", "--clips", "2"]
-    small = ["--size", "48", "--spp", "64", "--samples", "8", "--json", str(tmp_path / "v.json")]
-    done = subprocess.run([*command, *small], cwd=ROOT, capture_output=True, text=True, check=False)
-    assert done.returncode == 0, done.stdout + done.stderr
-    rows = json.loads((tmp_path / "v.json").read_text())
-    assert {row["situation"] for row in rows if row["promised"]} == {"fence", "temple", "pica"}
-    for row in rows:
-        if row["promised"]:
-            assert row["interval"][0] > 0
-            assert all(clip["reliable"] < clip["traditional"] for clip in row["clips"]), row
-            assert 0 <= row["clips"][0]["left_out"] < 0.3
+    small = ["--size", "48", "--spp", "64", "--samples", "8"]
+    files = ["--json", str(tmp_path / "v.json"), "--pictures", str(tmp_path / "pictures")]
+    done = subprocess.run([*command, *small, *files], cwd=ROOT, capture_output=True, text=True, check=False)
+    rows = {(row["situation"], row["region"]): row for row in json.loads((tmp_path / "v.json").read_text())}
+    promised = [row for row in rows.values() if row["promised"]]
+    assert {(row["situation"], row["region"]) for row in promised} == PROMISED
+    assert done.returncode == any(row["interval"][0] <= 0 for row in promised), done.stdout + done.stderr
+    for row in rows.values():
+        assert 1 <= len(row["clips"]) <= 2
+        margins = [clip["traditional"] - clip["reliable"] for clip in row["clips"]]
+        assert row["margin"] == pytest.approx(np.mean(margins))
+        assert row["interval"] == pytest.approx(bootstrap_interval(margins))
+    for row in promised:
+        assert row["margin"] > 0, done.stdout
+        assert all(0 <= clip["left_out"] < 0.3 for clip in row["clips"])
+        assert f"{row['situation']}, {row['region']} *" in done.stdout
+    for key in (("fence", "shadowed"), ("temple", "planar")):
+        assert rows[key]["interval"][0] > 0, done.stdout
+    assert {path.stem for path in (tmp_path / "pictures").iterdir()} == {"fence", "temple", "pica"}
 
 
 def test_a_situation_that_is_not_there_is_named() -> None:

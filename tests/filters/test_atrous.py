@@ -52,22 +52,24 @@ def slow(
     return [mean, spread]
 
 
-@settings(max_examples=12, deadline=None)
+@settings(max_examples=20, deadline=None)
 @given(
     st.tuples(st.integers(1, 2), st.integers(1, 4), st.integers(1, 9), st.integers(1, 9)),
     st.sampled_from((1, 2, 4)),
     st.sampled_from((B3_SPLINE, (1.0, 1.0), (1.0, 0.9, 0.5, 0.2))),
     st.sampled_from((1, 20, 1000)),
+    st.sampled_from((1, 2, 3)),
     st.integers(0, 9),
 )
-def test_it_is_the_sum_over_taps_however_it_is_cut_into_strips(
-    shape: tuple[int, int, int, int], step: int, kernel: Sequence[float], strip: int, seed: int
+def test_it_is_the_sum_over_taps_however_it_is_cut_into_strips_and_bands(
+    shape: tuple[int, int, int, int], step: int, kernel: Sequence[float], strip: int, threads: int, seed: int
 ) -> None:
     random = torch.Generator().manual_seed(seed)
     values, variance = (torch.rand(shape, generator=random) for _ in range(2))
     guides = [torch.rand((shape[0], 1, *shape[2:]), generator=random) for _ in range(2)]
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(atrous, "STRIP_PIXELS", strip)
+        patch.setattr(atrous, "threads_for", lambda tensor: threads)
         filtered = atrous_step(values, step, lopsided, guides, variance, kernel)
     mean, spread = slow(values, step, guides, variance, kernel)
     torch.testing.assert_close(filtered.values, mean)

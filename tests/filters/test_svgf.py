@@ -42,6 +42,15 @@ def test_the_error_of_a_static_scene_falls_like_that_of_a_running_mean(make: typ
 
 
 @pytest.mark.parametrize("make", FILTERS)
+@pytest.mark.parametrize("alpha", [0.1, 0.3])
+def test_the_error_falls_until_the_floor_of_alpha(make: type[Svgf], alpha: float) -> None:
+    channels = still_channels(size=(48, 64))
+    images = run(make(alpha=alpha, iterations=0, feedback=0), without_gradient(noisy_frames(40, channels)))
+    mean = np.mean([((image / channels["reference"]) - 1) ** 2 for image in images[30:]])
+    assert mean == pytest.approx(alpha / (2 - alpha), rel=0.12)  # of an exponential mean of noise of variance 1
+
+
+@pytest.mark.parametrize("make", FILTERS)
 def test_filtering_in_space_helps_from_the_first_frame_on_and_time_helps_further(make: type[Svgf]) -> None:
     channels = still_channels()
     images = run(make(), without_gradient(noisy_frames(24, channels)))
@@ -63,18 +72,20 @@ def test_a_white_environment_stays_white_whatever_the_albedo(make: type[Svgf]) -
         np.testing.assert_allclose(image / frame["albedo"], 1, rtol=1e-5)
 
 
-def test_emission_passes_unfiltered_and_its_edges_do_not_brighten() -> None:
+@pytest.mark.parametrize("make", FILTERS)
+def test_emission_passes_unfiltered_and_its_edges_do_not_brighten(make: type[Svgf]) -> None:
     channels = still_channels()
     rng = np.random.default_rng(0)
     channels["emission"] = 5 * rng.random(channels["color"].shape, np.float32)
     channels["color"] = channels["emission"]
-    for image in run(Svgf(), [Frame(channels, i) for i in range(3)]):
+    for image in run(make(), without_gradient([Frame(channels, i) for i in range(3)])):
         np.testing.assert_allclose(image, channels["emission"], atol=1e-5)
 
 
-def test_zero_motion_moves_no_pixel() -> None:
+@pytest.mark.parametrize("make", FILTERS)
+def test_zero_motion_moves_no_pixel(make: type[Svgf]) -> None:
     channels = still_channels()
-    for image in run(Svgf(iterations=0, feedback=0), [Frame(channels, i) for i in range(8)]):
+    for image in run(make(iterations=0, feedback=0), without_gradient([Frame(channels, i) for i in range(8)])):
         np.testing.assert_allclose(image, channels["color"], rtol=1e-5)
 
 

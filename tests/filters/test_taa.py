@@ -5,12 +5,14 @@ from dataclasses import replace
 import numpy as np
 import pytest
 import torch
+from hypothesis import given, settings
+from hypothesis import strategies as st
 
 from nte.denoiser import Session
 from nte.errors import NteError
 from nte.filters.taa import CLAMPS, Taa
 from nte.frames.frame import Frame
-from tests.synthetic import disc_frame
+from tests.synthetic import disc_frame, random_channels
 
 
 def still(color: np.ndarray, index: int = 0) -> Frame:
@@ -117,6 +119,37 @@ def test_a_reset_starts_one_sequence_of_the_batch_anew() -> None:
     image = run(Taa("none"), frames)[1]
     np.testing.assert_array_equal(image[1], colors[1][1])
     assert not np.allclose(image[0], colors[1][0])
+
+
+@pytest.mark.parametrize("clamp", CLAMPS)
+def test_a_reset_is_a_new_start_bit_for_bit(clamp: str) -> None:
+    frames = [still(color, i) for i, color in enumerate(noise(5, size=8))]
+    frames[2] = replace(frames[2], reset=np.ones(1, np.float32))
+    for after, anew in zip(run(Taa(clamp), frames)[2:], run(Taa(clamp), frames[2:]), strict=True):
+        np.testing.assert_array_equal(after, anew)
+
+
+@pytest.mark.parametrize("clamp", CLAMPS)
+def test_zero_motion_moves_no_pixel_and_white_light_stays_white(clamp: str) -> None:
+    # A pixel like its neighbours is within one standard deviation of them: no clamp touches a smooth picture's middle.
+    color = np.broadcast_to(1 + np.arange(12, dtype=np.float32), (1, 3, 12, 12)).copy()
+    for image in run(Taa(clamp), [still(color)] * 5):
+        np.testing.assert_allclose(image[..., 1:-1], color[..., 1:-1], rtol=1e-5)
+    for image in run(Taa(clamp), [still(np.ones_like(color))] * 5):
+        np.testing.assert_array_equal(image, 1)
+
+
+@settings(max_examples=12, deadline=None)
+@given(st.integers(1, 7), st.integers(1, 7), st.sampled_from(CLAMPS))
+def test_any_size_gives_finite_light_and_sky_stays_black(height: int, width: int, clamp: str) -> None:
+    rng = np.random.default_rng(height)
+    frames = [Frame(random_channels(rng, (height, width)), index) for index in range(3)]
+    for frame, image in zip(frames, run(Taa(clamp), frames), strict=True):
+        assert image.shape == frame["color"].shape
+        assert np.isfinite(image).all()
+        assert image.min() >= 0
+    for image in run(Taa(clamp), [frame.with_channels(color=0 * frame["color"]) for frame in frames]):
+        np.testing.assert_array_equal(image, 0)
 
 
 def test_torch_in_torch_out_with_the_same_numbers() -> None:

@@ -157,6 +157,53 @@ def test_smooth_tracks_pass_through_their_keyframes_without_a_jump_of_speed() ->
     np.testing.assert_allclose(-before, after, rtol=1e-3, atol=1e-9)
 
 
+# As found in public scenes: nothing has a name, the camera mirrors, and there are plugins that this Mitsuba has not.
+UNNAMED = """\
+<scene version="2.0.0">
+  <path value="textures"/>
+  <integrator type="bidirectional"/>
+  <sensor type="perspective"><string name="fov_axis" value="smaller"/><float name="fov" value="40"/>
+    <transform name="to_world"><scale x="-1"/><lookat origin="0, 1, -6" target="0, 1, 0" up="0, 1, 0"/></transform>
+    <sampler type="halton"/><film type="hdrfilm"><rfilter type="tent"/></film></sensor>
+  <shape type="ply"><string name="filename" value="ball.ply"/>
+    <transform name="to_world"><translate x="1.5" y="1"/></transform>
+    <bsdf type="roughconductor"><float name="alpha_u" value="0.04"/><float name="alpha_v" value="0.25"/></bsdf></shape>
+  <shape type="ply"><string name="filename" value="ball.ply"/>
+    <transform name="to_world"><translate x="-1.5" y="1"/></transform>
+    <bsdf type="diffuse"><texture type="bitmap" name="reflectance"><string name="filename" value="paint.png"/></texture>
+    </bsdf></shape>
+  <shape type="rectangle"><transform name="to_world"><rotate x="1" angle="90"/><translate y="5"/></transform>
+    <emitter type="area"/></shape>
+  <emitter type="point"><point name="position" x="2" y="3" z="-2"/></emitter>
+  <emitter type="point"><point name="position" x="-2" y="3" z="-2"/></emitter>
+</scene>
+"""
+UNNAMED_MOVES = """\
+xml: unnamed.xml
+objects: {ball_2: [{frame: 0}, {frame: 4, translate: [0, 0, -1]}]}
+lights: {point_2: [{frame: 0}, {frame: 4, translate: [0, 1, 0]}]}
+camera: [{frame: 0, origin: [0, 1, -6], target: [0, 1, 0]}]
+"""
+
+
+def test_an_xml_without_names_needs_no_editing(folder: Path) -> None:
+    (folder / "unnamed.xml").write_text(UNNAMED)
+    (folder / "unnamed.yaml").write_text(UNNAMED_MOVES)
+    stage = OwnStage(read_animation(folder / "unnamed.yaml"), 60, 40, 3)
+    names = [obj.name for obj in stage.scene.objects]
+    assert sorted(names) == ["ball", "ball_2", "rectangle"]
+    frame = seen(stage, 2)
+    number = {name: names.index(name) + 1 for name in names}
+    columns = {name: np.nonzero(frame["instance"][0, 0].numpy() == number[name])[1] for name in ("ball", "ball_2")}
+    # The camera looks along +z: +x would be on its left, and is on the right of a mirrored image.
+    assert columns["ball_2"].max() < 30 <= columns["ball"].min()
+    moving = frame["motion"].abs().amax(1)[0] > 0.01
+    assert moving[frame["instance"][0, 0] == number["ball_2"]].float().mean() > 0.9
+    assert not moving[frame["instance"][0, 0] == number["ball"]].any()
+    rough = frame["roughness"][frame["instance"] == number["ball"]].median()
+    assert float(rough) == pytest.approx(0.1**0.5, abs=1e-3)
+
+
 @pytest.mark.slow
 def test_clips_follow_each_other_and_pass_the_check(folder: Path, tmp_path: Path) -> None:
     from nte.check import check_clip
@@ -181,7 +228,7 @@ def test_clips_follow_each_other_and_pass_the_check(folder: Path, tmp_path: Path
 @pytest.mark.parametrize(
     ("text", "said"),
     [
-        (MOVES.replace("  round:", "  rund:"), "objects names 'rund', none .*floor, mesh, round"),
+        (MOVES.replace("  round:", "  rund:"), "objects names 'rund', none .*floor, mesh, box, round"),
         (MOVES.replace("bulb:", "lamp:"), "lights names 'lamp', none .*: there is bulb, sky"),
         (MOVES.replace("translate: [0, 1.5, 0]", "scale: [1, 0, 1]"), "objects.round.1..scale is .*singular"),
         (MOVES.replace("target: [0, 1, 0]}", "target: [0, 2, -6]}", 1), "camera.0.: origin, target and up lie on one"),
@@ -207,6 +254,8 @@ def test_a_faulty_animation_is_one_line(folder: Path, text: str, said: str) -> N
         ("</scene>", "", "room.xml.*Pars"),
         ('type="perspective" id="eye"><float name="fov" value="50"/>', 'type="orthographic">', "sensor is .*expected"),
         ('<ref id="gold"/>', '<ref id="silver"/>', "silver"),
+        ('<scale value="5"/>', '<scale x="5" y="0" z="5"/>', "to_world of 'floor' is singular"),
+        ("<scene version", "<shape version", "room.xml"),
     ],
 )
 def test_a_faulty_scene_is_one_line(folder: Path, tmp_path: Path, old: str, new: str, said: str) -> None:

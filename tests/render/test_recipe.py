@@ -5,7 +5,7 @@ from pathlib import Path
 import pytest
 
 from nte.errors import NteError
-from nte.render.recipe import plan, read_recipe, recipe_text
+from nte.render.recipe import SPLITS, plan, read_recipe, recipe_text
 from nte.render.seeds import derive_generator, derive_seed
 
 ROOT = Path(__file__).parents[2]
@@ -71,3 +71,15 @@ def test_seeds_differ_in_every_part():
 def test_quickstart_is_a_recipe():
     plans = plan(read_recipe(ROOT / "datasets" / "quickstart.yaml"))
     assert {p.split for p in plans} == {"train", "test"}
+
+
+def test_paper_states_the_papers_numbers_and_its_small_twin_has_the_same_shape():
+    paper, small = (plan(read_recipe(ROOT / "datasets" / name)) for name in ("paper.yaml", "paper-small.yaml"))
+    assert [unit.name for unit in paper] == [unit.name for unit in small]
+    assert {split: sum(unit.split == split for unit in paper) for split in SPLITS} == {"train": 142, "test": 139}
+    for unit in paper:
+        group = unit.group
+        assert (group.width, group.height, group.frames, group.spp, group.reference_spp) == (1280, 720, 10, 1, 2048)
+    assert {unit.group.scene for unit in paper} == {"apples", "robot", "pinkroom", "pica"}
+    assert {unit.group.frames for unit in small} == {10}
+    assert {unit.group.width * 720 == unit.group.height * 1280 for unit in small} == {True}

@@ -1,0 +1,308 @@
+"""Accumulation and antialiasing along correspondences, and motion for those who have none."""
+
+from dataclasses import replace
+from itertools import pairwise
+from pathlib import Path
+
+import numpy as np
+import pytest
+import torch
+
+from nte.cli import main
+from nte.denoiser import Result, Session
+from nte.errors import NteError
+from nte.filters.align import patch_error, search_of
+from nte.filters.align_accumulate import AlignAccumulate
+from nte.filters.align_taa import AlignTaa
+from nte.filters.estimated import EstimatedMotion, matched_grey
+from nte.filters.taa import Taa
+from nte.frames.clip import Clip
+from nte.frames.frame import Frame
+from nte.motion.catmull_rom import warp_catmull_rom
+from nte.motion.correspondence import FewerLevelsWarning, Search, find_correspondence
+from nte.motion.patch_distance import Norm
+from nte.registry import load_denoiser
+from tests.synthetic import disc_frame, write_clip
+
+pytestmark = pytest.mark.filterwarnings("ignore::nte.motion.correspondence.FewerLevelsWarning")
+SPEED = 3.0
+
+
+def moving(count: int, noise: float = 0.0, seed: int = 0) -> list[Frame]:
+    """A textured wall that moves by 3 px a frame, with noise of mean 1 and this deviation; `motion` says 0, wrongly."""
+    rng = np.random.default_rng(seed)
+    frames = []
+    for index in range(count):
+        channels = disc_frame(index, (96, 128), (SPEED, 0.0), (SPEED, 0.0))
+        channels["color"] *= rng.gamma(1 / noise**2, noise**2, (1, 96, 128)).astype(np.float32) if noise else 1
+        channels["motion"] *= 0
+        frames.append(Frame({name: values[None] for name, values in channels.items()}, index))
+    return frames
+
+
+def error(image: np.ndarray, frame: Frame) -> float:
+    """Mean |image − reference| without a border that has come into sight."""
+    return float(np.abs(image - frame["reference"])[..., 8:-8, 24:-8].mean())
+
+
+def test_accumulation_along_estimated_motion_beats_zero_and_wrong_geometric_motion() -> None:
+    frames = moving(8, noise=0.5)
+    errors = {}
+    for motion in ("estimate", "zero", "geometric"):
+        session = Session(AlignAccumulate(motion, noise="moderate", kappa=0, eta=0))
+        image = [session.denoise(frame) for frame in frames][-1]
+        errors[motion] = error(image, frames[-1])
+    assert errors["estimate"] < 0.6 * errors["zero"]
+    assert errors["zero"] == errors["geometric"]  # the channel says 0
+    assert errors["estimate"] < 0.6 * error(frames[-1]["color"], frames[-1])
+
+
+@pytest.mark.parametrize("demodulate", [False, True])
+def test_without_motion_and_rejection_it_is_the_mean_and_then_the_exponential_mean(demodulate: bool) -> None:
+    rng = np.random.default_rng(1)
+    albedo = rng.uniform(0.2, 0.9, (1, 3, 12, 16)).astype(np.float32)
+    colors = rng.exponential(size=(6, 1, 3, 12, 16)).astype(np.float32)
+    session = Session(AlignAccumulate("zero", kappa=0, eta=0, alpha=0.25, demodulate=demodulate))
+    mean = colors[0]
+    for index, color in enumerate(colors):
+        image = session.denoise(Frame({"color": color, "albedo": albedo}, index))
+        weight = max(1 / (index + 1), 0.25)  # of the current frame
+        mean = weight * color + (1 - weight) * mean
+        np.testing.assert_allclose(image, mean, rtol=1e-4, atol=1e-5)
+
+
+def test_demodulation_keeps_a_texture_that_moves_apart_from_the_light() -> None:
+    """Light that stands still on a texture that moves: without albedo history at the same place is right."""
+    texture = moving(4)
+    light = disc_frame(0, (96, 128))["albedo"][None]
+    errors = []
+    for demodulated in (False, True):
+        session = Session(AlignAccumulate("zero", kappa=0, eta=0, demodulate=demodulated))
+        for frame in texture:
+            truth = frame["albedo"] * light
+            image = session.denoise(frame.with_channels(color=truth))
+        errors.append(np.abs(image - truth).mean())
+    assert errors[1] < 1e-4
+    assert errors[0] > 0.02
+
+
+def test_the_mask_rejects_history_that_differs_and_keeps_what_agrees() -> None:
+    dark, bright = (np.full((1, 3, 64, 64), value, np.float32) for value in (0.1, 5.0))
+    mixed = np.concatenate([dark[..., :32], bright[..., 32:]], 3)
+    denoiser = AlignAccumulate("zero", noise="clean", kappa=4, eta=0.2)
+    _, state = denoiser.step(Frame({"color": dark}), None)
+    result, _ = denoiser.step(Frame({"color": mixed}, 1), state, ("mask", "history_length", "motion"))
+    mask = result.extras["mask"]
+    assert (mask[..., :28] == 0).all()
+    assert (mask[..., 36:] == 1).all()
+    np.testing.assert_allclose(result.image[..., 36:], mixed[..., 36:], rtol=1e-5)
+    assert (result.extras["history_length"][..., :28] == 2).all()
+    assert (result.extras["history_length"][..., 36:] == 1).all()
+    assert not result.extras["motion"].any()
+
+
+@pytest.mark.parametrize("noise", ["clean", "noisy"])
+@pytest.mark.parametrize("norm", ["l2", "l1", "log_centred"])
+def test_the_patch_error_of_given_motion_is_what_the_search_measures_for_it(noise: str, norm: Norm) -> None:
+    image, other = torch.full((1, 1, 128, 128), 0.5), torch.full((1, 1, 128, 128), 0.53)
+    search = replace(search_of(noise, ""), norm=norm)
+    found = find_correspondence(image, other, search)
+    assert found.error.min() > 1e-4
+    torch.testing.assert_close(patch_error(image, other, found.motion, search), found.error, rtol=1e-3, atol=1e-5)
+
+
+def test_catmull_rom_reproduces_whole_shifts_and_parabolas() -> None:
+    y, x = torch.meshgrid(torch.arange(20.0), torch.arange(24.0), indexing="ij")
+    image = (0.1 * x * x - 0.2 * x * y + y)[None, None]
+    shift = torch.tensor([2.0, -3.0]).view(1, 2, 1, 1).expand(1, 2, 20, 24)
+    whole = warp_catmull_rom(image, shift)
+    torch.testing.assert_close(whole.image[..., 3:, :-2], image[..., :-3, 2:])
+    assert torch.equal(whole.valid[0, 0], (x + 0.5 + 2 <= 24) & (y + 0.5 - 3 >= 0))
+    part = torch.tensor([0.3, 0.6]).view(1, 2, 1, 1).expand(1, 2, 20, 24)
+    expected = 0.1 * (x + 0.3) ** 2 - 0.2 * (x + 0.3) * (y + 0.6) + y + 0.6
+    inner = (slice(2, -3), slice(2, -3))
+    torch.testing.assert_close(warp_catmull_rom(image, part).image[0, 0][inner], expected[inner], rtol=1e-4, atol=1e-4)
+    assert not warp_catmull_rom(image, part * float("nan")).valid.any()
+
+
+def edges(count: int) -> tuple[list[Frame], np.ndarray]:
+    """A still disc, every pixel sampled at a random place in it: aliased frames, and what they are the samples of."""
+    rng = np.random.default_rng(0)
+    y, x = np.meshgrid(np.arange(48), np.arange(64), indexing="ij")
+
+    def sample(dx: np.ndarray, dy: np.ndarray) -> np.ndarray:
+        return np.where((x + dx - 32) ** 2 + (y + dy - 24) ** 2 < 14.3**2, 2.0, 0.2)
+
+    offsets = rng.random((256, 2, 48, 64))
+    truth = np.mean([sample(*offset) for offset in offsets], 0)
+    frames = []
+    for index in range(count):
+        color = sample(*rng.random((2, 48, 64))).astype(np.float32)[None, None].repeat(3, 1)
+        albedo, normal = color / 4, np.zeros_like(color)
+        normal[:, 2] = 1
+        frames.append(Frame({"color": color, "albedo": albedo, "normal": normal}, index))
+    return frames, truth.astype(np.float32)
+
+
+@pytest.mark.parametrize("options", [{}, {"guides": True}, {"tolerance": "adaptive"}])
+def test_taa_smooths_edges_and_leaves_flat_areas_alone(options: dict[str, object]) -> None:
+    frames, truth = edges(24)
+    session = Session(AlignTaa(**options))  # type: ignore[arg-type]
+    images = [session.denoise(frame)[0, 0] for frame in frames]
+    aliased = np.mean([np.abs(frame["color"][0, 0] - truth).mean() for frame in frames[8:]])
+    smoothed = np.mean([np.abs(image - truth).mean() for image in images[8:]])
+    assert smoothed < 0.9 * aliased
+    np.testing.assert_array_equal(images[-1][:4], frames[-1]["color"][0, 0, :4])  # far from the edge m is 0
+    inputs = [frame["color"][0, 0] for frame in frames]
+    after, before = (np.mean([np.abs(b - a).mean() for a, b in pairwise(s)]) for s in (images[8:], inputs[8:]))
+    assert after < 0.9 * before  # clipping to 1σ of 3×3 pixels allows no more
+
+
+def test_taa_weighs_the_current_frame_with_alpha_where_the_mask_is_1_and_wholly_where_it_is_0() -> None:
+    rng = np.random.default_rng(0)
+    frames = [Frame({"color": rng.random((1, 3, 24, 24), np.float32)}, i) for i in range(2)]
+    changed = AlignTaa("zero", kappa=1e6, alpha=0.25)
+    _, state = changed.step(frames[0], None)
+    image = changed.step(frames[1], state, ("mask",))[0]
+    assert (image.extras["mask"] == 1).all()
+    everything = AlignTaa("zero", kappa=0)
+    _, state = everything.step(frames[0], None)
+    kept = everything.step(frames[1], state, ("mask",))[0]
+    assert not kept.extras["mask"].any()
+    np.testing.assert_allclose(kept.image, frames[1]["color"], rtol=1e-6)
+    history = (image.image - 0.25 * frames[1]["color"]) / 0.75
+    local = torch.from_numpy(frames[1]["color"]).unfold(2, 3, 1).unfold(3, 3, 1).flatten(4)
+    mean, deviation = local.mean(4).numpy(), local.std(4, correction=0).numpy()
+    assert (np.abs(history[..., 1:-1, 1:-1] - mean) <= deviation + 1e-3).all()
+
+
+def test_the_adaptive_tolerance_is_looser_where_albedo_and_normal_agree() -> None:
+    """A shadow that has left: the still albedo lets history differ by 2σ, a changed albedo by half a σ."""
+    rng = np.random.default_rng(0)
+    before, now = (base + 0.2 * rng.random((1, 3, 24, 24)).astype(np.float32) for base in (0.0, 1.0))
+    same = np.full((1, 3, 24, 24), 0.5, np.float32)
+    normal = np.zeros_like(same)
+    distances = {}
+    for name, albedo in (("same", same), ("other", same + 0.4)):
+        denoiser = AlignTaa("zero", tolerance="adaptive", kappa=1e6, alpha=0.1)
+        _, state = denoiser.step(Frame({"color": before, "albedo": same, "normal": normal}), None)
+        image = denoiser.step(Frame({"color": now, "albedo": albedo, "normal": normal}, 1), state)[0].image
+        distances[name] = np.abs(image - now).mean()
+    assert distances["same"] > 1.5 * distances["other"]
+
+
+class Recorder:
+    """A denoiser that keeps the frames it was given."""
+
+    needs: tuple[str, ...] = ("color", "motion")
+    optional: tuple[str, ...] = ("previous_forward_motion",)
+    target = "color"
+
+    def __init__(self) -> None:
+        self.frames: list[Frame] = []
+
+    def step(self, frame: Frame, state: object, extras: tuple[str, ...] = ()) -> tuple[Result, object]:
+        self.frames.append(frame)
+        return Result(frame["color"]), ()
+
+
+@pytest.mark.parametrize("kind", ["numpy", "torch"])
+def test_the_wrapper_supplies_the_motion_that_the_images_show(kind: str) -> None:
+    inner = Recorder()
+    wrapped = EstimatedMotion(inner, "moderate")
+    assert wrapped.needs == ("color",)
+    assert wrapped.optional == ()
+    session = Session(wrapped)
+    for frame in moving(3):
+        session.step(frame if kind == "numpy" else frame.torch())
+    assert not np.asarray(inner.frames[0]["motion"]).any()
+    for seen in inner.frames[1:]:
+        assert isinstance(seen["motion"], np.ndarray) == (kind == "numpy")
+        assert "forward_motion" not in seen
+        motion = np.asarray(seen["motion"])[..., 12:-12, 24:-12]
+        assert np.abs(motion - np.array([-SPEED, 0]).reshape(1, 2, 1, 1)).mean() < 0.3
+
+
+def test_the_wrapper_makes_taa_without_vectors_better_than_with_none() -> None:
+    frames = moving(6, noise=0.5)
+    bare = [Frame({"color": frame["color"]}, frame.index) for frame in frames]
+    estimated, zero = Session(EstimatedMotion(Taa("none"), "moderate")), Session(Taa("none"))
+    for without, still in zip(bare, frames, strict=True):
+        images = estimated.denoise(without), zero.denoise(still)
+    assert error(images[0], frames[-1]) < 0.7 * error(images[1], frames[-1])
+
+
+def test_a_sequence_that_restarts_has_no_motion() -> None:
+    inner = Recorder()
+    session = Session(EstimatedMotion(inner, "moderate"))
+    frames = moving(2)
+    twice = [Frame({"color": f["color"].repeat(2, 0)}, f.index, reset=np.array([0, 1], np.float32)) for f in frames]
+    for frame in twice:
+        session.step(frame)
+    motion = inner.frames[1]["motion"]
+    assert motion[0].any()
+    assert not motion[1].any()
+
+
+def test_names_and_options_of_the_registry() -> None:
+    wrapped = load_denoiser("estimate+taa:clamp=clip")
+    assert isinstance(wrapped, EstimatedMotion)
+    assert isinstance(wrapped.denoiser, Taa)
+    assert wrapped.denoiser.clamp == "clip"
+    accumulate = load_denoiser("align_accumulate:radii=10-4-2-2,kappa=2,eta=0.1,demodulate=true,motion=geometric")
+    assert isinstance(accumulate, AlignAccumulate)
+    assert accumulate.search.radii == (10, 4, 2, 2)
+    assert accumulate.needs == ("color", "motion", "albedo")
+    assert load_denoiser("align_taa:guides=true").needs == ("color", "albedo", "normal")
+    for spec, message in (
+        ("align_accumulate:motion=optical", "motion is 'optical', expected one of estimate, zero, geometric"),
+        ("align_accumulate:radii=2-x", "radii are '2-x', expected whole numbers"),
+        ("align_accumulate:norm=l7", "norm is 'l7', expected one of"),
+        ("align_accumulate:target=visibility", "target is 'visibility', expected color, indirect or glossy"),
+        ("align_accumulate:alpha=0", "alpha is 0.0, expected a weight"),
+        ("align_accumulate:kappa=-1", "kappa is -1.0, expected a number of at least 0"),
+        ("align_taa:tolerance=none", "tolerance is 'none', expected fixed or adaptive"),
+        ("align_taa:noise=grain", "noise is 'grain', expected one of clean, moderate, noisy, strong"),
+    ):
+        with pytest.raises(NteError, match=message):
+            load_denoiser(spec)
+    with pytest.raises(NteError, match="no extra 'flow'"):
+        AlignTaa().step(moving(1)[0], None, ("flow",))
+
+
+@pytest.mark.filterwarnings("ignore::nte.frames.bad.BadPixelWarning")
+@pytest.mark.parametrize("denoiser", [AlignTaa(), AlignAccumulate(), EstimatedMotion(Taa())])
+def test_bad_pixels_give_finite_images_and_sizes_may_not_change(denoiser: AlignTaa) -> None:
+    session = Session(denoiser)
+    for frame in moving(2):
+        frame["color"][..., 40, 40:50] = np.nan
+        frame["color"][..., 41, 40:50] = np.inf
+        assert np.isfinite(session.denoise(frame)).all()
+    with pytest.raises(NteError, match="start a new sequence"):
+        session.denoise(Frame({"color": np.ones((1, 3, 8, 8), np.float32)}, 2))
+
+
+def test_small_frames_are_told_about() -> None:
+    session = Session(AlignAccumulate())
+    tiny = Frame({"color": np.ones((1, 3, 8, 8), np.float32)})
+    session.denoise(tiny)
+    with pytest.warns(FewerLevelsWarning):
+        np.testing.assert_allclose(session.denoise(tiny), 1, rtol=1e-5)
+
+
+def test_what_is_compared_is_displayed_luminance() -> None:
+    grey = matched_grey(torch.full((1, 3, 2, 2), 0.5), torch.tensor([2.0]))
+    assert grey.shape == (1, 1, 2, 2)
+    assert grey.mean().item() == pytest.approx(1.055 * 0.5 ** (1 / 2.4) - 0.055, abs=1e-4)
+    assert Search().gain > 1
+
+
+def test_denoise_estimates_motion_for_a_clip_that_has_none(tmp_path: Path) -> None:
+    clip = write_clip(tmp_path / "clip", [{"color": frame["color"][0]} for frame in moving(2)])
+    told = ["denoise", str(clip), "--denoiser", "taa", "--out"]
+    assert main([*told, str(tmp_path / "without")]) == 2  # it needs motion
+    assert main([*told, str(tmp_path / "with"), "--motion", "estimate"]) == 0
+    written = Clip(tmp_path / "with").frame(1)["color"]
+    expected = Session(EstimatedMotion(Taa()))
+    images = [expected.denoise(frame) for frame in Clip(clip)]
+    np.testing.assert_allclose(written, images[1], rtol=2e-3)  # stored as half floats

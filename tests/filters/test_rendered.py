@@ -1,0 +1,40 @@
+"""Every filter, and every option of TRMV, on frames that Mitsuba rendered: nothing is missing, all is finite."""
+
+
+import numpy as np
+import pytest
+
+from nte.denoiser import Session
+from nte.filters.trmv import CHOICES
+from nte.frames.clip import Clip
+from nte.registry import load_denoiser
+
+CHOSEN = [f"trmv:{key}={choice}" for key, choices in CHOICES.items() for choice in choices]
+OTHERS = (
+    "taa:target=components", "svgf", "svgf:target=components", "asvgf", "asvgf:target=components", "estimate+svgf",
+)  # fmt: skip
+
+
+@pytest.fixture(scope="module")
+def temple(tmp_path_factory: pytest.TempPathFactory) -> Clip:
+    """Three frames with light components of a glossy floor, columns and a curved statue."""
+    from nte.render.clips import render_clip
+    from nte.render.recipe import ClipPlan, Group
+
+    out = tmp_path_factory.mktemp("temple")
+    group = Group(scene="temple", clips=1, width=48, height=32, frames=3, reference_spp=4, components=True)
+    unit = ClipPlan("rendered", 1, "train", 0, group)
+    render_clip(unit, out)
+    return Clip(out / unit.folder)
+
+
+@pytest.mark.slow
+@pytest.mark.filterwarnings("ignore::nte.motion.correspondence.FewerLevelsWarning")
+@pytest.mark.parametrize("spec", [*CHOSEN, *OTHERS])
+def test_it_denoises_rendered_frames(temple: Clip, spec: str) -> None:
+    session = Session(load_denoiser(spec))
+    for index in range(len(temple)):
+        image = session.denoise(temple.frame(index))
+        assert np.isfinite(image).all()
+        assert image.min() >= 0
+        assert image.max() > 0

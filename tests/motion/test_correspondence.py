@@ -1,0 +1,232 @@
+"""The hierarchical search: discs whose motion is known, and images in which there is nothing to find."""
+
+import warnings
+from itertools import pairwise
+
+import numpy as np
+import pytest
+import torch
+import torch.nn.functional as F
+from torch import Tensor
+
+from nte.errors import NteError
+from nte.motion.correspondence import (
+    RADII,
+    FewerLevelsWarning,
+    Known,
+    Search,
+    find_both_ways,
+    find_correspondence,
+    rejection_mask,
+)
+
+STEADY = Search(RADII["noisy"], "l1", smoothing=(4, 2, 1))
+
+
+def texture(size: tuple[int, int], seed: int = 3) -> Tensor:
+    """(H, W) in about [−1, 1], with detail of 4 to 128 px: every level of the pyramid has something to hold on to."""
+    generator = torch.Generator().manual_seed(seed)
+    total = torch.zeros(1, 1, *size)
+    for octave in range(2, 8):
+        step = 2**octave
+        coarse = torch.rand(1, 1, size[0] // step + 2, size[1] // step + 2, generator=generator) - 0.5
+        total += F.interpolate(coarse, size=size, mode="bicubic", align_corners=True) * 2 ** (0.6 * (octave - 7))
+    return total[0, 0]
+
+
+def disc(x: float, y: float, radius: float = 40.0, size: tuple[int, int] = (256, 320)) -> Tensor:
+    """A shaded, textured disc around (x, y) before a textured wall, (1, 1, H, W) in [0, 1], its edge a pixel soft."""
+    rows, columns = torch.meshgrid(torch.arange(size[0]) + 0.5, torch.arange(size[1]) + 0.5, indexing="ij")
+    dx, dy = columns - x, rows - y
+    inside = (radius - (dx * dx + dy * dy).sqrt() + 0.5).clamp(0, 1)
+    face = 0.6 + 0.15 * dx / radius + 0.15 * torch.sin(dy * 4 / radius)
+    for along_x, along_y in ((0.5, 0.0), (0.0, 0.4), (0.11, 0.13), (0.19, -0.16)):
+        face = face + 0.08 * torch.sin(dx * along_x + dy * along_y + 1)
+    return torch.lerp(0.25 + 0.25 * texture(size), face, inside).clamp(0, 1)[None, None]
+
+
+def within(x: float, y: float, radius: float, like: Tensor) -> Tensor:
+    """(H, W) bool: the disc's inner part."""
+    height, width = like.shape[-2:]
+    rows, columns = torch.meshgrid(torch.arange(height) + 0.5, torch.arange(width) + 0.5, indexing="ij")
+    return (columns - x) ** 2 + (rows - y) ** 2 < radius**2
+
+
+def noisy(image: Tensor, deviation: float, seed: int) -> Tensor:
+    return image + deviation * torch.randn(image.shape, generator=torch.Generator().manual_seed(seed))
+
+
+@pytest.mark.parametrize(("dx", "dy"), [(100.0, 0.0), (-60.0, 80.0)])
+def test_a_disc_that_moved_by_100_px_is_found_within_a_pixel(dx: float, dy: float) -> None:
+    size = (720, 1280)
+    x, y = 640 - dx / 2, 320.0
+    previous, current = disc(x, y, 100, size), disc(x + dx, y + dy, 100, size)
+    motion = find_correspondence(current, previous, Search(norm="l1")).motion[0]
+    on = within(x + dx, y + dy, 75, current)
+    error = (motion - torch.tensor([-dx, -dy]).view(2, 1, 1)).square().sum(0).sqrt()[on]
+    assert error.median() < 0.1
+    assert (error < 1).float().mean() > 0.99
+    off = ~within(x + dx, y + dy, 200, current) & ~within(x, y, 200, current)
+    assert motion[:, off].abs().mean() < 2  # the wall stands still
+
+
+def jitter(dx: float, dy: float, refined: int) -> float:
+    """Mean change from frame to frame of the motion found for a disc at constant speed, px a frame, 2 % noise."""
+    images = [noisy(disc(100 + dx * i, 128 + dy * i), 0.02, i) for i in range(5)]
+    on = within(100, 128, 30, images[0])
+    search = Search(RADII["strong"], "l1", refined=refined)
+    found = [find_correspondence(now, before, search).motion[0][:, on] for before, now in pairwise(images)]
+    return float(np.mean([(b - a).square().sum(0).sqrt().mean() for a, b in pairwise(found)]))
+
+
+@pytest.mark.parametrize(("dx", "dy"), [(0.5, 0.0), (-0.5, 0.5)])
+def test_constant_sub_pixel_speed_gives_constant_motion_by_refinement_on_two_levels(dx: float, dy: float) -> None:
+    with_refinement, without = jitter(dx, dy, 2), jitter(dx, dy, 0)
+    assert with_refinement < 0.1
+    assert without >= 2 * with_refinement
+
+
+@pytest.mark.parametrize("search", [Search(), Search(half=True), Search(norm="l2"), Search(radii=RADII["strong"])])
+def test_identical_images_stand_still_and_are_equal(search: Search) -> None:
+    image = noisy(disc(100, 128), 0.1, 0)
+    found = find_correspondence(image, image, search)
+    assert not found.motion.any()
+    assert found.error.max() <= 1e-5
+
+
+@pytest.mark.parametrize("value", [0.0, 0.5])
+def test_black_and_constant_images_stand_still(value: float) -> None:
+    image = torch.full((1, 1, 256, 256), value)
+    found = find_correspondence(image, image.clone())
+    assert not found.motion.any()
+    brighter = find_correspondence(image + 0.1, image)  # everything is equally wrong: no shift wins
+    assert brighter.motion.abs().max() < 1e-3
+    assert brighter.error.min() > 0.01
+
+
+@pytest.mark.parametrize("bad", [float("nan"), float("inf")])
+def test_bad_pixels_count_as_black_and_nothing_bad_comes_out(bad: float) -> None:
+    current, previous = disc(110, 128), disc(100, 128)
+    spoilt, black = current.clone(), current.clone()
+    spoilt[..., 100:104, 50:60], black[..., 100:104, 50:60] = bad, 0
+    found, expected = find_correspondence(spoilt, previous), find_correspondence(black, previous)
+    assert found.motion.isfinite().all()
+    assert found.error.isfinite().all()
+    assert torch.equal(found.motion, expected.motion)
+    all_bad = find_correspondence(torch.full_like(current, bad), previous)
+    assert all_bad.motion.isfinite().all()
+
+
+@pytest.mark.parametrize(("size", "levels", "reach"), [((1, 1), 1, 2), ((15, 300), 1, 2), ((16, 17), 2, 10)])
+def test_small_images_get_fewer_levels_and_are_told_so_once(size: tuple[int, int], levels: int, reach: int) -> None:
+    image = torch.rand(1, 1, *size, generator=torch.Generator().manual_seed(0))
+    with pytest.warns(FewerLevelsWarning, match=f"uses {levels} and reaches {reach} pixels") as told:
+        found = find_correspondence(image, image)
+    assert len(told) == 1
+    assert found.motion.shape == (1, 2, *size)
+    assert not found.motion.any()
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        find_correspondence(image, image, Search(radii=(2,) * levels))  # as many as there can be
+
+
+def test_images_that_differ_in_size_are_refused() -> None:
+    with pytest.raises(NteError, match=r"current \(1, 1, 8, 9\) and previous \(1, 1, 9, 8\): expected two images"):
+        find_correspondence(torch.zeros(1, 1, 8, 9), torch.zeros(1, 1, 9, 8))
+    with pytest.raises(NteError, match="expected two images"):
+        find_correspondence(torch.zeros(8, 9), torch.zeros(8, 9))
+
+
+@pytest.mark.parametrize(
+    ("options", "message"),
+    [
+        ({"norm": "l3"}, "norm is 'l3', expected one of l2, l1, log, log_centred"),
+        ({"radii": ()}, "radii are"),
+        ({"radii": (2, -1)}, "radii are"),
+        ({"error_level": 4}, "error_level is 4, expected a level from 0 to 3"),
+    ],
+)
+def test_a_search_that_cannot_be_is_refused(options: dict[str, object], message: str) -> None:
+    with pytest.raises(NteError, match=message):
+        Search(**options)  # type: ignore[arg-type]
+
+
+@pytest.mark.parametrize("half", [False, True])
+def test_known_vectors_overwrite_what_is_found_and_guide_what_is_around(half: bool) -> None:
+    image = torch.full((1, 1, 256, 256), 0.5)  # in which nothing can be found
+    mask = torch.zeros(1, 1, 256, 256, dtype=torch.bool)
+    mask[..., 64:192, 64:192] = True
+    told = torch.tensor([-32.0, 0.0]).view(1, 2, 1, 1).expand(1, 2, 256, 256)
+    search = Search((2, 2, 2), half=half)
+    guided = find_correspondence(image, image, search, Known(told, mask)).motion
+    assert torch.equal(torch.where(mask, guided, told), told)
+    assert (guided[0, 0, 128, 192:194] < -4).all()  # beside it, the search starts from there
+    assert guided[0, :, :8, :8].abs().max() < 1  # far from it, it does not
+    assert not find_correspondence(image, image, search).motion.any()
+
+
+def test_noise_free_channels_lead_where_radiance_is_noise() -> None:
+    generator = torch.Generator().manual_seed(1)
+    noise = [torch.rand(1, 1, 256, 320, generator=generator) for _ in range(2)]
+    guide = torch.cat([disc(107, 124), 1 - disc(107, 124)], 1), torch.cat([disc(100, 128), 1 - disc(100, 128)], 1)
+    on = within(107, 124, 16, guide[0])
+    led = find_correspondence(guide[0], guide[1], STEADY).motion[0][:, on]
+    blind = find_correspondence(noise[0], noise[1]).motion[0][:, on]
+    expected = torch.tensor([[-7.0], [4.0]])
+    assert (led - expected).abs().mean() < 0.5
+    assert (blind - expected).abs().mean() > 2
+
+
+def test_larger_patches_withstand_more_noise() -> None:
+    current, previous = (noisy(disc(100 + 6 * i, 128, 50), 0.1, i) for i in (1, 0))
+    on = within(106, 128, 35, current)
+    expected = torch.tensor([-6.0, 0.0]).view(2, 1)
+    small, large = (
+        (find_correspondence(current, previous, Search(RADII[noise], "l1")).motion[0][:, on] - expected).abs().mean()
+        for noise in ("clean", "noisy")
+    )
+    assert large < 0.5
+    assert large < 0.5 * small
+
+
+def test_half_resolution_finds_fractions_of_a_pixel() -> None:
+    current, previous = disc(102.6, 128, 50), disc(100, 128, 50)
+    on = within(102.6, 128, 35, current)
+    motion = find_correspondence(current, previous, Search(norm="l1", half=True)).motion[0][:, on]
+    assert (motion[0] + 2.6).abs().mean() < 0.2
+    assert motion[1].abs().mean() < 0.2
+
+
+def test_there_and_back_agrees_except_where_something_came_into_sight() -> None:
+    previous, current = disc(100, 128, 60), disc(112, 128, 60)
+    found = find_both_ways(current, previous, STEADY)
+    assert found.consistent[0, 0][within(112, 128, 45, current)].float().mean() > 0.9
+    uncovered = within(100, 128, 58, current) & ~within(112, 128, 62, current)
+    assert found.consistent[0, 0][uncovered].float().mean() < 0.6
+    alone = find_correspondence(current, previous, STEADY)
+    assert torch.equal(found.backward.motion, alone.motion)
+    still = find_both_ways(current, current)
+    assert still.consistent.all()
+
+
+def test_error_of_a_coarser_level_is_given_at_full_size() -> None:
+    current, previous = noisy(disc(105, 128), 0.1, 0), noisy(disc(100, 128), 0.1, 1)
+    fine, coarse = (find_correspondence(current, previous, Search(error_level=level)) for level in (0, 1))
+    assert torch.equal(fine.motion, coarse.motion)
+    assert fine.error.shape == coarse.error.shape
+    assert coarse.error.std() < fine.error.std()
+
+
+def test_a_batch_is_its_images_one_by_one_and_a_second_run_is_the_first() -> None:
+    pairs = [(noisy(disc(100 + d, 128), 0.05, d), noisy(disc(100, 128), 0.05, d + 9)) for d in (3, 17)]
+    together = find_correspondence(torch.cat([c for c, _ in pairs]), torch.cat([p for _, p in pairs]))
+    for n, (current, previous) in enumerate(pairs):
+        for _ in range(2):
+            alone = find_correspondence(current, previous)
+            assert torch.equal(alone.motion[0], together.motion[n])
+            assert torch.equal(alone.error[0], together.error[n])
+
+
+def test_the_mask_is_between_0_and_1() -> None:
+    error = torch.tensor([0.0, 0.1, 0.2, 5.0]).view(1, 1, 1, 4)
+    torch.testing.assert_close(rejection_mask(error, 5, 0.5), torch.tensor([0.0, 0.0, 0.5, 1.0]).view(1, 1, 1, 4))
