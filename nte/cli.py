@@ -15,7 +15,7 @@ from nte.errors import NteError, needs_extra
 
 _EXTRA_OF = {
     "render": "render", "train": "train", "export": "train", "evaluate": "eval", "compare": "eval", "check": "eval",
-    "import": "import", "bench": "eval",
+    "import": "import", "bench": "eval", "merge-burst": "burst",
 }  # fmt: skip
 
 
@@ -56,6 +56,7 @@ class _Parser(argparse.ArgumentParser):
 def _parser() -> argparse.ArgumentParser:
     from nte import __version__
     from nte.cli_bench import add_bench
+    from nte.cli_burst import add_burst
     from nte.cli_import import add_import
 
     parser = _Parser(prog="nte", description="Neural temporal denoising of path-traced sequences")
@@ -108,6 +109,7 @@ def _parser() -> argparse.ArgumentParser:
 
     add_import(commands)
     add_bench(commands)
+    add_burst(commands)
 
     check = _command(commands, "check", _check, "are the vectors and values of clips plausible? (exit 2: not)")
     check.add_argument("clips", type=Path, nargs="+", metavar="CLIP", help="clips, or folders of clips")

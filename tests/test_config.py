@@ -6,6 +6,9 @@ import pytest
 
 from nte.config import load_config, to_yaml
 from nte.errors import NteError
+from nte.evaluation.comparison import read_comparison
+from nte.registry import load_denoiser
+from nte.render.recipe import Recipe
 from nte.training.config import TrainConfig, load_train_config
 
 GOOD = "name: x\ndata:\n  clips: [a]\nphases:\n  - {steps: 3}\n"
@@ -36,9 +39,24 @@ def test_what_is_written_is_read_again(tmp_path: Path) -> None:
     assert again == config
 
 
-@pytest.mark.parametrize("path", sorted(ROOT.glob("configs/*.yaml")), ids=lambda path: path.name)
+SHIPPED = sorted(ROOT.glob("configs/*.yaml"))
+COMPARISONS = [path for path in SHIPPED if path.stem.startswith("compare_")]
+
+
+@pytest.mark.parametrize("path", [path for path in SHIPPED if path not in COMPARISONS], ids=lambda path: path.name)
 def test_shipped_configurations_are_valid(path: Path) -> None:
     assert load_train_config(path, []).name == path.stem
+
+
+@pytest.mark.parametrize("path", COMPARISONS, ids=lambda path: path.name)
+def test_shipped_comparisons_name_denoisers_and_clips_of_their_recipe(path: Path) -> None:
+    comparison = read_comparison(path)
+    recipe = load_config(Recipe, Path(comparison.recipe))
+    families = {group.scene for group in recipe.test}
+    for situation in comparison.situations:
+        assert {Path(pattern).name.rsplit("_", 1)[0] for pattern in situation.clips} <= families
+        for spec in situation.methods.values():
+            load_denoiser(spec)
 
 
 def test_phases_in_epochs_or_steps(tmp_path: Path) -> None:

@@ -1,0 +1,110 @@
+"""From the files of a burst to one picture: what `nte merge-burst` does."""
+
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+import torch
+from torch import Tensor
+
+from nte.burst.merge import RADII, Merged, merge_burst
+from nte.burst.noise import NoiseModel, fit_noise
+from nte.burst.pictures import SUFFIXES, read_picture, write_picture
+from nte.burst.raw import Raw, develop, read_raw
+from nte.errors import NteError
+
+_SMALLEST = 64  # px along each axis: the search needs patches to compare
+
+
+@dataclass(frozen=True)
+class Summary:
+    """What was done: the model, and what became of each file."""
+
+    noise: NoiseModel
+    merged: Merged
+    others: list[Path]
+
+
+def merge_files(
+    files: Sequence[Path],
+    out: Path,
+    reference: int = 1,
+    noise: NoiseModel | None = None,
+    radii: tuple[int, ...] = RADII,
+    force: bool = False,
+    reach: Callable[[int], object] = lambda done: None,
+) -> Summary:
+    """Merge raw photographs, or pictures (.exr, .png), and write one picture, .exr (linear) or .png.
+
+    reference: which file the others are aligned to, from 1 on. noise: None fits the model to the reference and a
+    neighbour. One frame beside the reference is in memory at a time. Raises NteError for files that do not go
+    together, and where `out` exists and not `force`.
+    """
+    pictures = _check(files, out, reference, force)
+    first = files[reference - 1]
+    others = [path for number, path in enumerate(files, 1) if number != reference]
+    raw = None if pictures else read_raw(first)
+    mosaic = raw.mosaic if raw else None
+    base = _tensor(read_picture(first)) if raw is None else _tensor(raw.values[None])
+    if min(base.shape[-2:]) < _SMALLEST:
+        raise NteError(f"{first}: is {_size(base)}: expected at least {_SMALLEST} pixels along each side")
+    if noise is None:
+        noise = fit_noise(base, _read(others[min(reference - 1, len(others) - 1)], base, first, raw), mosaic)
+
+    def frames() -> Iterator[Tensor]:
+        return (_read(path, base, first, raw) for path in others)
+
+    merged = merge_burst(base, frames(), noise, mosaic, radii, reach)
+    pixels = merged.image[0].numpy()
+    write_picture(out, pixels if pictures else develop(first, pixels[0]))
+    return Summary(noise, merged, others)
+
+
+def _check(files: Sequence[Path], out: Path, reference: int, force: bool) -> bool:
+    """Everything that can be said without reading; true if the files are pictures, false if they are raw."""
+    if len(files) < 2:
+        raise NteError(f"a burst of {len(files)} file: expected at least two photographs of one scene")
+    seen: dict[Path, Path] = {}
+    for path in files:
+        if path.resolve() in seen:
+            raise NteError(f"{path}: is given twice: its noise would be averaged with itself; leave one out")
+        seen[path.resolve()] = path
+    if not 1 <= reference <= len(files):
+        raise NteError(f"--reference {reference}: expected the number of a file, from 1 to {len(files)}")
+    if out.suffix.lower() not in SUFFIXES:
+        raise NteError(f"{out}: expected a name that ends in .exr (linear) or .png (as displayed)")
+    if out.resolve() in seen:
+        raise NteError(f"{out}: is a file of the burst: choose another name")
+    if out.exists() and not force:
+        raise NteError(f"{out}: exists: choose another name, or overwrite it with --force")
+    kinds = [path.suffix.lower() if path.suffix.lower() in SUFFIXES else "raw" for path in files]
+    for path, kind in zip(files, kinds, strict=True):
+        if kind != kinds[0]:
+            raise NteError(f"{path}: is {kind}, {files[0]} is {kinds[0]}: expected files of one kind")
+    return kinds[0] != "raw"
+
+
+def _read(path: Path, base: Tensor, first: Path, camera: Raw | None) -> Tensor:
+    """Another frame of the burst, like the reference."""
+    if camera is None:
+        frame = _tensor(read_picture(path))
+    else:
+        raw = read_raw(path)
+        frame = _tensor(raw.values[None])
+        if raw.mosaic != camera.mosaic or not np.allclose(raw.camera, camera.camera, rtol=1e-4):
+            raise NteError(f"{path}: of another camera than {first}: expected one burst")
+        if raw.exposure != camera.exposure:
+            found, given = ("ISO {:g}, {:g} s, f/{:g}".format(*one.exposure) for one in (raw, camera))
+            raise NteError(f"{path}: taken with {found}; {first} with {given}: expected one exposure")
+    if frame.shape != base.shape:
+        raise NteError(f"{path}: is {_size(frame)}, {first} is {_size(base)}: expected one size")
+    return frame
+
+
+def _tensor(pixels: np.ndarray) -> Tensor:
+    return torch.from_numpy(pixels)[None]
+
+
+def _size(image: Tensor) -> str:
+    return f"{image.shape[-1]}x{image.shape[-2]}"

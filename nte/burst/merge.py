@@ -1,0 +1,159 @@
+"""Merging a burst: every frame aligned to a reference, and averaged where it shows the same within the noise.
+
+Hanika, Tessari and Dachsbacher 2021, «Fast Temporal Reprojection without Motion Vectors», section 4.2: mosaics are
+aligned as grey images of one value per sensor block and merged before demosaicing. The weights are ours.
+"""
+
+from collections.abc import Callable, Iterable
+from dataclasses import dataclass
+from typing import NamedTuple
+
+import torch
+import torch.nn.functional as F
+from torch import Tensor
+
+from nte.burst.mosaic import Mosaic
+from nte.burst.noise import NoiseModel
+from nte.errors import NteError
+from nte.motion.correspondence import Search, find_correspondence
+from nte.motion.warp import warp
+
+# Windows over which differences are compared with the noise, and how many deviations of their mean count as noise.
+# A large one sees faint differences; a small one sees thin things that a large one would dilute.
+WINDOWS = ((7, 1.0), (3, 3.0))
+_PEAKS = 16  # of the phase correlation that are tried
+_FARTHEST = 4  # part of the image: what overlaps less says less
+RADII = (16, 8, 4, 2)  # of the search's patches: the gains of (10, 4, 2, 2) and (8, 8, 4, 4) are the same or lower
+
+
+@dataclass(frozen=True)
+class Aligned:
+    """What became of one frame."""
+
+    motion: tuple[float, float]  # median, in pixels of the sensor: reference → this frame
+    share: float  # mean weight, relative to the reference's own pixel: 1 where everything fits
+
+
+class Merged(NamedTuple):
+    """The merged picture."""
+
+    image: Tensor  # as the reference: mosaic (1, 1, H, W) or image (1, C, H, W)
+    weight: Tensor  # (1, 1, H, W): of how many frames each pixel is the mean, from 1 on
+    frames: list[Aligned]  # of the others, in their order
+
+
+@torch.no_grad()
+def merge_burst(
+    reference: Tensor,
+    others: Iterable[Tensor],
+    noise: NoiseModel,
+    mosaic: Mosaic | None = None,
+    radii: tuple[int, ...] = RADII,
+    reach: Callable[[int], object] = lambda done: None,
+) -> Merged:
+    """Mean of `reference` and of what fits in `others`, linear values of white level 1, each (1, C, H, W).
+
+    With a mosaic C is 1 and frames are fetched by whole pixels of the same colour; without one they are images
+    of at least one channel, fetched bilinearly. A frame's pixel with an excess difference b is weighted by the
+    inverse of its squared error, 1 / (1 + b²/σ²): at most half a deviation of a single frame's b remains.
+    radii: of the search's patches, finest first, in blocks of the sensor or pixels. reach: told after each frame.
+    The frames are taken one by one. Raises NteError for frames of another size.
+    """
+    grey = _grey(reference, mosaic)
+    total, weights, found = reference.clone(), torch.ones_like(reference[:, :1]), []
+    for number, frame in enumerate(others, 1):
+        if frame.shape != reference.shape:
+            raise NteError(f"frame {number} is {tuple(frame.shape)}, the reference {tuple(reference.shape)}")
+        motion = find_motion(grey, _grey(frame, mosaic), radii)
+        if mosaic is not None:
+            motion = mosaic.spread(motion, *reference.shape[-2:])
+            fetched, valid = mosaic.fetch(frame, motion)
+            mixed = torch.ones_like(weights)
+        else:
+            fetched, valid = warp(frame, motion)
+            mixed = _mixed(motion)
+        weight = _weight(reference, fetched, mixed, noise) * valid
+        total += weight * fetched
+        weights += weight
+        x, y = (float(component) for component in motion[0].flatten(1).median(1).values)
+        found.append(Aligned((x, y), float(weight.mean())))
+        reach(number)
+    return Merged(total / weights, weights, found)
+
+
+def find_motion(current: Tensor, previous: Tensor, radii: tuple[int, ...]) -> Tensor:
+    """Motion (1, 2, H, W), current → previous, of grey images (1, 1, H, W): of the whole image, and then locally.
+
+    A hand moves the whole picture, by more than what it shows is large: the search alone takes one leaf for
+    another there.
+    """
+    x, y = _whole_shift(current, previous)
+    height, width = current.shape[-2:]
+    rows = (torch.arange(height, device=current.device) + y).clamp(0, height - 1)
+    columns = (torch.arange(width, device=current.device) + x).clamp(0, width - 1)
+    shifted = previous[..., rows, :][..., columns]
+    motion = find_correspondence(current, shifted, Search(radii=radii, norm="l1")).motion
+    return motion + motion.new_tensor([x, y]).view(1, 2, 1, 1)
+
+
+def _whole_shift(current: Tensor, previous: Tensor) -> tuple[int, int]:
+    """(x, y) whole pixels by which current(p) looks most like previous(p + shift), in most of the image.
+
+    Phase correlation (Kuglin and Hines 1975), with a Hann window against the border, proposes: its highest peak
+    may be that of a small bright thing that moves by itself. The median difference decides, and no shift wins ties.
+    """
+    height, width = current.shape[-2:]
+    window = torch.hann_window(height, False)[:, None] * torch.hann_window(width, False)
+    spectra = [torch.fft.rfft2((image - image.mean()) * window.to(image)) for image in (current, previous)]
+    cross = spectra[0].conj() * spectra[1]
+    peaks = torch.fft.irfft2(cross / cross.abs().sqrt().clamp(min=1e-20), s=(height, width))
+    peaks = torch.where(peaks == F.max_pool2d(peaks, 3, 1, 1), peaks, -torch.inf)
+    best, least = (0, 0), _difference(current, previous, 0, 0)
+    for peak in peaks.flatten().topk(_PEAKS).indices.tolist():
+        y, x = (peak // width + height // 2) % height - height // 2, (peak % width + width // 2) % width - width // 2
+        if abs(x) > width // _FARTHEST or abs(y) > height // _FARTHEST:
+            continue
+        found = _difference(current, previous, x, y)
+        if found < least:
+            best, least = (x, y), found
+    return best
+
+
+def _difference(current: Tensor, previous: Tensor, x: int, y: int) -> float:
+    """Median |current(p) − previous(p + (x, y))| where both are there; means of 3×3 pixels, against noise."""
+    height, width = current.shape[-2:]
+    now = current[..., max(-y, 0) : height - max(y, 0), max(-x, 0) : width - max(x, 0)]
+    then = previous[..., max(y, 0) : height - max(-y, 0), max(x, 0) : width - max(-x, 0)]
+    return float(F.avg_pool2d(now - then, 3).abs().median())
+
+
+def _grey(image: Tensor, mosaic: Mosaic | None) -> Tensor:
+    return image.mean(1, keepdim=True) if mosaic is None else mosaic.bin(image)
+
+
+def _mixed(motion: Tensor) -> Tensor:
+    """(1, 1, H, W): variance that bilinear fetching leaves of independent noise, from ¼ between pixels to 1 on them."""
+    part = (motion - motion.floor()).square() + (1 - motion + motion.floor()).square()
+    return part[:, :1] * part[:, 1:]
+
+
+def _weight(reference: Tensor, fetched: Tensor, mixed: Tensor, noise: NoiseModel) -> Tensor:
+    """(1, 1, H, W) in [0, 1]: 1 where the difference is noise, else 1/(1 + b²/σ²) of its excess b².
+
+    The squared difference has the mean σ²(1 + mixed) + b². Both are averaged over windows before they are
+    compared, so that a dark pixel's uncertain σ² does not matter.
+    """
+    difference = (reference - fetched).square().mean(1, keepdim=True)
+    variance = noise.variance((reference + fetched) / 2).mean(1, keepdim=True)
+    excess = torch.zeros_like(difference)
+    for size, deviations in WINDOWS:
+        expected = _window(variance * (1 + mixed), size)
+        samples = size * size * reference.shape[1]
+        beyond = _window(difference, size) - expected * (1 + deviations * (2 / samples) ** 0.5)
+        excess = torch.maximum(excess, beyond.clamp(min=0) / _window(variance, size))
+    return 1 / (1 + excess)
+
+
+def _window(values: Tensor, size: int) -> Tensor:
+    """Means over size×size pixels; at the border over those that exist."""
+    return F.avg_pool2d(values, size, 1, size // 2, count_include_pad=False)

@@ -1,0 +1,87 @@
+"""Raw photographs: the sensor's values through LibRaw, and a merged mosaic back through its demosaicing."""
+
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+from nte.burst.mosaic import Mosaic, pattern_of
+from nte.errors import NteError, needs_extra
+
+Pixels = npt.NDArray[np.float32]
+_WHITE = 65535
+
+
+@dataclass(frozen=True)
+class Raw:
+    """A mosaic (H, W), linear: 0 is the black level (noise goes below), 1 the white level; and what took it."""
+
+    values: Pixels
+    mosaic: Mosaic
+    camera: tuple[float, ...]  # colour matrix and white level: of one camera at one exposure of its own choice
+    exposure: tuple[float, float, float]  # ISO, seconds, aperture; 0 where the file does not say
+
+
+def read_raw(path: Path) -> Raw:
+    """Read the visible part of the sensor. Raises NteError for what LibRaw cannot read, or that is no mosaic."""
+    with _open(path) as raw:
+        try:
+            mosaic = pattern_of(raw.raw_colors_visible, raw.color_desc.decode())
+        except NteError as error:
+            raise NteError(f"{path}: {error}") from error
+        black = np.array(raw.black_level_per_channel, np.float32)[raw.raw_colors_visible]
+        white = float(raw.white_level)
+        values = (raw.raw_image_visible.astype(np.float32) - black) / (white - black)
+        camera = (*np.asarray(raw.color_matrix, float).ravel(), *np.asarray(raw.rgb_xyz_matrix, float).ravel(), white)
+        other = raw.other
+        return Raw(values, mosaic, camera, (other.iso_speed, other.shutter_speed, other.aperture))
+
+
+def develop(path: Path, values: Pixels) -> Pixels:
+    """The photograph (3, H, W) that LibRaw makes of the file with these values in its mosaic's place.
+
+    LibRaw demosaics (AHD; X-Trans by its own method), balances white as the camera did and converts to linear
+    sRGB primaries in [0, 1], turned as the camera was held. Values beyond [0, 1] are clipped, as it does itself;
+    they are handed over in all 16 bits, since the mean of N frames is finer than the sensor's steps.
+    Raises NteError where LibRaw fails, as it does for X-Trans images under 512 pixels.
+    """
+    import rawpy
+
+    with _open(path) as raw:
+        raw.raw_image_visible[:] = np.round(values.clip(0, 1) * _WHITE).astype(np.uint16)
+        try:
+            image = raw.postprocess(
+                output_bps=16, gamma=(1, 1), no_auto_bright=True, use_camera_wb=True, adjust_maximum_thr=0,
+                user_black=0, user_cblack=[0, 0, 0, 0], user_sat=_WHITE,
+            )  # fmt: skip
+        except rawpy.LibRawError as error:
+            raise NteError(f"{path}: LibRaw cannot demosaic it: {_reason(error)}") from error
+    return np.ascontiguousarray(image.transpose(2, 0, 1).astype(np.float32) / _WHITE)
+
+
+def _open(path: Path) -> Any:
+    """An open and unpacked file with a flat mosaic."""
+    try:
+        import rawpy
+    except ImportError as error:
+        raise needs_extra("burst", f"{path}: reading raw photographs", error) from error
+    if not path.is_file():
+        raise NteError(f"{path}: {'is a folder' if path.exists() else 'does not exist'}: expected a raw photograph")
+    try:
+        raw = rawpy.imread(str(path))
+    except (rawpy.LibRawError, OSError) as error:
+        raise NteError(
+            f"{path}: not a photograph that can be read ({_reason(error)}): expected a raw file, .exr or .png"
+        ) from error
+    if raw.raw_type != rawpy.RawType.Flat or raw.raw_image is None:
+        raw.close()
+        raise NteError(f"{path}: has no mosaic (it is demosaiced already, or of a layered sensor): expected one")
+    return raw
+
+
+def _reason(error: Exception) -> str:
+    """What LibRaw says, which is bytes."""
+    what = error.args[0] if error.args else type(error).__name__
+    return what.decode() if isinstance(what, bytes) else str(what)

@@ -1,0 +1,45 @@
+"""`nte merge-burst`: its parser, and what it runs."""
+
+import argparse
+from pathlib import Path
+from typing import Any
+
+
+def add_burst(commands: Any) -> None:
+    """Add `merge-burst` to the subcommands of `nte`."""
+    text = "merge a burst of photographs into one with less noise: raw files before demosaicing, or EXR or PNG"
+    parser = commands.add_parser("merge-burst", help=text, description=text)
+    parser.add_argument("files", type=Path, nargs="+", metavar="FILES", help="raw photographs, or .exr, or .png")
+    parser.add_argument("--out", type=Path, required=True, metavar="IMAGE", help=".exr (linear) or .png (as displayed)")
+    parser.add_argument(
+        "--reference", type=int, default=1, metavar="NUMBER", help="the file to align to (default: 1, the first)"
+    )
+    parser.add_argument(
+        "--noise", type=float, nargs=2, metavar=("A", "B"),
+        help="variance A·x + B of a signal x, 1 the white level (default: fitted to the burst)",
+    )  # fmt: skip
+    parser.add_argument(
+        "--radii", type=int, nargs="+", metavar="R",
+        help="of the search's patches, finest level first (default: 16 8 4 2)",
+    )  # fmt: skip
+    parser.add_argument("--force", action="store_true", help="overwrite what exists")
+    parser.set_defaults(run=_merge)
+
+
+def _merge(options: argparse.Namespace) -> None:
+    from nte.burst.files import merge_files
+    from nte.burst.merge import RADII
+    from nte.burst.noise import NoiseModel
+    from nte.progress import Progress
+
+    noise = NoiseModel(*options.noise) if options.noise else None
+    radii = tuple(options.radii) if options.radii else RADII
+    with Progress("merge", len(options.files) - 1, "photograph") as progress:
+        done = merge_files(
+            options.files, options.out, options.reference, noise, radii, options.force,
+            lambda count: progress.reach(count, len(options.files) - 1, str(options.out)),
+        )  # fmt: skip
+    print(f"noise: variance = {done.noise.a:.3g} · signal + {done.noise.b:.3g}")
+    for path, frame in zip(done.others, done.merged.frames, strict=True):
+        print(f"{path}: moved {frame.motion[0]:+.1f}, {frame.motion[1]:+.1f} px, {frame.share:.0%} used")
+    print(f"{options.out}: the mean of {float(done.merged.weight.mean()):.1f} photographs")

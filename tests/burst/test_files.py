@@ -1,0 +1,178 @@
+"""`nte merge-burst` on real files: raw photographs through LibRaw, EXR and PNG, and one line for every mistake."""
+
+import sys
+from collections.abc import Callable
+from pathlib import Path
+
+import numpy as np
+import pytest
+import torch
+from PIL import Image
+
+from nte.burst.pictures import read_picture, write_picture
+from nte.burst.raw import develop, read_raw
+from nte.cli import main
+from nte.frames.exr import write_exr
+from tests.burst.dng import BAYER, XTRANS, write_dng
+from tests.burst.scenes import NOISE, PATTERNS, mosaic_of, psnr, scene, sense
+
+rawpy = pytest.importorskip("rawpy")
+SIZE = 528, 540  # LibRaw demosaics X-Trans from 512 px on
+SHIFTS = [(0, 0), (2.4, -1.3), (-5.2, 3.8), (7.1, 6.6)]
+BLACK, WHITE = (60, 64, 68, 64), 4095
+
+
+def raw_values(mosaic: np.ndarray) -> np.ndarray:
+    """12 bits, as a sensor gives them, of a linear mosaic (H, W); each of four pixels has its black level."""
+    height, width = mosaic.shape
+    black = np.tile(np.reshape(BLACK, (2, 2)), (height // 2, width // 2))
+    return np.round(black + mosaic * (WHITE - black.mean())).clip(0, WHITE).astype(np.uint16)
+
+
+def raw_burst(folder: Path, name: str, size: tuple[int, int] = SIZE, frames: int = 4) -> tuple[list[Path], np.ndarray]:
+    """The files, and the scene that the first shows, (3, H, W)."""
+    mosaic, paths, clean = mosaic_of(name), [], [scene(size, shift) for shift in SHIFTS[:frames]]
+    for i, image in enumerate(clean):
+        values = raw_values(sense(image, mosaic, NOISE, i)[0, 0].numpy())
+        paths.append(write_dng(folder / f"{i}.dng", values, PATTERNS[name], BLACK, WHITE))
+    return paths, clean[0][0].numpy()
+
+
+@pytest.mark.parametrize("name", PATTERNS)
+def test_raw_photographs_are_merged_before_demosaicing(
+    name: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """Four files in, one linear EXR out, nearer to the truth than LibRaw's picture of the first alone."""
+    paths, clean = raw_burst(tmp_path, name)
+    out = tmp_path / "out" / "merged.exr"
+    assert main(["merge-burst", *map(str, paths), "--out", str(out)]) == 0
+    said = capsys.readouterr().out
+    assert "noise: variance = " in said
+    assert "the mean of 3." in said
+    merged, truth = read_picture(out), torch.from_numpy(clean)
+    alone = develop(paths[0], read_raw(paths[0]).values)
+    gains = psnr(torch.from_numpy(merged), truth, 32) - psnr(torch.from_numpy(alone), truth, 32)
+    assert gains > 2.5  # of 10·log₁₀ 4 = 6.0; what demosaicing itself costs is in both
+
+
+@pytest.mark.parametrize("name", PATTERNS)
+def test_a_raw_file_is_read_and_developed_without_a_change_of_level(name: str, tmp_path: Path) -> None:
+    colour = torch.tensor([0.2, 0.4, 0.6]).view(1, 3, 1, 1).expand(1, 3, *SIZE)
+    mosaic = sense(colour, mosaic_of(name), None, 0)[0, 0].numpy()
+    path = write_dng(tmp_path / "flat.dng", raw_values(mosaic), PATTERNS[name], BLACK, WHITE)
+    raw = read_raw(path)
+    assert raw.mosaic == mosaic_of(name)
+    np.testing.assert_allclose(raw.values, mosaic, atol=2e-3)
+    developed = develop(path, mosaic)
+    np.testing.assert_allclose(developed, colour[0].numpy(), atol=2e-4)
+
+
+def test_the_patterns_of_the_files_are_those_of_the_sensors(tmp_path: Path) -> None:
+    for pattern in (BAYER, XTRANS):
+        path = write_dng(tmp_path / "one.dng", np.full(SIZE, 500, np.uint16), pattern)
+        with rawpy.imread(str(path)) as raw:
+            assert raw.raw_pattern.shape == pattern.shape
+
+
+@pytest.mark.parametrize("suffix", [".exr", ".png"])
+def test_pictures_are_merged_at_full_resolution(suffix: str, tmp_path: Path) -> None:
+    clean = [scene((200, 240), shift) for shift in SHIFTS]
+    paths = [tmp_path / f"{i}{suffix}" for i in range(4)]
+    for i, (path, image) in enumerate(zip(paths, clean, strict=True)):
+        write_picture(path, sense(image, None, NOISE, i)[0].numpy())
+    out = tmp_path / f"out{suffix}"
+    assert main(["merge-burst", *map(str, paths), "--out", str(out), "--reference", "2"]) == 0
+    merged, alone = (torch.from_numpy(read_picture(path)) for path in (out, paths[1]))
+    assert psnr(merged, clean[1][0]) > psnr(alone, clean[1][0]) + 4.5
+
+
+def test_a_given_model_is_used(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """Without noise to speak of, nothing of other frames fits but what is equal."""
+    paths, _ = raw_burst(tmp_path, "bayer", (96, 120), 2)
+    out = str(tmp_path / "out.png")
+    assert main(["merge-burst", *map(str, paths), "--out", out, "--noise", "0", "1e-9", "--radii", "2", "2"]) == 0
+    assert "the mean of 1.0 photographs" in capsys.readouterr().out
+    assert main(["merge-burst", *map(str, paths), "--out", out, "--noise", "1", "1", "--force"]) == 0
+    assert "the mean of 2.0 photographs" in capsys.readouterr().out
+
+
+Told = Callable[..., str]
+
+
+@pytest.fixture
+def told(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> Told:
+    """In a folder with files good and bad: run what must fail, and return the one line that it says."""
+    monkeypatch.chdir(tmp_path)
+    raw = np.full((96, 120), 500, np.uint16)
+    for name in ("a", "b"):
+        write_dng(Path(f"{name}.dng"), raw, BAYER)
+    write_dng(Path("small.dng"), raw[:80], BAYER)
+    write_dng(Path("tiny.dng"), raw[:40, :40], BAYER)
+    write_dng(Path("xtrans.dng"), raw, XTRANS)
+    write_dng(Path("longer.dng"), raw, BAYER, seconds=0.1)
+    write_dng(Path("other.dng"), raw, BAYER, white=4095)
+    Path("bad.dng").write_bytes(Path("a.dng").read_bytes()[:100])
+    Path("text.nef").write_text("no photograph")
+    for name, size in (("a", 96), ("b", 96), ("c", 80)):
+        write_picture(Path(f"{name}.exr"), np.full((3, size, 120), 0.5, np.float32))
+    write_exr(Path("depth.exr"), {"depth.Z": np.ones((96, 120), np.float32)})
+    write_picture(Path("a.png"), np.full((3, 96, 120), 0.5, np.float32))
+    Image.fromarray(np.zeros((96, 120), np.uint16)).save("deep.png")
+    Path("bad.png").write_bytes(b"\x89PNG\r\n")
+    Path("exists.exr").write_bytes(b"mine")
+
+    def run(*arguments: str) -> str:
+        assert main(["merge-burst", *arguments]) == 2
+        said = capsys.readouterr().err
+        assert said.startswith("nte: ")
+        assert said.count("\n") == 1
+        assert Path("exists.exr").read_bytes() == b"mine"
+        assert not Path("out.exr").exists()
+        return said
+
+    return run
+
+
+@pytest.mark.parametrize(
+    ("files", "message"),
+    [
+        ("a.dng", "a burst of 1 file: expected at least two"),
+        ("a.dng b.dng a.dng", "a.dng: is given twice"),
+        ("a.dng small.dng", "small.dng: is 120x80, a.dng is 120x96"),
+        ("a.dng xtrans.dng", "xtrans.dng: of another camera than a.dng"),
+        ("a.dng other.dng", "other.dng: of another camera than a.dng"),
+        ("a.dng longer.dng", "longer.dng: taken with ISO 0, 0.1 s"),
+        ("tiny.dng a.dng", "tiny.dng: is 40x40: expected at least 64"),
+        ("a.dng bad.dng", "bad.dng: not a photograph that can be read"),
+        ("text.nef a.dng", "text.nef: not a photograph that can be read"),
+        ("a.dng nowhere.dng", "nowhere.dng: does not exist"),
+        ("a.dng a.exr", "a.exr: is .exr, a.dng is raw"),
+        ("a.exr a.png", "a.png: is .png, a.exr is .exr"),
+        ("a.exr c.exr", "c.exr: is 120x80, a.exr is 120x96"),
+        ("a.exr depth.exr", "depth.exr: has depth.Z: expected the layers R, G and B"),
+        ("a.png deep.png", "deep.png: a PNG of I;16, 16 bits: expected 8 bits"),
+        ("a.png bad.png", "bad.png: the PNG cannot be read"),
+        ("a.exr b.exr --reference 3", "--reference 3: expected the number of a file, from 1 to 2"),
+        ("a.exr b.exr --noise -1 0", "noise model a = -1.0, b = 0.0"),
+        ("a.exr b.exr --radii -1", "radii are (-1,)"),
+    ],
+)
+def test_a_mistake_is_told_in_a_line(told: Told, files: str, message: str) -> None:
+    assert message in told(*files.split(), "--out", "out.exr")
+
+
+@pytest.mark.parametrize(
+    ("out", "message"),
+    [
+        ("exists.exr", "exists.exr: exists"),
+        ("out.jpg", "out.jpg: expected a name that ends in .exr"),
+        ("b.exr", "b.exr: is a file of the burst"),
+    ],
+)
+def test_the_name_of_the_result_is_checked_first(told: Told, out: str, message: str) -> None:
+    assert message in told("a.exr", "b.exr", "--out", out, *(["--force"] if out == "b.exr" else []))
+
+
+def test_a_missing_rawpy_is_told_with_its_extra(told: Told, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setitem(sys.modules, "rawpy", None)
+    assert "pip install 'nte[burst]'" in told("a.dng", "b.dng", "--out", "out.exr")
