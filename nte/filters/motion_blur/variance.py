@@ -39,9 +39,13 @@ def estimate_variance(rows: Tensor, pixels: Pixels, depth_threshold: float, naiv
     count, so that edges of what hides it stay sharp. naive: angles in [0, 2π) as they are, the paper's Fig. 3 left.
     """
     tiles, of_pixel = _tiles(pixels)
-    table = in_chunks(tiles, 16**2, lambda some, _: _tile_statistics(rows, some, depth_threshold, naive))[of_pixel]
-    length, length_variance, angle, angle_variance, share, *motion = table.unbind(1)
-    return Estimate(length, length_variance, angle, angle_variance, share, torch.stack(motion, 1))
+    motion = rows[:, MOTION]
+    angle = torch.atan2(motion[:, 1], motion[:, 0])
+    # Four columns instead of eight: reading them is what the estimate costs.
+    narrow = torch.stack([motion.square().sum(1).sqrt(), angle, rows[:, DEPTH], rows[:, MOVING]], 1)
+    table = in_chunks(tiles, 16**2, lambda some, _: _tile_statistics(narrow, some, depth_threshold, naive))[of_pixel]
+    length, length_variance, angle, angle_variance, share, *vector = table.unbind(1)
+    return Estimate(length, length_variance, angle, angle_variance, share, torch.stack(vector, 1))
 
 
 def _tiles(pixels: Pixels) -> tuple[Pixels, Tensor]:
@@ -61,22 +65,24 @@ def _window(device: torch.device) -> Tensor:
     return offsets[order][None]
 
 
-def _tile_statistics(rows: Tensor, tiles: Pixels, depth_threshold: float, naive: bool) -> Tensor:
-    values, _, inside = gather(rows, tiles, _window(rows.device))
-    moving = inside & (values[..., MOVING] > 0)
+def _tile_statistics(narrow: Tensor, tiles: Pixels, depth_threshold: float, naive: bool) -> Tensor:
+    """Rows (K, 7) of `Estimate` from rows (M, 4): length and angle of the vector, depth, moving."""
+    values, _, inside = gather(narrow, tiles, _window(narrow.device))
+    lengths, angles, depth, moves = values.unbind(-1)
+    moving = inside & (moves > 0)
     # What covers the tile, if it does not move itself.
     static = inside[:, :4] & ~moving[:, :4]
-    cover = torch.where(static, values[:, :4, DEPTH], 0).amax(1)
+    cover = torch.where(static, depth[:, :4], 0).amax(1)
     cover = torch.where(moving[:, :4].any(1), float("inf"), cover)
-    moving &= values[..., DEPTH] <= (cover * (1 + depth_threshold))[:, None]
-    number = torch.arange(moving.shape[1], device=rows.device)
+    moving &= depth <= (cover * (1 + depth_threshold))[:, None]
+    number = torch.arange(moving.shape[1], device=narrow.device)
     first = torch.where(moving, number, len(number)).amin(1).clamp(max=len(number) - 1)
-    motion = values[..., MOTION]
-    reference = motion[torch.arange(len(first), device=rows.device), first]
-    length, length_variance = _moments(motion.square().sum(-1).sqrt(), moving)
-    angle = torch.atan2(motion[..., 1], motion[..., 0])
-    start = torch.zeros_like(length) if naive else torch.atan2(reference[:, 1], reference[:, 0])
-    relative = angle % (2 * math.pi) if naive else angle - start[:, None]
+    there = torch.arange(len(first), device=narrow.device), first
+    direction, speed = angles[there], lengths[there]
+    reference = torch.stack([speed * direction.cos(), speed * direction.sin()], 1)
+    length, length_variance = _moments(lengths, moving)
+    start = torch.zeros_like(length) if naive else direction
+    relative = angles % (2 * math.pi) if naive else angles - start[:, None]
     if not naive:  # flipped by 180° outside ±90°
         relative = relative - math.pi * (relative / math.pi).round()
     mean, angle_variance = _moments(relative, moving)
