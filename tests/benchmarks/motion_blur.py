@@ -95,8 +95,8 @@ def cases(folder: Path, split: str) -> dict[str, tuple[Clip, Clip]]:
 
 def judge(
     case: str, method: str, frames: list[Frame], references: list[Tensor], exposure: Tensor, near: list[Tensor]
-) -> tuple[Score, Tensor]:
-    """The score of a method on its input, and its last image (1, 3, H, W)."""
+) -> tuple[Score, list[Tensor]]:
+    """The score of a method on its input, and its images (1, 3, H, W)."""
     session = Session(load_denoiser(ROWS[method]))
     images, start = [], time.perf_counter()
     for frame in frames:
@@ -108,14 +108,14 @@ def judge(
     ]
     moving = [float(errors[mask].mean()) for errors, mask in zip(maps, near[1:], strict=True) if mask.any()]
     means = [float(errors.mean()) for errors in maps]
-    return Score(case, method, means, [weighted_median(m) for m in maps], moving, spent), images[-1]
+    return Score(case, method, means, [weighted_median(m) for m in maps], moving, spent), images
 
 
-def strip(case: str, images: dict[str, RGB], last: int) -> RGB:
+def strip(case: str, images: dict[str, RGB], number: int) -> RGB:
     """Reference, input and outputs, each with the part in which the outputs differ most."""
     corner, size = most_different([pixels for name, pixels in images.items() if name not in ("reference", "noisy")])
     rows, columns = (slice(start, start + length) for start, length in zip(corner, size, strict=True))
-    whole = [Picture(name, pixels, f"{case}, frame {last}") for name, pixels in images.items()]
+    whole = [Picture(name, pixels, f"{case}, frame {number}") for name, pixels in images.items()]
     crops = [Picture("", pixels[rows, columns].repeat(4, 0).repeat(4, 1)) for pixels in images.values()]
     return grid([*whole, *crops], columns=len(images))
 
@@ -150,18 +150,20 @@ def compare(folder: Path, split: str, count: int, rows: list[str], pictures: Pat
         near = [
             near_moving((f["shutter_motion"].square().sum(1, keepdim=True) > MOVING_PX**2).float()) for f in frames
         ]
-        shown = {"reference": references[-1], "noisy": frames[-1]["color"]}
+        # In the strip: the frame of which most moves, the second at least.
+        number = 1 + int(np.argmax([float(mask.float().mean()) for mask in near[1:]]))
+        shown = {"reference": references[number], "noisy": frames[number]["color"]}
         for method in rows:
             given = sharps if method in POST else frames
-            score, image = judge(case, method, given, references, exposure, near)
+            score, images = judge(case, method, given, references, exposure, near)
             scores.append(score)
             if method in DRAWN:
-                shown[method] = image
+                shown[method] = images[number]
             print(f"{case}: {method}, {score.mean('flip'):.4f}", file=sys.stderr, flush=True)
         if pictures:
             pictures.mkdir(parents=True, exist_ok=True)
             drawn = {name: quantise(display(image, exposure)[0].numpy()) for name, image in shown.items()}
-            write_png(pictures / f"{case}.png", strip(case, drawn, length - 1))
+            write_png(pictures / f"{case}.png", strip(case, drawn, number))
             plot(case, [s for s in scores if s.case == case and s.method in DRAWN], pictures / f"{case}_flip.png")
     return scores
 
