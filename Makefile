@@ -36,9 +36,12 @@ paper: $(INSTALLED)
 	$(BIN)/python tests/benchmarks/vectors.py --pictures reports/vectors
 	$(BIN)/nte render datasets/correspondence.yaml --out data/correspondence
 	$(BIN)/python tests/benchmarks/correspondence.py data/correspondence/test
+	$(BIN)/nte render datasets/motion_blur_60.yaml --out data/motion_blur_60
+	$(BIN)/python tests/benchmarks/motion_blur.py data/motion_blur_60 --pictures reports/motion_blur
 
 bench: $(INSTALLED)
 	$(BIN)/python tests/benchmarks/components.py
+	$(BIN)/python tests/benchmarks/motion_blur.py --times
 	$(BIN)/nte bench svgf asvgf trmv taa oidn:quality=fast --size 1280x720 --frames 5
 
 $(INSTALLED): pyproject.toml constraints.txt
