@@ -12,6 +12,7 @@ import torch
 import torch.nn.functional as F
 from torch import Tensor
 
+from nte.filters.trmv.glossy import spread_noise
 from nte.motion.warp import warp
 
 RESAMPLES = 10_000
@@ -59,13 +60,7 @@ def fill(vectors: Tensor, instance: Tensor, radius: int) -> Tensor:
 
 def draw(mean: Tensor, covariance: Tensor, generator: torch.Generator) -> Tensor:
     """Vectors (S, 2, H, W), one from each Gaussian of mean (S, 2, H, W) and covariance (S, 3, H, W) XX XY YY."""
-    first, second = torch.randn(mean.shape, generator=generator).chunk(2, 1)
-    xx, xy, yy = covariance.chunk(3, 1)
-    # Cholesky: Σ = L Lᵀ.
-    x = xx.clamp(min=0).sqrt()
-    across = xy / x.clamp(min=1e-6)
-    y = (yy - across.square()).clamp(min=0).sqrt()
-    return mean + torch.cat([x * first, across * first + y * second], 1)
+    return mean + spread_noise(torch.randn(mean.shape, generator=generator), covariance)
 
 
 def is_planar(normal: Tensor, instance: Tensor, radius: int = 2, tolerance: float = 0.01) -> Tensor:

@@ -5,6 +5,7 @@ from pathlib import Path
 from typing import Any
 
 import nte
+from nte.frames.channels import CHANNELS, LIGHT, SHUTTER
 from nte.frames.clip import write_clip_info, write_frame
 from nte.frames.exr import make_folder
 from nte.progress import Progress
@@ -25,12 +26,9 @@ GUIDES = (
     "albedo", "normal", "roughness", "emission", "depth", "position", "instance", "motion", "forward_motion",
 )  # fmt: skip
 REFERENCES = ("reference_a", "reference_b")
-COMPONENTS = (
-    "visibility", "indirect", "indirect_radiance", "indirect_direction", "glossy", "shadow_motion",
-    "reflection_motion", "reflection_covariance", "gradient",
-)  # fmt: skip
-SHUTTER = ("time", "shutter_motion", "shutter_depth")
-COMPONENT_REFERENCES = ("direct", "reference_visibility", "reference_indirect", "reference_glossy")
+COMPONENTS = tuple(row.name for row in CHANNELS.values() if row.rendered_with == LIGHT and row.noisy)
+SHUTTER_CHANNELS = tuple(row.name for row in CHANNELS.values() if row.rendered_with == SHUTTER)
+COMPONENT_REFERENCES = tuple(row.name for row in CHANNELS.values() if row.rendered_with == LIGHT and not row.noisy)
 
 
 def render_recipe(
@@ -134,7 +132,7 @@ def _seed(unit: ClipPlan, index: int, channel: str, seed: int) -> int:
 def _is_done(unit: ClipPlan, folder: Path, index: int) -> bool:
     main, *others = files_of(folder, index, unit.group.seeds)
     more = unit.group.components
-    over_shutter = SHUTTER if unit.blurred else ("shutter_motion",) if unit.sharp else ()
+    over_shutter = SHUTTER_CHANNELS if unit.blurred else ("shutter_motion",) if unit.sharp else ()
     per_seed = ("color", *over_shutter, *(COMPONENTS if more else ()))
     once = (*GUIDES, *REFERENCES, *(COMPONENT_REFERENCES if more else ()))
     return is_whole(main, (*once, *per_seed), unit) and all(is_whole(path, per_seed, unit) for path in others)

@@ -12,7 +12,7 @@ import numpy.typing as npt
 from nte.render.backend import load_drjit, load_mitsuba
 from nte.render.gradient import shade_again, shade_before
 from nte.render.integrator import launches
-from nte.render.rays import instances, to_hits
+from nte.render.rays import to_hits
 from nte.render.resampling import Direct, ShadowRay, sample_direct, trace_shadow
 from nte.render.scene import Pixels
 from nte.render.seeds import derive_seed
@@ -125,7 +125,7 @@ def _shadow(stage: Stage, ray: ShadowRay) -> Shadow:
     return Shadow(
         receiver=to_hits(stage, ray.receiver, ray.view),
         blocker=to_hits(stage, ray.blocker, ray.view),
-        light=instances(stage)[np.array(ray.light, np.int64)],
+        light=stage.instances[np.array(ray.light, np.int64)],
         light_point=np.array(ray.light_point, float).T,
         blocked=np.array(ray.blocked),
     )

@@ -89,7 +89,7 @@ def trace_film(stage: Stage, pixel: Floats) -> Seen:
 def trace_centres(stage: Stage) -> Hits:
     """Hits of the rays through the pixel centres, at the time that `stage` is set to."""
     shape, place, direction = np.split(_trace(stage, np.full((1, 4), 0.5), stage.meet), [1, 4], axis=1)
-    instance = instances(stage)[shape[:, 0].astype(np.int64)]
+    instance = stage.instances[shape[:, 0].astype(np.int64)]
     return Hits(instance, stage.placed(instance, place), direction)
 
 
@@ -101,7 +101,7 @@ def to_hits(stage: Stage, hit: Any, direction: Any, point: Any = None) -> Hits:
     with np.errstate(invalid="ignore"):  # of a miss, whose barycentrics are whatever was in memory
         where = [*point] if stage.by_point else [hit.prim_index, *hit.prim_uv]
         place = np.stack([np.array(column, float) for column in where], axis=1)
-    instance = instances(stage)[np.array(stage.key(hit), np.int64)]
+    instance = stage.instances[np.array(stage.key(hit), np.int64)]
     return Hits(instance, stage.placed(instance, place), np.array(direction, float).T)
 
 
@@ -204,8 +204,3 @@ def _look(stage: Stage, mi: Any, scene: Any, ray: Any) -> list[Any]:
     normal = dr.select(hit, si.sh_frame.n * dr.select(si.wi.z >= 0, 1, -1), 0)
     albedo = stage.albedo(si, hit)
     return [*albedo, *normal, dr.select(hit, rough, 0), *emitter.eval(si), dr.select(hit, mi.Float(1), 0)]
-
-
-def instances(stage: Stage) -> Indices:
-    """Table from keys of shapes (stage.shape_key) to instance numbers: index in scene.objects + 1."""
-    return stage.instances

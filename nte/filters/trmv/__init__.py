@@ -13,6 +13,7 @@ from torch.profiler import record_function
 
 from nte.denoiser import Result, check_size
 from nte.errors import NteError
+from nte.filters.composition import COMPONENTS
 from nte.filters.trmv.cones import EQ_11, HALF_ANGLE, WEIGHTS
 from nte.filters.trmv.glossy import denoise_glossy
 from nte.filters.trmv.indirect import Cones, denoise_indirect
@@ -21,7 +22,6 @@ from nte.filters.trmv.shadows import denoise_shadows
 from nte.filters.trmv.temporal import Effect, Settings, Track
 from nte.frames.frame import Frame
 
-COMPONENTS = ("visibility", "glossy", "indirect")
 CHOICES = {
     "target": ("color", *COMPONENTS),
     "shadow": ("reliable", "traditional", "none"),

@@ -85,13 +85,18 @@ def deviation_of(spread: Tensor) -> Tensor:
 def draw(lobes: Lobes, frame: int) -> Tensor:
     """Vectors (N, 2, H, W) drawn from the lobes: sample(mean, Σ) of Eq. 5, with noise of pixel and frame."""
     noise = gaussian_noise(lobes.mean.shape[-2], lobes.mean.shape[-1], frame, lobes.mean.device)
-    xx, xy, yy = lobes.covariance.chunk(3, 1)
+    return lobes.mean + spread_noise(noise, lobes.covariance)
+
+
+def spread_noise(noise: Tensor, covariance: Tensor) -> Tensor:
+    """Normal noise (N, 2, H, W) of unit deviation as noise of the covariance (N, 3, H, W), XX XY YY."""
+    first, second = noise.chunk(2, 1)
+    xx, xy, yy = covariance.chunk(3, 1)
     # Cholesky: Σ = L Lᵀ.
     x = xx.clamp(min=0).sqrt()
     across = xy / x.clamp(min=1e-6)
     y = (yy - across.square()).clamp(min=0).sqrt()
-    first, second = noise.chunk(2, 1)
-    return lobes.mean + torch.cat([x * first, across * first + y * second], 1)
+    return torch.cat([x * first, across * first + y * second], 1)
 
 
 def glossy_reprojection(motion: Tensor, glossy: Tensor, scene: Scene) -> Reprojection:
