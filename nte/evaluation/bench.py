@@ -158,6 +158,7 @@ def _serve(pipe: Connection, task: Task) -> None:
         check_needs(denoiser, first.channels, task.clip or "synthetic frames")
         exposure = sequence_scalars(first)[0] if scored and "color" in first else np.ones(1, np.float32)
         before = _peak_mb()
+        del first  # the frames to come take its place: a frame is no memory of the denoiser's
         pipe.send(None)
         state: State | None = None
         while isinstance(index := pipe.recv(), int):

@@ -18,6 +18,7 @@ NORMAL = 64.0  # exponent of normals: e^(64 (n·n′ − 1)), a deviation of 7°
 DEPTH = 0.02  # relative deviation of depth from what the surface's slope predicts
 ROUGHNESS = 0.1  # deviation of roughness: metal does not mix with the floor it stands on
 CLEAN_UP_RADIUS = 4  # 9×9
+STRIP = 64  # rows cleaned up at a time
 APART = 1e-6  # least weight: what is less alike is another surface, and nothing at all comes across
 _SKY = 1e6  # in place of an infinite reciprocal
 
@@ -43,6 +44,14 @@ class Edges(NamedTuple):
 
     along_x: list[Tensor]
     along_y: list[Tensor]
+
+    def rows(self, top: int, bottom: int) -> "Edges":
+        """Those within rows top … bottom, as views."""
+        along_y = self.along_y[: bottom - top - 1]
+        return Edges(
+            [weights[:, :, top:bottom] for weights in self.along_x],
+            [weights[:, :, top : bottom - k] for k, weights in enumerate(along_y, 1)],
+        )
 
 
 def make_guide(normal: Tensor, depth: Tensor, roughness: Tensor) -> Guide:
@@ -93,8 +102,18 @@ def joint_bilateral(values: Tensor, edges: Edges, radius: int, deviation: Tensor
 
 
 def clean_up(values: Tensor, edges: Edges, deviation: Tensor) -> Tensor:
-    """The fixed 9×9 filter of Zeng et al. 2021, section 5, with a deviation (N, 1, H, W) for each pixel."""
-    return joint_bilateral(values, edges, CLEAN_UP_RADIUS, deviation)
+    """The fixed 9×9 filter of Zeng et al. 2021, section 5, with a deviation (N, 1, H, W) for each pixel.
+
+    In strips of rows: beside values and outcome, which may have many channels, there are only a strip's temporaries.
+    """
+    cleaned, height = torch.empty_like(values), values.shape[2]
+    for top in range(0, height, STRIP):
+        bottom = min(top + STRIP, height)
+        first, last = max(top - CLEAN_UP_RADIUS, 0), min(bottom + CLEAN_UP_RADIUS, height)
+        around, widths = (image[:, :, first:last] for image in (values, deviation))
+        strip = joint_bilateral(around, edges.rows(first, last), CLEAN_UP_RADIUS, widths)
+        cleaned[:, :, top:bottom] = strip[:, :, top - first : bottom - first]
+    return cleaned
 
 
 def pairs(image: Tensor, axis: int, k: int) -> tuple[Tensor, Tensor]:

@@ -13,14 +13,14 @@ from nte.filters.bilateral import Guide, pair_weight
 from nte.filters.trmv import cones as hemisphere
 from nte.filters.trmv import temporal
 from nte.filters.trmv.scene import Scene
-from nte.filters.trmv.temporal import Effect, Fetched, Settings, Track, Weight
+from nte.filters.trmv.temporal import Blended, Effect, Fetched, Settings, Track, Weight
 from nte.motion.geometric import Reprojection
 from nte.motion.warp import warp
 
 LEVELS = 4
 KERNEL = (1.0, 0.5)  # 3×3 taps: 4 levels make 31×31, the paper's «essentially 32×32»
 REACH = 8.0  # deviation of that filter, px
-STRIP = 64  # rows blended at a time: 24 channels with their temporaries would be most of the frame's memory
+STRIP = 64  # rows blended and shaded at a time: 24 channels with their temporaries would be most of the frame's memory
 
 
 def filter_indirect(values: Tensor, guide: Guide) -> Tensor:
@@ -43,35 +43,37 @@ class Cones:
         The à-trous levels are one filter of 31×31, so Ω enters once for a pair of pixels; where its normal test
         lets them mix, cones of the same number are within 7° and share the Ω of equal normals.
         """
-        sampled = hemisphere.sample_to_cones(radiance, direction, normal)
-        return hemisphere.mix_parallel(filter_indirect(sampled, guide), self.half_angle)
+        filtered = filter_indirect(hemisphere.sample_to_cones(radiance, direction, normal), guide)
+        return hemisphere.mix_parallel(filtered, self.half_angle)
 
-    def accumulate(
+    def blend(
         self, current: Tensor, track: Track | None, vectors: Reprojection | None, scene: Scene, settings: Settings
-    ) -> Effect:
+    ) -> Blended:
         """`temporal.accumulate`, cone by cone: history's cone k weighs (1 − α) min(1, Σ_j Ω_kj / Ω(0)).
 
         Cones of the current frame that no previous one overlaps are made of this frame alone, and previous ones
         without overlap are dropped: both have the weight 0.
         """
         if vectors is None or track is None or scene.before is None:
-            return temporal.begin("indirect", current, vectors, scene, settings)
+            return temporal.start(current, settings)
         with record_function("trmv/indirect/temporal"):
             fetched = temporal.fetch(track, vectors, scene.frame.reset)
             weight = temporal.weigh(fetched, settings)
             normal = F.normalize(warp(scene.before.normal, vectors.motion).image, dim=1)
-            blended, deviation = torch.empty_like(current), torch.empty_like(weight.used)
+            deviation = torch.empty_like(weight.used)
             for top in range(0, current.shape[2], STRIP):
                 rows = slice(top, top + STRIP)
-                self._blend_rows(rows, current, fetched, normal, scene, weight, settings, blended, deviation)
-        effect = temporal.finish("indirect", blended, fetched, weight, deviation, scene, settings)
-        return effect._replace(vectors=vectors)
+                self._blend_rows(rows, current, fetched, normal, scene, weight, settings, deviation)
+            return Blended(fetched.history, temporal.blended_variance(weight, fetched), weight.used, deviation)
 
     def _blend_rows(
         self, rows: slice, current: Tensor, fetched: Fetched, normal: Tensor, scene: Scene, weight: Weight,
-        settings: Settings, blended: Tensor, deviation: Tensor,
+        settings: Settings, deviation: Tensor,
     ) -> None:  # fmt: skip
-        """Blend a strip of rows, into `blended` and the clean-up's `deviation`; normal: that of the history."""
+        """Blend a strip of rows, in the place of the history, and give the clean-up's `deviation`.
+
+        normal: that of the history.
+        """
 
         def cut(image: Tensor) -> Tensor:
             return image[:, :, rows]
@@ -88,14 +90,15 @@ class Cones:
         share = hemisphere.split(moved)[1] * covered.unsqueeze(2)
         usable = torch.cat([share * hemisphere.by_cone(clamped, 3), share], 2).flatten(1, 2)
         now = cut(current)
-        cut(blended).copy_(torch.where(valid, torch.lerp(usable, now, used), now))
+        cut(fetched.history).copy_(torch.where(valid, torch.lerp(usable, now, used), now))
         light, kept = (hemisphere.irradiance(radiance, self.weights) for radiance in (history, clamped))
         doubts = Weight(cut(weight.default), used)
         cut(deviation).copy_(temporal.clean_up_deviation(doubts, light, kept, valid, settings))
 
     def shade(self, cones: Tensor, albedo: Tensor) -> Tensor:
         """Eq. 11 with f_r = albedo / π: reflected light (N, 3, H, W)."""
-        return albedo * hemisphere.irradiance(hemisphere.radiance_of(cones), self.weights)
+        strips = (hemisphere.radiance_of(strip) for strip in cones.split(STRIP, 2))
+        return albedo * torch.cat([hemisphere.irradiance(strip, self.weights) for strip in strips], 2)
 
 
 def denoise_indirect(
@@ -109,9 +112,14 @@ def denoise_indirect(
             current = filter_indirect(demodulate(frame["indirect"], frame["albedo"]), scene.guide)
         effect = temporal.accumulate("indirect", current, track, reprojection, scene, settings, REACH)
         return effect._replace(image=remodulate(effect.image, frame["albedo"]))
-    with record_function("trmv/indirect/filter"):
-        light, direction = frame["indirect_radiance"], frame["indirect_direction"]
-        current = cones.gather(light, direction, scene.surface.normal, scene.guide)
-    effect = cones.accumulate(current, track, reprojection, scene, settings)
+    blended = cones.blend(_gathered(scene, cones), track, reprojection, scene, settings)
+    effect = temporal.finish("indirect", blended, reprojection, scene, settings)
     with record_function("trmv/indirect/shade"):
         return effect._replace(image=cones.shade(effect.image, frame["albedo"]))
+
+
+def _gathered(scene: Scene, cones: Cones) -> Tensor:
+    """The current frame's cones (N, 24, H, W), filtered in space."""
+    with record_function("trmv/indirect/filter"):
+        light, direction = scene.frame["indirect_radiance"], scene.frame["indirect_direction"]
+        return cones.gather(light, direction, scene.surface.normal, scene.guide)

@@ -62,34 +62,41 @@ class Weight(NamedTuple):
     used: Tensor
 
 
+class Blended(NamedTuple):
+    """The current frame and its history in one, before it is cleaned up."""
+
+    image: Tensor  # (N, C, H, W)
+    variance: Tensor  # (N, 1, H, W) of it: α² + (1 − α)² v
+    alpha: Tensor  # (N, 1, H, W) weight of the current frame
+    deviation: Tensor  # (N, 1, H, W) px, of the clean-up filter
+
+
 def accumulate(
     name: str, current: Tensor, track: Track | None, vectors: Reprojection | None, scene: Scene, settings: Settings,
     reach: float | Tensor, trust: Tensor | None = None,
 ) -> Effect:  # fmt: skip
     """Eq. 2 with everything of section 5 on current c̃ (N, C, H, W): c = α c̃ + (1 − α) c*, cleaned up.
 
-    vectors None: the spatial filter alone. reach: of that filter, see `surroundings`. trust: G of Eq. 4. name: in
+    vectors None: the spatial filter alone. reach: of that filter, see `limit`. trust: G of Eq. 4. name: in
     the profile.
     """
     if vectors is None or track is None:
-        return begin(name, current, vectors, scene, settings)
+        return finish(name, start(current, settings), vectors, scene, settings)
     with record_function(f"trmv/{name}/temporal"):
         fetched = fetch(track, vectors, scene.frame.reset)
         clamped = limit(fetched.history, current, reach, settings)
         weight = weigh(fetched, settings, trust)
         # Not lerp alone: a history that is not valid must not leave a trace, not even of rounding.
-        blended = torch.where(fetched.valid, torch.lerp(clamped, current, weight.used), current)
+        image = torch.where(fetched.valid, torch.lerp(clamped, current, weight.used), current)
         deviation = clean_up_deviation(weight, fetched.history, clamped, fetched.valid, settings)
-    return finish(name, blended, fetched, weight, deviation, scene, settings)._replace(vectors=vectors)
+        blended = Blended(image, blended_variance(weight, fetched), weight.used, deviation)
+    return finish(name, blended, vectors, scene, settings)
 
 
-def begin(name: str, current: Tensor, vectors: Reprojection | None, scene: Scene, settings: Settings) -> Effect:
-    """Without history: as it is, or, in a sequence's first frame, cleaned like all that has none yet."""
+def start(current: Tensor, settings: Settings) -> Blended:
+    """Without any history."""
     one = torch.ones_like(current[:, :1])
-    if vectors is None:
-        return Effect(current, Track(current, one), one)
-    nothing = Fetched(current, one, torch.zeros_like(one, dtype=torch.bool))
-    return finish(name, current, nothing, Weight(one, one), _first(settings) * one, scene, settings)
+    return Blended(current, one, one, _first(settings) * one)
 
 
 def fetch(track: Track, vectors: Reprojection, reset: Tensor | None) -> Fetched:
@@ -136,9 +143,7 @@ def spacing(reach: float) -> int:
     return max(1, round(reach))
 
 
-def clean_up_deviation(
-    weight: Weight, history: Tensor, clamped: Tensor, valid: Tensor, settings: Settings
-) -> Tensor:
+def clean_up_deviation(weight: Weight, history: Tensor, clamped: Tensor, valid: Tensor, settings: Settings) -> Tensor:
     """min(w_A + w_C, 5) pixels (N, 1, H, W), of Eqs. 7 and 8 in luminance.
 
     Without history α^V is 1, so w_A is (1 − α)²: 0.81 px wide.
@@ -154,11 +159,15 @@ def _first(settings: Settings) -> float:
     return (1 - settings.alpha) ** 2
 
 
-def finish(
-    name: str, blended: Tensor, fetched: Fetched, weight: Weight, deviation: Tensor, scene: Scene, settings: Settings
-) -> Effect:  # fmt: skip
-    """Clean up, and choose what is remembered; the variance of the blend is α² + (1 − α)² v."""
+def blended_variance(weight: Weight, fetched: Fetched) -> Tensor:
+    """α² + (1 − α)² v, (N, 1, H, W), of a history of variance v and a frame of variance 1."""
+    return weight.used.square() + (1 - weight.used).square() * fetched.variance
+
+
+def finish(name: str, blended: Blended, vectors: Reprojection | None, scene: Scene, settings: Settings) -> Effect:
+    """Clean up, and choose what is remembered; without vectors the image stays that of the spatial filter."""
     with record_function(f"trmv/{name}/clean-up"):
-        cleaned = clean_up(blended, scene.edges, deviation) if settings.clean_up else blended
-    variance = weight.used.square() + (1 - weight.used).square() * fetched.variance
-    return Effect(cleaned, Track(cleaned if settings.cleaned_history else blended, variance), weight.used)
+        wanted = settings.clean_up and vectors is not None
+        cleaned = clean_up(blended.image, scene.edges, blended.deviation) if wanted else blended.image
+    history = cleaned if settings.cleaned_history else blended.image
+    return Effect(cleaned, Track(history, blended.variance), blended.alpha, vectors)
