@@ -3,7 +3,7 @@
 import json
 import os
 from collections.abc import Callable, Iterable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -27,6 +27,16 @@ class Evaluation:
 
     metrics: dict[str, Any]
     shown: list[Shown]
+
+    def titled(self, titles: Mapping[str, str]) -> "Evaluation":
+        """The same, with denoisers called by titles (spec → title) for people to read."""
+
+        def rename(images: Mapping[str, Any]) -> dict[str, Any]:
+            return {titles.get(name, name): image for name, image in images.items()}
+
+        rows = [{**row, "denoiser": titles[row["denoiser"]]} for row in self.metrics["rows"]]
+        metrics = {**self.metrics, "rows": rows, "means": rename(self.metrics["means"])}
+        return Evaluation(metrics, [replace(s, images=rename(s.images), flip=rename(s.flip)) for s in self.shown])
 
 
 def evaluate(

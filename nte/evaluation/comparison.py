@@ -79,8 +79,9 @@ def run_comparison(
         folder = out / situation.name
         specs = list(dict.fromkeys(situation.methods.values()))
         found = evaluate(chosen[situation.name], specs, folder, force=force, device=device, progress=progress)
-        write_report(found, folder)
-        write_strips(found.shown, {spec: title for title, spec in situation.methods.items()}, folder / "strips")
+        titled = found.titled({spec: title for title, spec in situation.methods.items()})
+        write_report(titled, folder, situation.methods)
+        write_strips(titled.shown, folder / "strips")
         rows += _rows(situation, found)
     text = json.dumps({"format": FORMAT, "rows": rows}, indent=1, allow_nan=False) + "\n"
     write_whole(out / "summary.json", lambda temporary: temporary.write_text(text, encoding="utf-8"))

@@ -1,6 +1,7 @@
 """The report: one self-contained index.html with the tables, the plots and the pictures of an evaluation."""
 
 import base64
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
@@ -20,15 +21,18 @@ REGION_METRICS = tuple(metric for metric in METRICS if metric.name not in ("mse"
 PLOTTED = tuple(metric for metric in METRICS if metric.name in ("psnr", "ssim", "flip", "l1", "temporal_l1"))
 
 
-def write_report(evaluation: Evaluation, out: Path) -> Path:
-    """Write `out`/index.html, which needs neither network nor server, and give its path."""
-    html = render_report(evaluation)
+def write_report(evaluation: Evaluation, out: Path, methods: Mapping[str, str] | None = None) -> Path:
+    """Write `out`/index.html, which needs neither network nor server, and give its path.
+
+    methods: title → spec, of an evaluation whose denoisers have titles.
+    """
+    html = render_report(evaluation, methods)
     path = out / "index.html"
     write_whole(path, lambda temporary: temporary.write_text(html, encoding="utf-8") and None)
     return path
 
 
-def render_report(evaluation: Evaluation) -> str:
+def render_report(evaluation: Evaluation, methods: Mapping[str, str] | None = None) -> str:
     """The page as text. Everything that its script shows is one JSON blob in it."""
     metrics = evaluation.metrics
     environment = jinja2.Environment(
@@ -47,6 +51,7 @@ def render_report(evaluation: Evaluation) -> str:
         frames=sum(frames.values()),
         first_frame=any(row["first_frame"] for row in whole),
         targets=sorted({row["target"] for row in whole}),
+        methods=methods,
         metrics=METRICS,
         means=_cells(metrics["means"], METRICS),
         region_metrics=REGION_METRICS,

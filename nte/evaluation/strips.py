@@ -12,18 +12,18 @@ from nte.frames.show import RGB, Picture, grid, write_png
 _CROP = 4  # a crop's side is this part of the picture's
 
 
-def write_strips(shown: list[Shown], labels: dict[str, str], folder: Path) -> list[Path]:
-    """Write a PNG for each clip and light: <clip>_<light>.png, the report's frame. labels: spec → title."""
+def write_strips(shown: list[Shown], folder: Path) -> list[Path]:
+    """Write a PNG for each clip and light: <clip>_<light>.png, the report's frame."""
     make_folder(folder)
     written = []
     for one in shown:
         path = folder / f"{one.clip.replace('/', '_')}_{one.target}.png"
-        write_png(path, strip(one, labels))
+        write_png(path, strip(one))
         written.append(path)
     return written
 
 
-def strip(shown: Shown, labels: dict[str, str]) -> RGB:
+def strip(shown: Shown) -> RGB:
     """Reference, noisy input and each output, (H, W, 3) in all; below each its part where outputs differ most.
 
     The crop is chosen by the outputs alone, so that nobody picks the place that flatters a method.
@@ -34,7 +34,7 @@ def strip(shown: Shown, labels: dict[str, str]) -> RGB:
     place = f"x {corner[1]}, y {corner[0]}, frame {shown.frame}"
     brightened = BRIGHTENED.get(shown.target)
     note = f"{shown.target}, {brightened:g} times as bright" if brightened else shown.target
-    whole = [Picture(labels.get(name, name), pixels, note) for name, pixels in images.items()]
+    whole = [Picture(name, pixels, note) for name, pixels in images.items()]
     # As large as the pictures, so that the sheet shows both rows at the same width.
     crops = [Picture("", pixels[rows, columns].repeat(_CROP, 0).repeat(_CROP, 1), place) for pixels in images.values()]
     return grid([*whole, *crops], columns=len(images))

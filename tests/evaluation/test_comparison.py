@@ -55,6 +55,9 @@ def test_each_situation_has_its_numbers_its_report_and_its_strips(config: Path, 
         "summary.json", "disc/metrics.json", "disc/index.html", "disc/strips/disc_000_color.png",
         "disc/strips/disc_001_color.png", "other/metrics.json", "other/index.html", "other/strips/other_000_color.png",
     }  # fmt: skip
+    page = (out / "disc" / "index.html").read_text()
+    assert '<th scope="row">ghosts</th>' in page  # a row of a table has the title, and the spec stands at the end
+    assert "<dt>ghosts</dt><dd><code>taa:clamp=none</code></dd>" in page
     alone = evaluate([data / "test/disc_000", data / "test/disc_001"], ["taa"], tmp_path / "alone").metrics
     everywhere, moving = rows[1]["parts"]
     assert (everywhere["region"], moving["region"]) == ("all", "moving")
@@ -114,7 +117,7 @@ def test_a_strip_has_every_picture_and_its_crop(tmp_path: Path) -> None:
     red[..., 0] = blue[..., 2] = 255
     outputs = {"taa": red, "x": blue}
     shown = Shown("clip", "glossy", 3, 0, {"noisy input": red, "reference": red, **outputs}, outputs)
-    sheet = strip(shown, {"taa": "traditional"})
+    sheet = strip(shown)
     Image.fromarray(sheet).save(tmp_path / "strip.png")
     is_red, is_blue = ((sheet == colour).all(-1) for colour in ((255, 0, 0), (0, 0, 255)))
     assert is_red.any(0).sum() == 3 * 192  # three pictures, enlarged

@@ -97,7 +97,7 @@ class Cones:
 
     def shade(self, cones: Tensor, albedo: Tensor) -> Tensor:
         """Eq. 11 with f_r = albedo / π: reflected light (N, 3, H, W)."""
-        strips = (hemisphere.radiance_of(strip) for strip in cones.split(STRIP, 2))
+        strips = (hemisphere.radiance_of(strip) for strip in torch.split(cones, STRIP, 2))
         return albedo * torch.cat([hemisphere.irradiance(strip, self.weights) for strip in strips], 2)
 
 
