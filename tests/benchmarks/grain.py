@@ -32,25 +32,29 @@ WINDOW = 7  # px
 
 
 def errors(clip: Clip, spec: str) -> Tensor:
-    """RMSE, the part that the mean keeps, and the rest (3,), over glossy pixels of all frames but the first."""
+    """RMSE, the part that the mean keeps, the rest, and the share without history, (4,).
+
+    Over the glossy pixels of all frames but the first.
+    """
     session = Session(load_denoiser(spec))
     exposure = torch.from_numpy(sequence_scalars(clip.frame(0))[0])
-    squares, pixels = torch.zeros(3), 0
+    squares, fresh, pixels = torch.zeros(3), 0.0, 0
     for index in range(len(clip)):
         frame = clip.frame(index).torch()
-        image = session.step(frame).image
+        result = session.step(frame, ("glossy_alpha",))
         if index == 0:
             continue
         where = f"{spec} on {clip.folder}, frame {index}"
         truth = read_truth(frame, "glossy", exposure, where)
-        error = displayed(image, "glossy", exposure, where, frame.size) - truth.image
+        error = displayed(result.image, "glossy", exposure, where, frame.size) - truth.image
         glossy = regions_of(frame, None)["glossy"].float()
         # Weighted with the region: what lies beside it says nothing of it.
         kept = box_mean(error * glossy, WINDOW) / box_mean(glossy, WINDOW).clamp(min=1e-6)
         parts = (error, kept, error - kept)
         squares += torch.stack([(glossy * part.square().mean(1, keepdim=True)).sum() for part in parts])
+        fresh += float((glossy * (result.extras["glossy_alpha"] == 1)).sum())
         pixels += int(glossy.sum())
-    return (squares / pixels).sqrt()
+    return torch.cat([(squares / pixels).sqrt(), torch.tensor([fresh / pixels])])
 
 
 def main(folders: list[str]) -> None:
@@ -59,7 +63,7 @@ def main(folders: list[str]) -> None:
         clip = Clip(Path(folder))
         for title, spec in VECTORS.items():
             rows.append([clip.folder.name, title, *(f"{value:.4f}" for value in errors(clip, spec).tolist())])
-    heads = ["clip", "vectors", "RMSE", f"kept by {WINDOW}×{WINDOW}", f"removed by {WINDOW}×{WINDOW}"]
+    heads = ["clip", "vectors", "RMSE", "kept by 7×7", "removed by 7×7", "without history"]
     print(aligned([[head, *column] for head, column in zip(heads, zip(*rows, strict=True), strict=True)]))
 
 
