@@ -12,6 +12,7 @@ import torch
 import torch.nn.functional as F
 from torch import Tensor
 
+from nte.motion.neighbours import pairs
 from nte.motion.warp import pixel_centres
 
 NORMAL = 64.0  # exponent of normals: e^(64 (n·n′ − 1)), a deviation of 7°
@@ -114,12 +115,6 @@ def clean_up(values: Tensor, edges: Edges, deviation: Tensor) -> Tensor:
         strip = joint_bilateral(around, edges.rows(first, last), CLEAN_UP_RADIUS, widths)
         cleaned[:, :, top:bottom] = strip[:, :, top - first : bottom - first]
     return cleaned
-
-
-def pairs(image: Tensor, axis: int, k: int) -> tuple[Tensor, Tensor]:
-    """Views of the pixels that have one k steps further along the axis, and of those."""
-    count = image.shape[axis] - k
-    return image.narrow(axis, 0, count), image.narrow(axis, k, count)
 
 
 def _slope(disparity: Tensor, axis: int) -> Tensor:

@@ -13,6 +13,7 @@ import torch.nn.functional as F
 from torch import Tensor
 
 from nte.errors import NteError
+from nte.motion.agreement import agree
 from nte.motion.box import box_mean
 from nte.motion.patch_distance import NORMS, Norm, best_shift
 from nte.motion.warp import warp
@@ -37,18 +38,18 @@ class Search:
     radii: of the patches, finest level first; as many levels as radii, each four times smaller: four reach
     170 px. norm: `l2`, `l1`, `log` (of 2 + L1) or `log_centred` (which prefers short shifts). gain: values are
     multiplied by it first for the log norms, which compare them with 2. smoothing: radius of the box over which
-    the motion is averaged, finest level first (none beyond the last that is given). rounds: how often a level is
-    searched, each time around what was found. refined: on how many of the finest levels a fraction of a pixel is
-    added. half: search in images of half the size. error_level: of which level the patch distance is given, 0 the
-    finest; 1 is steadier under much noise.
+    the motion is averaged, finest level first (none beyond the last that is given). refined: on how many of the
+    finest levels a fraction of a pixel is added. agreement: how strongly neighbouring motions are then made to
+    agree (`nte.motion.agreement`), likewise; 0: not at all. half: search in images of half the size. error_level: of
+    which level the patch distance is given, 0 the finest; 1 is steadier under much noise.
     """
 
     radii: tuple[int, ...] = RADII["clean"]
     norm: Norm = "log_centred"
     gain: float = GAIN
     smoothing: tuple[int, ...] = ()
-    rounds: tuple[int, ...] = ()
     refined: int = 2
+    agreement: tuple[float, ...] = ()
     half: bool = False
     error_level: int = 0
 
@@ -57,9 +58,9 @@ class Search:
             raise NteError(f"norm is '{self.norm}', expected one of {', '.join(NORMS)}")
         if not self.radii or min(self.radii) < 0:
             raise NteError(f"radii are {self.radii}, expected one of at least 0 for each level, finest first")
-        if min(self.smoothing, default=0) < 0 or min(self.rounds, default=1) < 1:
+        if min(self.smoothing + self.agreement, default=0) < 0:
             raise NteError(
-                f"smoothing is {self.smoothing} and rounds are {self.rounds}, expected at least 0 and 1 for each level"
+                f"smoothing is {self.smoothing} and agreement {self.agreement}, expected at least 0 for each level"
             )
         if not 0 < self.gain < float("inf"):
             raise NteError(f"gain is {self.gain}, expected a positive number")
@@ -67,13 +68,13 @@ class Search:
             raise NteError(f"error_level is {self.error_level}, expected a level from 0 to {len(self.radii) - 1}")
 
 
-# By the noise of the images: none, that of some 4 to 50 samples per pixel, of 1, and worse. Smoothing and rounds are
-# ours: with them smaller patches than the paper's are better.
+# By the noise of the images: none, that of some 4 to 50 samples per pixel, of 1, and worse. Smoothing and agreement
+# are ours: with them smaller patches than the paper's are better.
 SEARCHES = {
     "clean": Search(),
-    "moderate": Search(smoothing=(2, 1, 1), rounds=(1, 2, 2)),
-    "noisy": Search((3, 3, 3, 2), smoothing=(3, 3, 2, 1), rounds=(2, 2, 2), half=True, error_level=1),
-    "strong": Search(RADII["strong"], smoothing=(8, 4, 2, 1), rounds=(1, 2, 2), half=True, error_level=1),
+    "moderate": Search(smoothing=(2, 1, 1), agreement=(0, 4)),
+    "noisy": Search((3, 3, 3, 2), smoothing=(3, 3, 2, 1), agreement=(8, 8), half=True, error_level=1),
+    "strong": Search(RADII["strong"], smoothing=(8, 4, 2, 1), agreement=(8, 8), half=True, error_level=1),
 }
 
 
@@ -155,42 +156,61 @@ def _search(
     current: Tensor, previous: Tensor, known: Known | None, search: Search
 ) -> tuple[Tensor, Tensor]:
     """Motion and patch distance, level by level from the coarsest."""
-    levels: list[tuple[Tensor, Tensor, Known | None]] = [(current, previous, known)]
-    while len(levels) < len(search.radii) and min(current.shape[-2:]) >= SCALE * _SMALLEST:
-        current, previous = _smaller(current, SCALE), _smaller(previous, SCALE)
-        known = known and _smaller_known(known, SCALE)
-        levels.append((current, previous, known))
-    if len(levels) < len(search.radii):
-        height, width = levels[0][0].shape[-2:]
-        warnings.warn(
-            f"{width}x{height} pixels are too few for {len(search.radii)} levels: the search uses {len(levels)} and "
-            f"reaches {sum(2 * SCALE**level for level in range(len(levels)))} pixels",
-            FewerLevelsWarning,
-            stacklevel=4,
-        )
+    levels = _pyramid(current, previous, known, len(search.radii))
     error_level = min(search.error_level, len(levels) - 1)
     motion: Tensor | None = None
     error = current
     for level in reversed(range(len(levels))):
-        now, before, fixed = levels[level]
-        motion = None if motion is None else _upsample(motion, now, SCALE) * SCALE
-        for _ in range(_at(search.rounds, level, 1)):
-            warped = before if motion is None else warp(before, motion).image
-            shift, distance = best_shift(now, warped, search.radii[level], search.norm, level < search.refined)
-            # What was compared lies at x + shift in the warped image, which shows the previous one from there on.
-            motion = shift if motion is None else shift + warp(motion, shift).image
-            if radius := _at(search.smoothing, level, 0):
-                motion = box_mean(motion, 2 * radius + 1)
-            if fixed is not None:
-                motion = torch.where(fixed.mask, fixed.motion, motion)
+        motion, distance = _search_level(levels[level], motion, search, level)
         if level == error_level:
             error = distance
     assert motion is not None
     return motion, _upsample(error, levels[0][0], SCALE**error_level) if error_level else error
 
 
-def _at(values: tuple[int, ...], level: int, otherwise: int) -> int:
-    return values[level] if level < len(values) else otherwise
+def _search_level(
+    images: tuple[Tensor, Tensor, Known | None], coarser: Tensor | None, search: Search, level: int
+) -> tuple[Tensor, Tensor]:
+    """Motion and patch distance of a level, around the motion of the coarser one."""
+    now, before, known = images
+    if coarser is None:
+        motion, distance = best_shift(now, before, search.radii[level], search.norm, level < search.refined)
+    else:
+        motion = _upsample(coarser, now, SCALE) * SCALE
+        warped = warp(before, motion).image
+        shift, distance = best_shift(now, warped, search.radii[level], search.norm, level < search.refined)
+        # What was compared lies at x + shift in the warped image, which shows the previous one from there on.
+        motion = shift + warp(motion, shift).image
+        del warped, shift  # a sixth of the search's memory
+    if radius := dict(enumerate(search.smoothing)).get(level, 0):
+        motion = box_mean(motion, 2 * radius + 1)
+    if strength := dict(enumerate(search.agreement)).get(level, 0.0):
+        # The log norms' values are scaled already.
+        gain = 1.0 if search.norm.startswith("log") else search.gain
+        motion = agree(now, before, motion, strength, gain)
+    if known is not None:
+        motion = torch.where(known.mask, known.motion, motion)
+    return motion, distance
+
+
+def _pyramid(
+    current: Tensor, previous: Tensor, known: Known | None, wanted: int
+) -> list[tuple[Tensor, Tensor, Known | None]]:
+    """The images and known vectors of all levels, finest first; fewer than wanted if the images are small."""
+    levels = [(current, previous, known)]
+    while len(levels) < wanted and min(current.shape[-2:]) >= SCALE * _SMALLEST:
+        current, previous = _smaller(current, SCALE), _smaller(previous, SCALE)
+        known = known and _smaller_known(known, SCALE)
+        levels.append((current, previous, known))
+    if len(levels) < wanted:
+        height, width = levels[0][0].shape[-2:]
+        warnings.warn(
+            f"{width}x{height} pixels are too few for {wanted} levels: the search uses {len(levels)} and "
+            f"reaches {sum(2 * SCALE**level for level in range(len(levels)))} pixels",
+            FewerLevelsWarning,
+            stacklevel=5,
+        )
+    return levels
 
 
 def _smaller(image: Tensor, scale: int) -> Tensor:

@@ -6,10 +6,11 @@ import torch
 from torch import Tensor
 from torch.profiler import record_function
 
-from nte.filters.bilateral import Edges, joint_bilateral, pairs
+from nte.filters.bilateral import Edges, joint_bilateral
 from nte.filters.trmv.scene import RADIUS, Scene, Surface
 from nte.filters.trmv.temporal import Effect, Settings, Track, accumulate
 from nte.motion.geometric import Reprojection, traditional_motion
+from nte.motion.neighbours import pairs
 from nte.motion.warp import fetch_nearest, pixel_centres
 
 # px, of the Gaussian in the 31×31 window: half its radius from LINES lines on, and narrower in smaller images, as the

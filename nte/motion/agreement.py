@@ -1,0 +1,113 @@
+"""Motion in agreement with its surroundings: variational refinement of what a search has found.
+
+A patch under noise tells its motion badly; its neighbours tell more. Sought is the motion m of the least
+
+    Σ_p ρ(previous(p + m) − current(p)) + strength · Σ_p,q ψ(|m(p) − m(q)|)
+
+over pixels p and neighbours q, with the first sum taken over windows (Bruhn et al. 2005, «Lucas/Kanade Meets
+Horn/Schunck») and a ψ that lets edges of motion stand. Ours: Hanika et al. 2021 name an iterative refinement as
+future work.
+"""
+
+from typing import NamedTuple
+
+import torch
+import torch.nn.functional as F
+from torch import Tensor
+
+from nte.motion.box import box_mean
+from nte.motion.neighbours import pairs
+from nte.motion.warp import warp
+
+# Chosen on the train clips of docs/correspondence.md.
+ROUNDS, STEPS = 2, 4  # linearisations, and steps of Jacobi in each
+REACH = (2, 6)  # px along x and y, which neighbours agree: farther ones carry motion into flat regions sooner
+EDGE = 0.05  # px: motions that differ by more belong to different things
+PREFILTER, WINDOW = 3, 5  # px across, of the boxes that images and products are averaged over
+_FARTHEST = 2.0  # px that one linearisation may move: beyond it, it means nothing
+
+
+class _Link(NamedTuple):
+    """Pairs of pixels `distance` apart along an axis, and how strongly they pull each other."""
+
+    axis: int
+    distance: int
+    weight: Tensor  # (N, 1, …)
+
+
+class _System(NamedTuple):
+    """Two linear equations a pixel, in x and y: inverse matrix and constant."""
+
+    xx: Tensor  # (N, 1, H, W)
+    xy: Tensor
+    yy: Tensor
+    constant: Tensor  # (N, 2, H, W)
+
+
+def agree(current: Tensor, previous: Tensor, motion: Tensor, strength: float, gain: float = 1.0) -> Tensor:
+    """The motion (N, 2, H, W), px, current → previous, refined on the images (N, C, H, W) it belongs to.
+
+    strength: of the agreement among neighbours. gain: values are multiplied by it; differences of more than 1 then
+    count by their absolute value, and smaller ones by their square. Holds some twenty planes of the images' size.
+    """
+    now, before = box_mean(current, PREFILTER), box_mean(previous, PREFILTER)
+    for _ in range(ROUNDS):
+        motion = _solved(now, warp(before, motion).image, motion, strength, gain)
+    return motion
+
+
+def _solved(now: Tensor, before: Tensor, motion: Tensor, strength: float, gain: float) -> Tensor:
+    """The best motion near `motion`, with which `before` is fetched already."""
+    links = [_link(motion, axis, k, strength) for axis in (3, 2) for k in REACH if k < motion.shape[axis]]
+    system = _system(now, before, motion, links, gain)
+    best = motion.clone()
+    for _ in range(STEPS):
+        right = system.constant.clone()
+        for axis, k, weight in links:
+            (near, far), (to_near, to_far) = pairs(best, axis, k), pairs(right, axis, k)
+            to_near.addcmul_(weight, far)
+            to_far.addcmul_(weight, near)
+        x, y = right[:, :1], right[:, 1:]
+        torch.mul(system.xx, x, out=best[:, :1]).addcmul_(system.xy, y)
+        torch.mul(system.yy, y, out=best[:, 1:]).addcmul_(system.xy, x)
+        best.sub_(motion).clamp_(-_FARTHEST, _FARTHEST).add_(motion)
+    return best
+
+
+def _link(motion: Tensor, axis: int, distance: int, strength: float) -> _Link:
+    """ψ′: full strength for equal motions, falling to 0; all links of a pixel together have `strength`."""
+    one, other = pairs(motion, axis, distance)
+    alike = ((one - other).square_().sum(1, keepdim=True) / EDGE**2).add_(1).rsqrt_()
+    return _Link(axis, distance, alike.mul_(strength / (4 * len(REACH))))
+
+
+def _system(now: Tensor, before: Tensor, motion: Tensor, links: list[_Link], gain: float) -> _System:
+    """(A + Σ links) m' = A m − b + Σ links · neighbours' m', with the A and b of `_data`."""
+    xx, xy, yy, x, y = _data(now, before, gain)
+    u, v = motion[:, :1], motion[:, 1:]
+    constant = torch.cat([(xx * u).addcmul_(xy, v).sub_(x), (xy * u).addcmul_(yy, v).sub_(y)], 1)
+    for axis, k, pull in links:
+        for diagonal in (xx, yy):
+            for side in pairs(diagonal, axis, k):
+                side.add_(pull)
+    scale = 1 / (xx * yy - xy * xy)
+    return _System(yy.mul_(scale), xy.mul_(-scale), xx.mul_(scale), constant)
+
+
+def _data(now: Tensor, before: Tensor, gain: float) -> list[Tensor]:
+    """A and b of what a window asks to be added to the motion, A (m' − m) = −b, as xx, xy, yy; x, y.
+
+    A = Σ w g gᵀ and b = Σ w g d: differences d = before − now, mean slopes g of both, and w = ρ′. That the window has
+    one increment and not one motion in common lets edges of motion stand.
+    """
+    difference = before - now
+    x, y = (_slope(before, axis).add_(_slope(now, axis)).mul_(0.5) for axis in (3, 2))
+    weight = gain / (difference.abs() + 1 / gain)
+    products = ((x, x), (x, y), (y, y), (x, difference), (y, difference))
+    return [box_mean((weight * one).mul_(other).sum(1, keepdim=True), WINDOW) for one, other in products]
+
+
+def _slope(image: Tensor, axis: int) -> Tensor:
+    """Central differences along an axis, 0 at the border."""
+    near, far = pairs(image, axis, 2)
+    return F.pad((far - near) / 2, (1, 1, 0, 0) if axis == 3 else (0, 0, 1, 1))
