@@ -15,7 +15,7 @@ import torch
 from gefolki.algorithm import EFolki
 from torch import Tensor
 
-from nte.motion.correspondence import SEARCHES, find_correspondence
+from nte.motion.correspondence import SEARCHES, Search, find_correspondence
 
 Find = Callable[[Tensor, Tensor], Tensor]
 
@@ -65,7 +65,11 @@ FLOWS: dict[str, Find] = {"Farnebäck": farneback, "DIS": dis, "Dual TV-L1": dua
 
 def ours(noise: str, half: bool | None = None) -> Find:
     """The patch search for this noise (nte.motion.correspondence.SEARCHES), at its own or the given resolution."""
-    search = SEARCHES[noise] if half is None else replace(SEARCHES[noise], half=half)
+    return searching(SEARCHES[noise] if half is None else replace(SEARCHES[noise], half=half))
+
+
+def searching(search: Search) -> Find:
+    """The patch search with these settings."""
     return lambda current, previous: find_correspondence(current, previous, search).motion
 
 

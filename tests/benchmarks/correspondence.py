@@ -1,7 +1,8 @@
 """Which motion, found in noisy images alone, brings the clean previous frame closest to the clean current one?
 
     nte render datasets/correspondence.yaml --out data/correspondence
-    python tests/benchmarks/correspondence.py data/correspondence/test [--times] [--json FILE] [--pictures FOLDER]
+    python tests/benchmarks/correspondence.py data/correspondence/test [--times] [--ablations] [--json FILE]
+        [--pictures FOLDER]
 
 Returns 1 if something that the project promises does not hold. docs/correspondence.md says how numbers are computed.
 """
@@ -10,6 +11,7 @@ import argparse
 import json
 import sys
 import warnings
+from dataclasses import replace
 from itertools import pairwise
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -21,7 +23,7 @@ from torch import Tensor
 from nte.color import display
 from nte.denoiser import Session
 from nte.evaluation.flow_costs import cost_table, costs, pass_table, passes
-from nte.evaluation.flows import FLOWS, Find, noise_of, ours, zero
+from nte.evaluation.flows import FLOWS, Find, noise_of, ours, searching, zero
 from nte.evaluation.table import aligned
 from nte.filters.align_accumulate import AlignAccumulate
 from nte.filters.estimated import matched_grey
@@ -29,13 +31,28 @@ from nte.frames.clip import Clip, find_clips
 from nte.frames.frame import Frame
 from nte.frames.scalars import estimate_exposure
 from nte.frames.show import Picture, grid, heat, quantise, write_png
-from nte.motion.correspondence import FewerLevelsWarning
+from nte.motion.correspondence import RADII, SEARCHES, FewerLevelsWarning, Search
 from nte.motion.warp import warp
 
 PAPER_SPP = {"penumbra": 4, "subsurface": 50}  # of Hanika et al. 2021; the others have 1
 SCENES = ("spheres", "dining", "ocean", "cloud", "penumbra", "subsurface")
 CHANGING = ("ocean", "cloud", "penumbra", "subsurface")  # where accumulation with estimated motion must be best
 MARGIN = 1.1  # nowhere more than this times the best method's error
+_PLAIN, _NOISY, _MODERATE = Search(RADII["noisy"]), SEARCHES["noisy"], SEARCHES["moderate"]
+ABLATIONS = {
+    "paper's radii, L1": replace(_PLAIN, norm="l1"),
+    "paper's radii": _PLAIN,
+    "noisy, full, without both": replace(_NOISY, smoothing=(), agreement=(), half=False),
+    "noisy without both": replace(_NOISY, smoothing=(), agreement=()),
+    "noisy without agreement": replace(_NOISY, agreement=()),
+    "noisy, full": replace(_NOISY, half=False),
+    "noisy": _NOISY,
+    "noisy, L1": replace(_NOISY, norm="l1"),
+    "moderate without both": replace(_MODERATE, smoothing=(), agreement=()),
+    "moderate without agreement": replace(_MODERATE, agreement=()),
+    "moderate": _MODERATE,
+    "moderate, agreement also at full size": replace(_MODERATE, agreement=(4, 4)),
+}
 
 
 class Pair(NamedTuple):
@@ -47,7 +64,9 @@ class Pair(NamedTuple):
     before: Tensor
 
 
-def methods(noise: str, without: list[str]) -> dict[str, Find]:
+def methods(noise: str, without: list[str], ablations: bool) -> dict[str, Find]:
+    if ablations:
+        return {"zero": zero, "DIS": FLOWS["DIS"], **{name: searching(search) for name, search in ABLATIONS.items()}}
     mine = {"ours": ours(noise), "ours, full": ours(noise, False), "ours, half": ours(noise, True)}
     return {name: find for name, find in {"zero": zero, **FLOWS, **mine}.items() if name not in without}
 
@@ -83,6 +102,12 @@ def discs(deviation: float, count: int = 3, size: int = 256) -> list[Pair]:
     return [Pair(noisy[i + 1], noisy[i], clean[i + 1], clean[i]) for i in range(count)]
 
 
+def accumulations(frames: list[Frame], exposure: Tensor, noise: str) -> dict[str, float]:
+    """PSNR with each motion, and with estimated motion of demodulated light."""
+    by_motion = {m: accumulation(frames, exposure, noise, m) for m in ("estimate", "zero", "geometric")}
+    return by_motion | {"demodulated": accumulation(frames, exposure, noise, "estimate", True)}
+
+
 def accumulation(frames: list[Frame], exposure: Tensor, noise: str, motion: str, demodulate: bool = False) -> float:
     """Mean PSNR of the displayed image, without the first frame."""
     session = Session(AlignAccumulate(motion, noise, demodulate=demodulate))
@@ -107,12 +132,13 @@ def main(arguments: list[str]) -> int:
     parser.add_argument("clips", nargs="*", type=Path)
     parser.add_argument("--times", action="store_true", help="time and memory too")
     parser.add_argument("--without", nargs="+", default=[], metavar="METHOD", help="Dual TV-L1 takes most of the time")
+    parser.add_argument("--ablations", action="store_true", help="our searches with and without their parts")
     parser.add_argument("--json", type=Path)
     parser.add_argument("--pictures", type=Path)
     given = parser.parse_args(arguments)
     warnings.simplefilter("ignore", FewerLevelsWarning)
     cases: dict[str, tuple[list[Pair], str]] = {}
-    merged: dict[str, dict[str, float]] = {}
+    by_clip: dict[str, list[dict[str, float]]] = {}
     for folder in find_clips(given.clips) if given.clips else []:
         scene = folder.name.rpartition("_")[0]
         info = Clip(folder).info
@@ -121,15 +147,15 @@ def main(arguments: list[str]) -> int:
             frames, exposure = read(folder, samples)
             noise = noise_of(spp * samples)
             name = f"{scene}, {spp * samples} spp"
-            cases[name] = pairs(frames, exposure), noise
-            merged[name] = {m: accumulation(frames, exposure, noise, m) for m in ("estimate", "zero", "geometric")}
-            merged[name]["demodulated"] = accumulation(frames, exposure, noise, "estimate", True)
+            cases.setdefault(name, ([], noise))[0].extend(pairs(frames, exposure))
+            by_clip.setdefault(name, []).append(accumulations(frames, exposure, noise))
+    merged = {name: {m: float(np.mean([c[m] for c in clips])) for m in clips[0]} for name, clips in by_clip.items()}
     cases |= {"disc, 2 %": (discs(0.02), "moderate"), "disc, 10 %": (discs(0.1), "noisy")}
     scores: dict[str, dict[str, float]] = {}
     for name, (all_pairs, noise) in cases.items():
         found = {
             method: [find(p.current, p.previous) for p in all_pairs]
-            for method, find in methods(noise, given.without).items()
+            for method, find in methods(noise, given.without, given.ablations).items()
         }
         scores[name] = {
             m: float(np.mean([error(*both) for both in zip(all_pairs, motions, strict=True)]))
@@ -141,8 +167,11 @@ def main(arguments: list[str]) -> int:
             write_png(path, picture(all_pairs[-1], {m: f[-1] for m, f in found.items()}))
         print(f"{name}: {scores[name]}", file=sys.stderr, flush=True)
     print("Mean |warped previous − current| of the clean, displayed images")
+    print(", ".join(f"{name}: {len(all_pairs)} pairs" for name, (all_pairs, _) in cases.items()))
     columns = [[m, *(f"{row[m]:.4f}" for row in scores.values())] for m in next(iter(scores.values()))]
     print(aligned([["", *scores], *columns]))
+    if given.ablations:
+        return 0
     failures = verdicts(scores, merged)
     if merged:
         print("\nPSNR of accumulation (align_accumulate) by its motion, dB")
