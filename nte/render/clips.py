@@ -86,17 +86,16 @@ def render_clip(unit: ClipPlan, out: Path, advance: Callable[[int], None] = lamb
 
 def _render_frame(unit: ClipPlan, stage: Stage, folder: Path, index: int) -> None:
     """Write the files of one frame; those of further seeds first, so that the main file completes it."""
-    channels = guides(stage, index)
-    fill = _with_components if unit.group.components else _blurred if unit.blurred else _colour_only
-    seeds = fill(unit, stage, index, channels)
+    render = _with_components if unit.group.components else _blurred if unit.blurred else _colour_only
+    channels, seeds = render(unit, stage, index)
     files = files_of(folder, index, unit.group.seeds)
     for path, noisy_channels in reversed(list(zip(files, seeds, strict=True))):
         write_frame(path, channels | noisy_channels if path == files[0] else noisy_channels)
 
 
-def _colour_only(unit: ClipPlan, stage: Stage, index: int, channels: Channels) -> list[Channels]:
-    """Add the references to `channels`; returns the noisy channels of each seed."""
-    group = unit.group
+def _colour_only(unit: ClipPlan, stage: Stage, index: int) -> tuple[Channels, list[Channels]]:
+    """Guides and references, and the noisy channels of each seed."""
+    group, channels = unit.group, guides(stage, index)
 
     def render(channel: str, spp: int, seed: int = 0) -> Pixels:
         return radiance(stage, spp, _seed(unit, index, channel, seed))
@@ -104,25 +103,26 @@ def _colour_only(unit: ClipPlan, stage: Stage, index: int, channels: Channels) -
     motion = {"shutter_motion": centre_motion(stage, index, group.shutter)} if unit.sharp else {}
     seeds = [{"color": render("color", group.spp, seed), **motion} for seed in range(group.seeds)]
     channels.update({half: render(half, group.reference_spp // 2) for half in REFERENCES})
-    return seeds
+    return channels, seeds
 
 
-def _blurred(unit: ClipPlan, stage: Stage, index: int, channels: Channels) -> list[Channels]:
+def _blurred(unit: ClipPlan, stage: Stage, index: int) -> tuple[Channels, list[Channels]]:
     """The same with the samples of a pixel spread over the shutter."""
+    channels = guides(stage, index)
     keys = [_seed(unit, index, "color", seed) for seed in range(unit.group.seeds)]
     halves = [_seed(unit, index, half, 0) for half in REFERENCES]
     seeds, references = blurred(stage, index, unit.group.shutter, unit.group.reference_spp, keys, halves)
     channels.update(zip(REFERENCES, references, strict=True))
-    return seeds
+    return channels, seeds
 
 
-def _with_components(unit: ClipPlan, stage: Stage, index: int, channels: Channels) -> list[Channels]:
+def _with_components(unit: ClipPlan, stage: Stage, index: int) -> tuple[Channels, list[Channels]]:
     """The same with the light components and their references, and `direct`."""
     keys = [_seed(unit, index, "color", seed) for seed in range(unit.group.seeds)]
-    channels["direct"], seeds = noisy(stage, index, keys, channels["emission"])
+    channels, seeds = noisy(stage, index, keys)
     first, second = (_seed(unit, index, half, 0) for half in REFERENCES)
     channels.update(references(stage, unit.group.reference_spp, (first, second)))
-    return seeds
+    return channels, seeds
 
 
 def _seed(unit: ClipPlan, index: int, channel: str, seed: int) -> int:

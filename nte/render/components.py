@@ -3,62 +3,81 @@
 The estimators and their expectations are written in datasets/README.md, «Estimators».
 """
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from typing import Any
 
 import numpy as np
 import numpy.typing as npt
 
 from nte.render.backend import load_drjit, load_mitsuba
+from nte.render.gbuffer import geometry, surface_of
 from nte.render.gradient import shade_again, shade_before
 from nte.render.integrator import launches
-from nte.render.rays import to_hits
-from nte.render.resampling import Direct, ShadowRay, sample_direct, trace_shadow
+from nte.render.rays import Surfaces, to_hits, trace_centres
+from nte.render.resampling import ShadowRay, sample_direct, trace_shadow
 from nte.render.scene import Pixels
 from nte.render.seeds import derive_seed
 from nte.render.stage import Stage
 from nte.render.transforms import Floats
 from nte.render.transport import Path, sample_camera_ray, trace_path
-from nte.render.vectors import Bounce, Shadow, reflection_vectors, shadow_vectors
+from nte.render.vectors import Bounce, Shadow, mirror_images, reflection_vectors, shadow_vectors
 
 _SAMPLES = 1 << 22  # paths per launch: their components are stored before they are summed, 200 MB
 _Row = npt.NDArray[Any]
 
 
-def noisy(stage: Stage, time: float, seeds: Sequence[int], emission: Pixels) -> tuple[Pixels, list[dict[str, Pixels]]]:
-    """`direct` (3, H, W) and, for each seed, every noisy channel (C, H, W) at 1 spp, at a time in frames.
+def noisy(stage: Stage, time: float, seeds: Sequence[int]) -> tuple[dict[str, Pixels], list[dict[str, Pixels]]]:
+    """The channels without noise (C, H, W), `guides` and `direct`, and for each seed every noisy one, at 1 spp.
 
-    direct is the mean over the candidates of all seeds. The channels: color, visibility, indirect,
-    indirect_radiance, indirect_direction, glossy, shadow_motion, reflection_motion, reflection_covariance, gradient.
-    emission (3, H, W) is that of the guides. `stage` must be set to `time`, and is left so.
+    time: in frames; leaves `stage` set to it. direct is the mean over the candidates of all seeds. The noisy
+    channels: color, visibility, indirect, indirect_radiance, indirect_direction, glossy, shadow_motion,
+    reflection_motion, reflection_covariance, gradient.
+
+    Kernels are queued as early as they can be: what NumPy does in between, it does while they run.
     """
-    samples = [_sample(stage, seed) for seed in seeds]
-    direct = np.asarray(np.mean([direct for direct, *_ in samples], axis=0, dtype=np.float32))
-    for _, channels, shadow, _ in samples:
-        channels["visibility"][:, ~direct.any(0)] = 1
-        channels["color"] = emission + direct * channels["visibility"] + channels["glossy"] + channels["indirect"]
-        channels["shadow_motion"] = shadow_vectors(stage, shadow, time)
+    stage.set_time(time)
+    centres = trace_centres(stage)
+    keys = [derive_seed(seed, "direct") for seed in seeds]
+    paths = [_path(stage, seed) for seed in seeds]
+    load_drjit().eval(paths)
+    channels = geometry(stage, time, centres)
+    bounces = [_bounce(stage, path) for path in paths]
+    seen, directs = sample_direct(stage, keys)
+    shadow_rays = [trace_shadow(stage, direct, key) for direct, key in zip(directs, keys, strict=True)]
+    load_drjit().eval(shadow_rays)
+    mirrored = [mirror_images(stage, bounce, time) for bounce in bounces]
+    channels |= surface_of(stage, Surfaces.of(np.stack([np.array(column, float) for column in seen], 1)))
+    channels["direct"] = np.mean([_image(stage, direct.mean) for direct in directs], axis=0, dtype=np.float32)
+
+    samples = [_light_of(stage, path, ray) for path, ray in zip(paths, shadow_rays, strict=True)]
+    for sample, ray in zip(samples, shadow_rays, strict=True):
+        sample["visibility"][:, ~channels["direct"].any(0)] = 1
+        shadowed = channels["direct"] * sample["visibility"]
+        sample["color"] = channels["emission"] + shadowed + sample["glossy"] + sample["indirect"]
+        sample["shadow_motion"] = shadow_vectors(stage, _shadow(stage, ray), time)
     stage.set_time(time - 1)
     replays = [shade_before(stage, time, seed) for seed in seeds]
-    for _, channels, _, bounce in samples:
-        channels["reflection_motion"], channels["reflection_covariance"] = reflection_vectors(stage, bounce, time)
+    for sample, images in zip(samples, mirrored, strict=True):
+        sample["reflection_motion"], sample["reflection_covariance"] = reflection_vectors(stage, images, time)
     stage.set_time(time)
-    for (_, channels, _, _), replay in zip(samples, replays, strict=True):
-        channels["gradient"] = shade_again(stage, time, replay)
-    return direct, [channels for _, channels, _, _ in samples]
+    for sample, replay in zip(samples, replays, strict=True):
+        sample["gradient"] = shade_again(stage, time, replay)
+    return channels, samples
 
 
 def shadow_samples(stage: Stage, time: float, seeds: Sequence[int]) -> list[Pixels]:
     """The shadow_motion of `noisy` alone, for each seed."""
-    rays = (_shadow_ray(stage, seed)[1] for seed in seeds)
+    keys = [derive_seed(seed, "direct") for seed in seeds]
+    _, directs = sample_direct(stage, keys)
+    rays = (trace_shadow(stage, direct, key) for direct, key in zip(directs, keys, strict=True))
     return [shadow_vectors(stage, _shadow(stage, ray), time) for ray in rays]
 
 
 def reflection_samples(stage: Stage, time: float, seeds: Sequence[int]) -> list[tuple[Pixels, Pixels]]:
     """The reflection_motion and reflection_covariance of `noisy` alone, for each seed."""
-    bounces = [_bounce(stage, _path(stage, seed)) for seed in seeds]
+    mirrored = [mirror_images(stage, _bounce(stage, _path(stage, seed)), time) for seed in seeds]
     stage.set_time(time - 1)
-    vectors = [reflection_vectors(stage, bounce, time) for bounce in bounces]
+    vectors = [reflection_vectors(stage, images, time) for images in mirrored]
     stage.set_time(time)
     return vectors
 
@@ -83,32 +102,21 @@ def references(stage: Stage, spp: int, seeds: tuple[int, int]) -> dict[str, Pixe
     return {name: np.ascontiguousarray(values, np.float32) for name, values in channels.items()}
 
 
-def _sample(stage: Stage, seed: int) -> tuple[Pixels, dict[str, Pixels], Shadow, Bounce]:
-    """direct, the light channels, and what the shadow ray and the path met, for one seed."""
-    dr = load_drjit()
-    candidates, shadow = _shadow_ray(stage, seed)
-    path = _path(stage, seed)
-    light = [path.indirect, path.indirect_radiance, path.indirect_direction, path.glossy]
-    dr.eval(shadow, light, path.first, path.second, path.direction, path.is_reflection)
-
-    def image(*columns: Any) -> Pixels:
-        rows = np.stack([np.array(column, np.float32) for column in columns])
-        return rows.reshape(-1, stage.height, stage.width)
-
-    channels = {
-        "visibility": image(shadow.visible),
-        "indirect": image(*path.indirect),
-        "indirect_radiance": image(*path.indirect_radiance),
-        "indirect_direction": image(*path.indirect_direction),
-        "glossy": image(*path.glossy),
+def _light_of(stage: Stage, path: Path, ray: ShadowRay) -> dict[str, Pixels]:
+    """The light channels of one seed."""
+    return {
+        "visibility": _image(stage, [ray.visible]),
+        "indirect": _image(stage, path.indirect),
+        "indirect_radiance": _image(stage, path.indirect_radiance),
+        "indirect_direction": _image(stage, path.indirect_direction),
+        "glossy": _image(stage, path.glossy),
     }
-    return candidates.direct, channels, _shadow(stage, shadow), _bounce(stage, path)
 
 
-def _shadow_ray(stage: Stage, seed: int) -> tuple[Direct, ShadowRay]:
-    seed = derive_seed(seed, "direct")
-    candidates = sample_direct(stage, seed)
-    return candidates, trace_shadow(stage, candidates, seed)
+def _image(stage: Stage, columns: Iterable[Any]) -> Pixels:
+    """(C, H, W) of Dr.Jit arrays (P,)."""
+    rows = np.stack([np.array(column, np.float32) for column in columns])
+    return rows.reshape(-1, stage.height, stage.width)
 
 
 def _path(stage: Stage, seed: int) -> Path:

@@ -61,15 +61,14 @@ def reflecting_points(point: Floats, normal: Floats, curvature: Floats, target: 
     step = np.zeros((len(point), 2))
     for _ in range(_STEPS):
         place, facing = _quadric(point, normal, frame, bend, step)
-        half, change = _half_vector(place, target, eye)
+        half, change = _half_vector(place, frame, target, eye)
         along = (half * facing).sum(1)
-        missed = np.einsum("rik,ri->rk", frame, half - along[:, None] * facing)
-        slope = within(frame, change) - along[:, None, None] * bend
-        move = -solve(slope, missed[:, :, None])[:, :, 0]
+        missed = _in(frame, half - along[:, None] * facing)
+        move = -solve(change - along[:, None, None] * bend, missed[:, :, None])[:, :, 0]
         turn = np.linalg.norm(np.einsum("rij,rj->ri", bend, move), axis=1)
         step += move * np.minimum(1, _TURN / np.maximum(turn, 1e-12))[:, None]
     place, facing = _quadric(point, normal, frame, bend, step)
-    half, _ = _half_vector(place, target, eye)
+    half, _ = _half_vector(place, frame, target, eye)
     cosine = (half * facing).sum(1) / np.maximum(np.linalg.norm(half, axis=1), 1e-12)
     turned = np.linalg.norm(np.einsum("rij,rj->ri", bend, step), axis=1)
     found = (cosine > np.cos(_MISSED)) & (turned < _REACH)
@@ -94,16 +93,22 @@ def _quadric(point: Floats, normal: Floats, frame: Floats, bend: Floats, step: F
     return place, facing / np.linalg.norm(facing, axis=1, keepdims=True)
 
 
-def _half_vector(place: Floats, target: Floats, eye: Floats) -> tuple[Floats, Floats]:
-    """Sum (R, 3) of the unit vectors to target and eye, and its change (R, 3, 3) with the place."""
-    total, change = np.zeros_like(place), np.zeros((len(place), 3, 3))
+def _half_vector(place: Floats, frame: Floats, target: Floats, eye: Floats) -> tuple[Floats, Floats]:
+    """Sum (R, 3) of the unit vectors to target and eye, and its change (R, 2, 2) with steps in the frame."""
+    total, change = np.zeros_like(place), np.zeros((len(place), 2, 2))
     for end in (target, eye):
         way = end - place
         distance = np.maximum(np.linalg.norm(way, axis=1, keepdims=True), 1e-9)
         way = way / distance
         total += way
-        change -= (np.eye(3) - way[:, :, None] * way[:, None, :]) / distance[:, :, None]
+        inside = _in(frame, way)
+        change -= (np.eye(2) - inside[:, :, None] * inside[:, None, :]) / distance[:, :, None]
     return total, change
+
+
+def _in(frame: Floats, vectors: Floats) -> Floats:
+    """Components (R, 2) of vectors (R, 3) along the axes of frames (R, 3, 2)."""
+    return np.stack([(frame[:, :, axis] * vectors).sum(1) for axis in (0, 1)], 1)
 
 
 def within(frame: Floats, tensor: Floats) -> Floats:

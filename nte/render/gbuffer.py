@@ -10,10 +10,9 @@ from typing import Any
 
 import numpy as np
 import numpy.typing as npt
-import torch
 
-from nte.motion.camera import project
-from nte.render.rays import points_at, trace_centres, trace_surfaces
+from nte.render.film import pixel_positions
+from nte.render.rays import Hits, Surfaces, points_at, trace_centres, trace_surfaces
 from nte.render.scene import Pixels
 from nte.render.stage import Stage
 from nte.render.transforms import Floats
@@ -22,14 +21,15 @@ SAMPLES = 16  # per pixel, for the mean channels
 LENS_SAMPLES = 64  # the same through a lens: what is out of focus is that many copies of it
 
 
-def geometry(stage: Stage, time: float) -> dict[str, Pixels]:
+def geometry(stage: Stage, time: float, hits: Hits | None = None) -> dict[str, Pixels]:
     """depth, position, instance, motion and forward_motion (C, H, W) at a time in frames.
 
     motion leads to where the same surface point was seen at time − 1, forward_motion to where it will be at
     time + 1: pixels, x to the right, y down, object and camera motion together, no jitter. A miss is a point
-    at infinity: only the camera's rotation moves it. `stage` must be set to the same time.
+    at infinity: only the camera's rotation moves it. hits: those of the pixels' centres; traced unless given, and
+    then `stage` must be set to the same time.
     """
-    hits = trace_centres(stage)
+    hits = trace_centres(stage) if hits is None else hits
     hit = hits.instance > 0
     times = (time - 1, time, time + 1)
     points = np.stack([points_at(stage, hits, then) for then in times])
@@ -51,8 +51,12 @@ def surface(stage: Stage) -> dict[str, Pixels]:
     the camera, unit length. Samples that miss have albedo 0 and count neither for normal nor for roughness;
     a pixel of misses has normal 0 and roughness 1.
     """
-    samples = LENS_SAMPLES if stage.scene.camera.aperture else SAMPLES
-    seen = trace_surfaces(stage, _pattern(samples))
+    return surface_of(stage, trace_surfaces(stage, pattern(stage)))
+
+
+def surface_of(stage: Stage, seen: Surfaces) -> dict[str, Pixels]:
+    """The channels of `surface`, of what the places of its `pattern` have seen."""
+    samples = len(pattern(stage))
     length = np.linalg.norm(seen.normal, axis=1, keepdims=True)
     return {
         "albedo": to_image(stage, np.clip(seen.albedo / samples, 0, 1)),
@@ -67,20 +71,17 @@ def project_rows(stage: Stage, hit: npt.NDArray[np.bool_], points: Floats, times
 
     What lies behind the camera counts as far outside the image: motion vectors are always finite.
     """
-    camera, size = stage.scene.camera, (stage.height, stage.width)
-    grid = torch.from_numpy(points.transpose(0, 2, 1).copy()).view(-1, 3, *size)
-    view = torch.from_numpy(np.stack([camera.view(time) for time in times]))
-    projection = torch.from_numpy(camera.projection(stage.width, stage.height)).expand_as(view)
-    is_point = torch.from_numpy(hit).view(1, 1, *size).expand(len(times), -1, -1, -1)
-    positions = project(grid, view, projection, is_point).flatten(2).numpy().transpose(0, 2, 1)
-    return np.asarray(np.nan_to_num(positions, nan=-2.0 * max(size)))
+    behind = -2.0 * max(stage.height, stage.width)
+    positions = (pixel_positions(stage, then, time, hit) for then, time in zip(points, times, strict=True))
+    return np.stack([np.nan_to_num(position, nan=behind) for position in positions])
 
 
-def _pattern(count: int) -> Floats:
-    """Sample positions (count, 4) in a pixel and on the lens: a Hammersley set, the same in every pixel and frame.
+def pattern(stage: Stage) -> Floats:
+    """Sample positions (S, 4) in a pixel and on the lens: a Hammersley set, the same in every pixel and frame.
 
     All x and all y differ, so an edge of any slope is averaged finely, and the guides do not flicker.
     """
+    count = LENS_SAMPLES if stage.scene.camera.aperture else SAMPLES
     index = np.arange(count)
     return np.stack([(index + 0.5) / count, *(_mirrored(index, base, count) for base in (2, 3, 5))], axis=1)
 

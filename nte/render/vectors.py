@@ -11,6 +11,7 @@ import numpy as np
 import numpy.typing as npt
 
 from nte.render.curved import curvatures_at, reflecting_points, solve, tangents, within
+from nte.render.film import eye, image_of, pixel_positions
 from nte.render.rays import Hits, Indices, normals_at, points_at, trace_film
 from nte.render.scene import DISTANT, Pixels
 from nte.render.stage import Stage
@@ -40,6 +41,15 @@ class Bounce:
     reflected: Rows  # (P,) whether a lobe other than the diffuse one has reflected the path
 
 
+@dataclass(frozen=True)
+class Mirrored:
+    """Where mirrors show what the reflected paths met, one row per reflected path."""
+
+    rows: Rows  # (P,) which pixels' paths those are
+    first: Hits  # the reflectors
+    image: Floats  # (R, 3) world, at the time before; NaN where nothing is shown
+
+
 def shadow_vectors(stage: Stage, shadow: Shadow, time: float) -> Pixels:
     """shadow_motion (2, H, W), pixels, to where the same shadow was at time − 1; NaN where there is none.
 
@@ -59,17 +69,11 @@ def shadow_vectors(stage: Stage, shadow: Shadow, time: float) -> Pixels:
     return _motion(stage, rows, receiver, before, time)
 
 
-def reflection_vectors(stage: Stage, bounce: Bounce, time: float) -> tuple[Pixels, Pixels]:
-    """reflection_motion (2, H, W) px, and reflection_covariance (3, H, W) px².
+def mirror_images(stage: Stage, bounce: Bounce, time: float) -> Mirrored:
+    """mirror[T⁻¹h, T⁻¹plane(s)] of Eq. 5, at time − 1, of the paths of `time`.
 
-    Eq. 5: x^R = sample(P(mirror[T⁻¹h, T⁻¹plane(s)]), Σ), all at time − 1; its two parameters are returned, the
-    mean as a vector from the pixel. Where the surface is curved, it is the place that mirrors T⁻¹h by the curvature
-    at T⁻¹s (`nte.render.curved`), and T⁻¹s itself if there is none near by. NaN where no lobe but the diffuse one has
-    reflected the path, where the mirrored point is behind the camera, and where no surface is seen there at time − 1.
-
-    Σ is the image of the points about s^C, the surface seen there, that reflect the same h into the camera, by the
-    roughness at s^C: see `footprint`.
-    `bounce` is of `time`; `stage` must be set to time − 1.
+    Where the surface is curved, it is the place that mirrors T⁻¹h by the curvature at T⁻¹s (`nte.render.curved`),
+    and T⁻¹s itself if there is none near by. NaN where nothing can be reflected. Needs no rays.
     """
     rows = bounce.reflected
     first, second = bounce.first.of(rows), bounce.second.of(rows)
@@ -79,15 +83,29 @@ def reflection_vectors(stage: Stage, bounce: Bounce, time: float) -> tuple[Pixel
     target[distant] = point[distant] + DISTANT * target[distant]
     height = _dot(target - point, normal)
     image = target - 2 * height * normal
-    eye = _eye(stage, time - 1)
-    side = np.sign(_dot(eye - point, normal))
+    camera = eye(stage, time - 1)
+    side = np.sign(_dot(camera - point, normal))
     image[(height * side)[:, 0] <= 0] = np.nan  # no reflection is seen
     curvature = curvatures_at(stage, first, time - 1) * side[:, :, None]
     bent = curvature.any((1, 2)) & np.isfinite(image[:, 0])
-    image[bent] = _unfolded(point[bent], (normal * side)[bent], curvature[bent], target[bent], eye)
+    image[bent] = _unfolded(point[bent], (normal * side)[bent], curvature[bent], target[bent], camera)
+    return Mirrored(rows, first, image)
+
+
+def reflection_vectors(stage: Stage, mirrored: Mirrored, time: float) -> tuple[Pixels, Pixels]:
+    """reflection_motion (2, H, W) px, and reflection_covariance (3, H, W) px².
+
+    Eq. 5: x^R = sample(P(mirror[T⁻¹h, T⁻¹plane(s)]), Σ), all at time − 1; its two parameters are returned, the
+    mean as a vector from the pixel. NaN where no lobe but the diffuse one has reflected the path, where the
+    mirrored point is behind the camera, and where no surface is seen there at time − 1.
+
+    Σ is the image of the points about s^C, the surface seen there, that reflect the same h into the camera, by the
+    roughness at s^C: see `footprint`. `stage` must be set to time − 1.
+    """
+    image = mirrored.image.copy()
     covariance = footprint(stage, image, time - 1)
     image[np.isnan(covariance).any(1)] = np.nan
-    return _motion(stage, rows, first, image, time), _scattered(stage, rows, covariance)
+    return _motion(stage, mirrored.rows, mirrored.first, image, time), _scattered(stage, mirrored.rows, covariance)
 
 
 def _unfolded(point: Floats, normal: Floats, curvature: Floats, target: Floats, eye: Floats) -> Floats:
@@ -123,7 +141,7 @@ def footprint(stage: Stage, image: Floats, time: float) -> Floats:
     axis = seen.point - image[usable]
     distance = np.linalg.norm(axis, axis=1, keepdims=True)
     axis /= np.maximum(distance, 1e-9)
-    to_camera = np.linalg.norm(_eye(stage, time) - seen.point, axis=1, keepdims=True)
+    to_camera = np.linalg.norm(eye(stage, time) - seen.point, axis=1, keepdims=True)
     side = np.where(_dot(axis, seen.normal) < 0, -1.0, 1.0)  # the axis runs from the image to the camera
     normal = seen.normal * side
     cosine = np.maximum(_dot(axis, normal), _GRAZING)
@@ -138,7 +156,7 @@ def footprint(stage: Stage, image: Floats, time: float) -> Floats:
     ends = frame @ solve(turning, deviation[:, :, None] * np.eye(2))
     total = np.zeros((len(axis), 3))
     for end in ends.transpose(2, 0, 1):
-        x, y = _image_of(stage, seen.point, end, time).T
+        x, y = image_of(stage, seen.point, end, time).T
         total += np.stack([x * x, x * y, y * y], 1)
     total[~seen.hit] = np.nan
     covariance[usable] = total
@@ -172,34 +190,6 @@ def _scattered(stage: Stage, rows: Rows, values: Floats) -> Pixels:
     image = np.full((len(rows), values.shape[1]), np.nan, np.float32)
     image[rows] = values
     return np.ascontiguousarray(image.T.reshape(-1, stage.height, stage.width))
-
-
-def _eye(stage: Stage, time: float) -> Floats:
-    """Where the camera is (3,), world."""
-    return np.asarray(stage.scene.camera.track(time)[:3, 3])
-
-
-def pixel_positions(stage: Stage, points: Floats, time: float) -> Floats:
-    """Pixel positions (R, 2) of world points (R, 3); NaN behind the camera."""
-    clip = _clip(stage, points, time)
-    with np.errstate(divide="ignore", invalid="ignore"):
-        position = clip[:, :2] / clip[:, 2:]
-    return np.where(clip[:, 2:] > 0, position, np.nan)
-
-
-def _image_of(stage: Stage, points: Floats, offsets: Floats, time: float) -> Floats:
-    """How far in pixels (R, 2) small offsets (R, 3) of points (R, 3) move them in the image: first order."""
-    clip = _clip(stage, points, time)
-    step = _clip(stage, points + offsets, time) - clip
-    return np.asarray((step[:, :2] - clip[:, :2] / clip[:, 2:] * step[:, 2:]) / clip[:, 2:])
-
-
-def _clip(stage: Stage, points: Floats, time: float) -> Floats:
-    """Homogeneous pixel coordinates (R, 3): x·w, y·w, w."""
-    camera = stage.scene.camera
-    matrix = camera.projection(stage.width, stage.height) @ camera.view(time)
-    rows = matrix[[0, 1, 3]] * np.array([[stage.width], [stage.height], [1]])
-    return np.asarray(points @ rows[:, :3].T + rows[:, 3])
 
 
 def _dot(a: Floats, b: Floats) -> Floats:

@@ -12,7 +12,7 @@ import numpy as np
 
 from nte.render.backend import load_mitsuba
 from nte.render.components import noisy, references
-from nte.render.integrator import guides, launches, radiance
+from nte.render.integrator import launches, radiance
 from nte.render.scenes import FAMILIES
 from nte.render.seeds import derive_generator
 from nte.render.stage import Stage
@@ -30,7 +30,7 @@ def main(size: int) -> int:
             mi.render(stage.mi_scene, spp=count, seed=number).numpy()
 
     def frame(index: int) -> None:
-        noisy(stage, index, [index], guides(stage, index)["emission"])
+        noisy(stage, index, [index])
 
     def colour_reference() -> None:
         radiance(stage, SPP // 2, 1)
