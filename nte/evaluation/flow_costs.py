@@ -4,6 +4,8 @@ import multiprocessing
 import statistics
 import time
 from collections.abc import Callable
+from functools import partial
+from itertools import zip_longest
 from pathlib import Path
 from typing import Any
 
@@ -13,6 +15,7 @@ from torch import Tensor
 
 from nte.evaluation.flows import FLOWS, Find, ours
 from nte.evaluation.table import aligned
+from nte.motion.agreement import agree
 from nte.motion.correspondence import SCALE, SEARCHES
 from nte.motion.patch_distance import best_shift
 
@@ -58,22 +61,24 @@ def peaks() -> dict[str, float]:
         return dict(zip(names, pool.map(peak_mb, names, chunksize=1), strict=True))
 
 
-def passes() -> dict[str, float]:
-    """Milliseconds of each level of the full search at 1280×720, once each, with images that have no noise."""
-    search, found = SEARCHES["clean"], {}
-    height, width = TIMED
-    for level, radius in enumerate(search.radii):
+def passes(repetitions: int = 5) -> dict[str, float]:
+    """Milliseconds of each pass of the search for 1 spp at 1280×720, and of all: medians of repetitions in turn."""
+    search = SEARCHES["noisy"]
+    height, width = (size // 2 for size in TIMED)
+    tasks: dict[str, Callable[[], Any]] = {}
+    for level, (radius, strength) in enumerate(zip_longest(search.radii, search.agreement, fillvalue=0)):
         images = _images((-(-height // SCALE**level), -(-width // SCALE**level)))
         refine = level < search.refined
-        best_shift(*images, radius, search.norm, refine)
-        found[f"level {level}"] = 1000 * statistics.median(
-            _seconds(best_shift, *images, radius, search.norm, refine) for _ in range(5)
-        )
-    whole = ours("clean")
-    images = _images(TIMED)
-    found["all"] = 1000 * statistics.median(_seconds(whole, *images) for _ in range(5))
-    found["pyramid and warps"] = found["all"] - sum(found[f"level {level}"] for level in range(len(search.radii)))
-    return found
+        tasks[f"level {level}, search"] = partial(best_shift, *images, int(radius), search.norm, refine)
+        if strength:
+            motion = torch.zeros(1, 2, *images[0].shape[2:])
+            tasks[f"level {level}, agreement"] = partial(agree, *images, motion, strength)
+    tasks["all, with pyramid and warps"] = partial(ours("noisy"), *_images(TIMED))
+    seconds: dict[str, list[float]] = {name: [] for name in tasks}
+    for _ in range(1 + repetitions):
+        for name, task in tasks.items():
+            seconds[name].append(_seconds(task))
+    return {name: 1000 * statistics.median(times[1:]) for name, times in seconds.items()}
 
 
 def peak_mb(name: str) -> float:

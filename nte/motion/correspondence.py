@@ -101,8 +101,8 @@ def find_correspondence(
     Values should be about as large as displayed ones, [0, 1]: the log norms compare them with 2. What is not
     finite counts as 0; at the border the previous image is clamped. `known` motion overwrites what is found on
     every level, and so guides the search around it. Small images get fewer levels (FewerLevelsWarning). The
-    same input gives the same output. Takes 1.7 times as long as OpenCV's Farnebäck,
-    half resolution half as long (docs/correspondence.md); no gradients.
+    same input gives the same output. Takes half as long as OpenCV's Farnebäck in images of half the size, and up to
+    2.5 times as long in full ones (docs/correspondence.md); no gradients.
     Raises NteError for images that differ in size.
     """
     search = search or Search()

@@ -10,11 +10,11 @@ import numpy as np
 import numpy.typing as npt
 
 from nte.render.backend import load_drjit, load_mitsuba
-from nte.render.gbuffer import geometry, surface_of
+from nte.render.gbuffer import geometry, surface
 from nte.render.gradient import shade_again, shade_before
 from nte.render.integrator import launches
-from nte.render.rays import Surfaces, to_hits, trace_centres
-from nte.render.resampling import ShadowRay, sample_direct, trace_shadow
+from nte.render.rays import to_hits, trace_centres
+from nte.render.resampling import Direct, ShadowRay, sample_direct, trace_shadow
 from nte.render.scene import Pixels
 from nte.render.seeds import derive_seed
 from nte.render.stage import Stage
@@ -37,16 +37,13 @@ def noisy(stage: Stage, time: float, seeds: Sequence[int]) -> tuple[dict[str, Pi
     """
     stage.set_time(time)
     centres = trace_centres(stage)
-    keys = [derive_seed(seed, "direct") for seed in seeds]
     paths = [_path(stage, seed) for seed in seeds]
     load_drjit().eval(paths)
-    channels = geometry(stage, time, centres)
+    channels = {**geometry(stage, time, centres), **surface(stage)}
     bounces = [_bounce(stage, path) for path in paths]
-    seen, directs = sample_direct(stage, keys)
-    shadow_rays = [trace_shadow(stage, direct, key) for direct, key in zip(directs, keys, strict=True)]
+    directs, shadow_rays = zip(*(_shadow_ray(stage, seed) for seed in seeds), strict=True)
     load_drjit().eval(shadow_rays)
     mirrored = [mirror_images(stage, bounce, time) for bounce in bounces]
-    channels |= surface_of(stage, Surfaces.of(np.stack([np.array(column, float) for column in seen], 1)))
     channels["direct"] = np.mean([_image(stage, direct.mean) for direct in directs], axis=0, dtype=np.float32)
 
     samples = [_light_of(stage, path, ray) for path, ray in zip(paths, shadow_rays, strict=True)]
@@ -67,9 +64,7 @@ def noisy(stage: Stage, time: float, seeds: Sequence[int]) -> tuple[dict[str, Pi
 
 def shadow_samples(stage: Stage, time: float, seeds: Sequence[int]) -> list[Pixels]:
     """The shadow_motion of `noisy` alone, for each seed."""
-    keys = [derive_seed(seed, "direct") for seed in seeds]
-    _, directs = sample_direct(stage, keys)
-    rays = (trace_shadow(stage, direct, key) for direct, key in zip(directs, keys, strict=True))
+    rays = (_shadow_ray(stage, seed)[1] for seed in seeds)
     return [shadow_vectors(stage, _shadow(stage, ray), time) for ray in rays]
 
 
@@ -117,6 +112,12 @@ def _image(stage: Stage, columns: Iterable[Any]) -> Pixels:
     """(C, H, W) of Dr.Jit arrays (P,)."""
     rows = np.stack([np.array(column, np.float32) for column in columns])
     return rows.reshape(-1, stage.height, stage.width)
+
+
+def _shadow_ray(stage: Stage, seed: int) -> tuple[Direct, ShadowRay]:
+    seed = derive_seed(seed, "direct")
+    direct = sample_direct(stage, seed)
+    return direct, trace_shadow(stage, direct, seed)
 
 
 def _path(stage: Stage, seed: int) -> Path:

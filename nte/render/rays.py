@@ -44,11 +44,6 @@ class Surfaces:
     emission: Floats
     hit: Floats
 
-    @staticmethod
-    def of(rows: Floats) -> "Surfaces":
-        """Of the columns of `look_at`, (P, 11)."""
-        return Surfaces(*np.split(rows, [3, 6, 7, 10], axis=1))
-
 
 @dataclass(frozen=True)
 class Seen:
@@ -130,7 +125,7 @@ def trace_surfaces(stage: Stage, offsets: Floats) -> Surfaces:
 
     The first two are a place in every pixel, the others one on the lens, where there is one: a half each is its middle.
     """
-    return Surfaces.of(_trace(stage, offsets, partial(_look, stage)))
+    return Surfaces(*np.split(_trace(stage, offsets, partial(_look, stage)), [3, 6, 7, 10], axis=1))
 
 
 def _trace(stage: Stage, offsets: Floats, look: Callable[[Any, Any, Any], list[Any]]) -> Floats:
@@ -169,19 +164,14 @@ def _trace_arrays(
     mi, dr = load_mitsuba(), load_drjit()
     samples = len(offsets)
     lane = dr.arange(mi.UInt32, count * samples)
-    ray = ray_at(stage, lane // samples + dr.opaque(mi.UInt32, start), offsets, lane % samples)
+    pixel, sample = lane // samples, lane % samples
+    x, y, u, v = (dr.gather(mi.Float, to_jit(mi.Float, column), sample) for column in offsets.T)
+    ray = camera_ray(stage, pixel + dr.opaque(mi.UInt32, start), mi.Point2f(x, y), mi.Point2f(u, v))
     columns = look(mi, stage.mi_scene, past_containers(stage, ray))
     dr.eval(columns)  # one kernel instead of one per column
     sums = columns if samples == 1 else [dr.block_sum(column, samples) for column in columns]
     dr.eval(sums)
     return np.stack([np.array(column, float) for column in sums], axis=1)
-
-
-def ray_at(stage: Stage, pixel: Any, offsets: Floats, sample: Any) -> Any:
-    """Rays through the places that `sample` chooses of `offsets` (S, 4), see trace_surfaces, in pixels by number."""
-    mi, dr = load_mitsuba(), load_drjit()
-    x, y, u, v = (dr.gather(mi.Float, to_jit(mi.Float, column), sample) for column in offsets.T)
-    return camera_ray(stage, pixel, mi.Point2f(x, y), mi.Point2f(u, v))
 
 
 def past_containers(stage: Stage, ray: Any) -> Any:
@@ -201,22 +191,16 @@ def past_containers(stage: Stage, ray: Any) -> Any:
 def _look(stage: Stage, mi: Any, scene: Any, ray: Any) -> list[Any]:
     """albedo (3), normal (3), roughness, emission (3), hit: 0 where the ray misses."""
     si = scene.ray_intersect(ray)
+    bsdf, emitter, hit = si.bsdf(), si.emitter(scene), si.is_valid()
     if is_scalar():
-        bsdf, emitter, hit = si.bsdf(), si.emitter(scene), si.is_valid()
         emission = emitter.eval(si) if emitter else mi.Color3f(0)
         if not hit:
             return [0.0] * 7 + [*emission, 0.0]
         rough = bsdf.eval_attribute_1("roughness", si) if bsdf.has_attribute("roughness") else 1.0
         normal = si.sh_frame.n * (1 if si.wi.z >= 0 else -1)
         return [*bsdf.eval_diffuse_reflectance(si), *normal, rough, *emission, 1.0]
-    return look_at(stage, si)
-
-
-def look_at(stage: Stage, si: Any) -> list[Any]:
-    """The columns of Surfaces at surface interactions; vectorised variants only."""
-    mi, dr, hit = load_mitsuba(), load_drjit(), si.is_valid()
+    dr = load_drjit()
     rough = stage.roughness(si, hit)
     normal = dr.select(hit, si.sh_frame.n * dr.select(si.wi.z >= 0, 1, -1), 0)
     albedo = stage.albedo(si, hit)
-    emission = si.emitter(stage.mi_scene).eval(si)
-    return [*albedo, *normal, dr.select(hit, rough, 0), *emission, dr.select(hit, mi.Float(1), 0)]
+    return [*albedo, *normal, dr.select(hit, rough, 0), *emitter.eval(si), dr.select(hit, mi.Float(1), 0)]

@@ -4,21 +4,20 @@ All random numbers are functions of (pixel, seed, candidate), so a chosen candid
 number instead of being stored. Estimators: datasets/README.md.
 """
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any
 
 from nte.render.backend import load_drjit, load_mitsuba
-from nte.render.gbuffer import pattern
 from nte.render.lobes import Lobes
 from nte.render.numbers import lattice, uniform
-from nte.render.rays import look_at, ray_at
 from nte.render.scene import DISTANT
 from nte.render.stage import Stage, shape_key
-from nte.render.transport import sample_light
+from nte.render.transport import camera_ray, sample_light
 
-CANDIDATES = 128  # light points of a pixel, shared out among the places where its surfaces are looked at
-_RAYS = 1 << 24  # at once: 16 M keep a launch under 2 GB
+POINTS = 16  # in each pixel, a camera ray each
+LIGHTS = 8  # light points for each of them: 64 candidates
+CANDIDATES = POINTS * LIGHTS
 
 
 @dataclass(frozen=True)
@@ -43,59 +42,35 @@ class ShadowRay:
     light_point: Any  # world; an environment light's is far away
 
 
-def sample_direct(stage: Stage, seeds: Sequence[int]) -> tuple[list[Any], list[Direct]]:
-    """Sums (P,) of what the guides see, `Surfaces`, and for each seed 128 light points, one of which is chosen in
-    proportion to the luminance that it gives unshadowed.
+def sample_direct(stage: Stage, seed: int) -> Direct:
+    """64 candidates in every pixel, and one chosen in proportion to the luminance it gives unshadowed.
 
-    The places of a pixel are the guides' own, so that one kernel makes both, a third faster than two. It is
-    queued, not waited for.
+    Queued, not waited for.
     """
-    dr, pixels, places = load_drjit(), stage.width * stage.height, len(pattern(stage))
-    step = max(1, _RAYS // places)
-    parts = [_sample_part(stage, seeds, start, min(step, pixels - start)) for start in range(0, pixels, step)]
-    if len(parts) == 1:
-        return parts[0]
-    sums = [dr.concat(columns) for columns in zip(*(seen for seen, _ in parts), strict=True)]
-    by_seed = zip(*(directs for _, directs in parts), strict=True)
-    return sums, [
-        Direct(*(dr.concat([getattr(part, name) for part in own], -1) for name in ("mean", "chosen", "lit")))
-        for own in by_seed
-    ]
-
-
-def _sample_part(stage: Stage, seeds: Sequence[int], start: int, count: int) -> tuple[list[Any], list[Direct]]:
-    """The same of `count` pixels from `start` on."""
-    mi, dr, offsets = load_mitsuba(), load_drjit(), pattern(stage)
-    places = len(offsets)
-    lane = dr.arange(mi.UInt32, count * places) + dr.opaque(mi.UInt32, start * places)
-    pixel, place = lane // places, lane % places
-    si = stage.mi_scene.ray_intersect(ray_at(stage, pixel, offsets, place))
+    mi, dr = load_mitsuba(), load_drjit()
+    pixels = stage.width * stage.height
+    lane = dr.arange(mi.UInt32, pixels * POINTS)
+    pixel, point = lane // POINTS, lane % POINTS
+    key = dr.opaque(mi.UInt32, seed)
+    _, _, si = _receiver(stage, pixel, point, key)
     lobes = Lobes(si, si.is_valid())
-    seen, lights = look_at(stage, si), []
-    for seed in seeds:
-        key = dr.opaque(mi.UInt32, seed)
 
-        def numbers(number: Any, key: Any = key) -> Any:
-            return _light_numbers(pixel, place, places, number, key)
+    def numbers(number: Any) -> Any:
+        return _light_numbers(pixel, point, number, key)
 
-        random = uniform(lane, key, "candidate").x
-        lights.append(resample_lights(stage, lobes, CANDIDATES // places, numbers, mi.luminance, random))
-    dr.eval(seen, [(total, choice.weight, choice.number) for total, choice in lights])
+    total, choice = resample_lights(stage, lobes, LIGHTS, numbers, mi.luminance, uniform(lane, key, "candidate").x)
+    dr.eval(total, choice.weight, choice.number)
+    mean = mi.Color3f(*(dr.block_sum(channel, POINTS) for channel in total)) / CANDIDATES
 
-    pixel = dr.arange(mi.UInt32, count)
-    directs = []
-    for seed, (total, choice) in zip(seeds, lights, strict=True):
-        random = uniform(pixel + dr.opaque(mi.UInt32, start), dr.opaque(mi.UInt32, seed), "point").x
-        among = Choice(random, mi.Float(0), mi.UInt32(0))
-        for number in range(places):
-            source = pixel * places + number
-            candidate = dr.gather(mi.UInt32, choice.number, source) * places + number
-            among.offer(candidate, dr.gather(mi.Float, choice.weight, source))
-        mean = mi.Color3f(*(dr.block_sum(channel, places) for channel in total)) / CANDIDATES
-        directs.append(Direct(mean, among.number, among.weight > 0))
-    sums = [dr.block_sum(column, places) for column in seen]
-    dr.eval(sums, [(direct.mean, direct.chosen, direct.lit) for direct in directs])
-    return sums, directs
+    pixel = dr.arange(mi.UInt32, pixels)
+    among = Choice(uniform(pixel, key, "point").x, mi.Float(0), mi.UInt32(0))
+    for number in range(POINTS):
+        source = pixel * POINTS + number
+        candidate = dr.gather(mi.UInt32, choice.number, source) * POINTS + number
+        among.offer(candidate, dr.gather(mi.Float, choice.weight, source))
+    direct = Direct(mean, among.number, among.weight > 0)
+    dr.eval(direct)
+    return direct
 
 
 def resample_lights(
@@ -124,13 +99,10 @@ def trace_shadow(stage: Stage, direct: Direct, seed: int) -> ShadowRay:
     """The one shadow ray of every pixel, to the light point of the candidate that sample_direct chose."""
     mi, dr = load_mitsuba(), load_drjit()
     pixel = dr.arange(mi.UInt32, stage.width * stage.height)
-    offsets, key = pattern(stage), dr.opaque(mi.UInt32, seed)
-    places = len(offsets)
-    place, number = direct.chosen % places, direct.chosen // places
-    ray = ray_at(stage, pixel, offsets, place)
-    receiver = stage.mi_scene.ray_intersect_preliminary(ray)
-    si = receiver.compute_surface_interaction(ray)
-    light = sample_light(stage.mi_scene, si, direct.lit, _light_numbers(pixel, place, places, number, key)).sample
+    key = dr.opaque(mi.UInt32, seed)
+    point, number = direct.chosen % POINTS, direct.chosen // POINTS
+    ray, receiver, si = _receiver(stage, pixel, point, key)
+    light = sample_light(stage.mi_scene, si, direct.lit, _light_numbers(pixel, point, number, key)).sample
     shadow_ray = si.spawn_ray_to(light.p)
     blocker = stage.mi_scene.ray_intersect_preliminary(shadow_ray, coherent=False, active=direct.lit)
     blocked = direct.lit & blocker.is_valid()
@@ -161,9 +133,18 @@ class Choice:
         self.random = dr.select(taken, self.random / share, (self.random - share) / (1 - share))
 
 
-def _light_numbers(pixel: Any, place: Any, places: int, number: Any, key: Any) -> Any:
-    """Two random numbers for light point `number` of a place: all 128 of a pixel fill the lights evenly.
+def _receiver(stage: Stage, pixel: Any, point: Any, key: Any) -> tuple[Any, Any, Any]:
+    """Camera ray through one of the 16 points of each pixel, its preliminary and its surface interaction."""
+    has_lens = stage.scene.camera.aperture > 0
+    lens = lattice(pixel, 7 * point % POINTS, POINTS, key, "lens") if has_lens else None
+    ray = camera_ray(stage, pixel, lattice(pixel, point, POINTS, key, "jitter"), lens)
+    hit = stage.mi_scene.ray_intersect_preliminary(ray)
+    return ray, hit, hit.compute_surface_interaction(ray)
 
-    7 is coprime to the number of places: neighbours within the pixel are not neighbours on the light.
+
+def _light_numbers(pixel: Any, point: Any, number: Any, key: Any) -> Any:
+    """Two random numbers for light point `number` of 4: all 64 of a pixel fill the lights evenly.
+
+    7 is coprime to 16: neighbours within the pixel are not neighbours on the light.
     """
-    return lattice(pixel, number * places + (7 * place) % places, CANDIDATES, key, "light")
+    return lattice(pixel, number * POINTS + (7 * point) % POINTS, CANDIDATES, key, "light")

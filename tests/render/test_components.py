@@ -74,6 +74,11 @@ def agree(ours: np.ndarray, truth: np.ndarray, noise: np.ndarray, mean: float = 
     assert np.abs(ours - truth).mean() < 1.2 * np.abs(noise).mean() + 1e-4 * truth.mean()
 
 
+def direct_light(here: Stage, seeds: int) -> np.ndarray:
+    """(3, H, W), the mean over noise seeds."""
+    return np.mean([sample_direct(here, seed).mean for seed in range(seeds)], 0).reshape(3, here.height, here.width)
+
+
 def check_recombination(here: Stage) -> None:
     """direct·reference_visibility + the others is mi.render, pixel by pixel, edges included."""
     channels = guides(here, 0)
@@ -81,7 +86,7 @@ def check_recombination(here: Stage) -> None:
     found = references(here, 1024, (11, 12))
     ours = (found["reference_a"] + found["reference_b"]) / 2
     agree(ours, sum(halves) / 2, (halves[0] - halves[1]) / np.sqrt(2), mean=0.03)  # caustics of the dielectric
-    channels["direct"] = np.mean([sample_direct(here, seed).direct for seed in range(24)], 0)
+    channels["direct"] = direct_light(here, 24)
     difference = recombined(channels | found, "reference_") - ours
     assert np.abs(difference).mean() < 0.03 * ours.mean()  # the noise of F: both have light points of their own
     assert abs(difference.mean()) < 4e-3 * ours.mean()
@@ -133,9 +138,9 @@ def test_many_lights_of_one_colour():
 @pytest.mark.slow
 def test_many_seeds_have_the_references_mean():
     here, count = staged(table()), 128
-    emission = guides(here, 0)["emission"]
     found = references(here, 4096, (1, 2))
-    direct, runs = noisy(here, 0, range(count), emission)
+    clean, runs = noisy(here, 0, range(count))
+    direct = clean["direct"]
     for name in ("visibility", "indirect", "glossy"):
         weight = direct if name == "visibility" else 1
         samples = blocks(weight * np.stack([channels[name] for channels in runs]))
@@ -172,7 +177,7 @@ def test_furnace():
     image = (found["reference_a"] + found["reference_b"]) / 2
     np.testing.assert_allclose(image, 1, atol=0.1)
     assert image.mean() == pytest.approx(1, abs=2e-3)
-    direct = np.mean([sample_direct(here, seed).direct for seed in range(32)], 0)
+    direct = direct_light(here, 32)
     back = recombined(channels | found | {"direct": direct}, "reference_")
     assert back.mean() == pytest.approx(1, abs=3e-3)
     assert np.abs(back - 1).mean() < 0.02
@@ -224,7 +229,7 @@ def test_kernels_are_shared_between_frames():
     here = Stage(FAMILIES["rooms"](derive_generator("kernels")), 20, 16, 4)
 
     def frame(time: int) -> None:
-        noisy(here, time, [time], guides(here, time)["emission"])
+        noisy(here, time, [time])
         references(here, 8, (time, time + 50))
 
     frame(0)

@@ -8,13 +8,12 @@ import pytest
 from nte.render.components import references
 from nte.render.gbuffer import geometry
 from nte.render.integrator import guides, radiance
-from nte.render.resampling import sample_direct
 from nte.render.scene import Camera, Material, Scene, SceneObject
 from nte.render.scenes import FAMILIES, shapes
 from nte.render.seeds import derive_generator
 from nte.render.stage import Stage
 from nte.render.transforms import look_at, still
-from tests.render.test_components import recombined, staged, table
+from tests.render.test_components import direct_light, recombined, staged, table
 
 SIZE, FOV, APERTURE, FOCUS = 64, 40.0, 0.2, 4.0
 FOCAL = SIZE / 2 / np.tan(np.radians(FOV / 2))  # pixels
@@ -64,7 +63,7 @@ def test_components_recombine_through_a_lens():
     scene = table()
     stage = staged(dataclasses.replace(scene, camera=dataclasses.replace(scene.camera, aperture=0.4, focus=2.5)))
     channels = guides(stage, 0) | references(stage, 1024, (11, 12))
-    channels["direct"] = np.mean([sample_direct(stage, seed).direct for seed in range(24)], 0)
+    channels["direct"] = direct_light(stage, 24)
     truth = radiance(stage, 1024, 1)
     whole = recombined(channels, "reference_")
     assert whole.mean() == pytest.approx(truth.mean(), rel=0.01)

@@ -7,7 +7,6 @@ import pytest
 
 from nte.render import stage
 from nte.render.components import noisy
-from nte.render.gbuffer import surface
 from nte.render.scene import Camera, Material, Scene, SceneObject
 from nte.render.scenes import FAMILIES, shapes
 from nte.render.seeds import derive_generator
@@ -47,7 +46,7 @@ def thing(mesh, place, motion, radiance=None, **material) -> SceneObject:
 def vectors(scene: Scene) -> dict[str, np.ndarray]:
     made = Stage(scene, SIZE, SIZE, 3)
     made.set_time(1)
-    return noisy(made, 1, [5], surface(made)["emission"])[1][0]
+    return noisy(made, 1, [5])[1][0]
 
 
 def pixels(camera: Camera, time: float, points: np.ndarray) -> np.ndarray:
@@ -225,7 +224,7 @@ def test_covariance_is_that_of_the_points_that_reflect_the_same(eye, gaze, targe
 def test_a_deep_room_has_finite_vectors_or_none():
     made = Stage(FAMILIES["rooms"](derive_generator("vectors")), SIZE, SIZE, 3)
     made.set_time(2)
-    channels = noisy(made, 2, [1], surface(made)["emission"])[1][0]
+    channels = noisy(made, 2, [1])[1][0]
     for name in ("shadow_motion", "reflection_motion"):
         known = np.isfinite(channels[name])
         assert (known[0] == known[1]).all()
