@@ -16,7 +16,7 @@ from nte.render.stage import Stage, shape_key
 from nte.render.transport import camera_ray, sample_light
 
 POINTS = 16  # in each pixel, a camera ray each
-LIGHTS = 8  # light points for each of them: 64 candidates
+LIGHTS = 8  # light points for each of them: 128 candidates
 CANDIDATES = POINTS * LIGHTS
 
 
@@ -43,7 +43,7 @@ class ShadowRay:
 
 
 def sample_direct(stage: Stage, seed: int) -> Direct:
-    """64 candidates in every pixel, and one chosen in proportion to the luminance it gives unshadowed.
+    """128 candidates in every pixel, and one chosen in proportion to the luminance it gives unshadowed.
 
     Queued, not waited for.
     """
@@ -143,7 +143,7 @@ def _receiver(stage: Stage, pixel: Any, point: Any, key: Any) -> tuple[Any, Any,
 
 
 def _light_numbers(pixel: Any, point: Any, number: Any, key: Any) -> Any:
-    """Two random numbers for light point `number` of 4: all 64 of a pixel fill the lights evenly.
+    """Two random numbers for light point `number` of 8: all 128 of a pixel fill the lights evenly.
 
     7 is coprime to 16: neighbours within the pixel are not neighbours on the light.
     """
