@@ -24,6 +24,7 @@ ROUNDS, STEPS = 2, 4  # linearisations, and steps of Jacobi in each
 REACH = (2, 6)  # px along x and y, which neighbours agree: farther ones carry motion into flat regions sooner
 EDGE = 0.05  # px: motions that differ by more belong to different things
 PREFILTER, WINDOW = 3, 5  # px across, of the boxes that images and products are averaged over
+_TINY = 1e-6
 _FARTHEST = 2.0  # px that one linearisation may move: beyond it, it means nothing
 
 
@@ -104,10 +105,14 @@ def _data(now: Tensor, before: Tensor, gain: float) -> list[Tensor]:
     x, y = (_slope(before, axis).add_(_slope(now, axis)).mul_(0.5) for axis in (3, 2))
     weight = gain / (difference.abs() + 1 / gain)
     products = ((x, x), (x, y), (y, y), (x, difference), (y, difference))
-    return [box_mean((weight * one).mul_(other).sum(1, keepdim=True), WINDOW) for one, other in products]
+    xx, xy, yy, *b = (box_mean((weight * one).mul_(other).sum(1, keepdim=True), WINDOW) for one, other in products)
+    # Where neither slope nor neighbour says anything the motion stays.
+    return [xx.add_(_TINY), xy, yy.add_(_TINY), *b]
 
 
 def _slope(image: Tensor, axis: int) -> Tensor:
     """Central differences along an axis, 0 at the border."""
+    if image.shape[axis] < 3:
+        return torch.zeros_like(image)
     near, far = pairs(image, axis, 2)
     return F.pad((far - near) / 2, (1, 1, 0, 0) if axis == 3 else (0, 0, 1, 1))

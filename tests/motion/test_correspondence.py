@@ -12,6 +12,7 @@ from torch import Tensor
 from nte.errors import NteError
 from nte.motion.correspondence import (
     RADII,
+    SEARCHES,
     FewerLevelsWarning,
     Known,
     Search,
@@ -230,3 +231,17 @@ def test_a_batch_is_its_images_one_by_one_and_a_second_run_is_the_first() -> Non
 def test_the_mask_is_between_0_and_1() -> None:
     error = torch.tensor([0.0, 0.1, 0.2, 5.0]).view(1, 1, 1, 4)
     torch.testing.assert_close(rejection_mask(error, 5, 0.5), torch.tensor([0.0, 0.0, 0.5, 1.0]).view(1, 1, 1, 4))
+
+
+@pytest.mark.parametrize("noise", SEARCHES)
+@pytest.mark.parametrize("size", [(1, 1), (2, 9), (3, 5), (17, 40)])
+@pytest.mark.filterwarnings("ignore::nte.motion.correspondence.FewerLevelsWarning")
+def test_no_image_is_too_small_or_too_strange(noise: str, size: tuple[int, int]) -> None:
+    image = torch.rand(1, 1, *size, generator=torch.Generator().manual_seed(7))
+    same = find_correspondence(image, image, SEARCHES[noise])
+    assert same.motion.abs().max() < 1e-3
+    assert same.error.abs().max() < 1e-5
+    for other in (torch.full_like(image, float("nan")), torch.zeros_like(image), torch.full_like(image, 1e20)):
+        found = find_correspondence(image, other, SEARCHES[noise])
+        assert found.motion.isfinite().all()
+        assert found.error.isfinite().all()
