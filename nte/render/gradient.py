@@ -51,7 +51,7 @@ def shade_before(stage: Stage, time: float, seed: int) -> Replay:
     key = dr.opaque(mi.UInt32, seed)
     lane = dr.arange(mi.UInt32, stage.width * stage.height)
     ray = camera_ray(stage, lane, uniform(lane, key, "gradient jitter"))
-    hit = stage.mi_scene.ray_intersect_preliminary(ray)
+    hit = stage.mi_scene.ray_intersect_preliminary(ray, coherent=True)
     priority = uniform(lane, key, "gradient choice").x
     dr.eval(hit, ray.d, priority)
     hits = to_hits(stage, hit, ray.d)

@@ -84,7 +84,7 @@ class OwnStage(Stage):
 
     def meet(self, mi: Any, scene: Any, ray: Any) -> list[Any]:
         """What a ray meets: the shape's key, the point (3), world, and the ray's direction (3)."""
-        hit = scene.ray_intersect_preliminary(ray)
+        hit = scene.ray_intersect_preliminary(ray, coherent=True)
         return [self.key(hit), *load_drjit().select(hit.is_valid(), ray(hit.t), 0), *ray.d]
 
     def albedo(self, si: Any, hit: Any) -> Any:

@@ -76,7 +76,7 @@ def trace_film(stage: Stage, pixel: Floats) -> Seen:
     mi, dr = load_mitsuba(), load_drjit()
     x, y = (to_jit(mi.Float, column) for column in (pixel / (stage.width, stage.height)).T)
     ray, _ = stage.sensor.sample_ray(0.0, 0.5, mi.Point2f(x, y), mi.Point2f(0.5))
-    first = stage.mi_scene.ray_intersect_preliminary(ray)
+    first = stage.mi_scene.ray_intersect_preliminary(ray, coherent=True)
     si = first.compute_surface_interaction(ray)
     hit = si.is_valid()
     columns = [si.p, si.sh_frame.n, stage.roughness(si, hit), hit]
@@ -177,7 +177,7 @@ def _trace_arrays(
 def past_containers(stage: Stage, ray: Any) -> Any:
     """The ray from where it has left whatever cannot be seen: boundaries that let all light pass straight on."""
     for _ in range(2 * stage.containers):  # into and out of each
-        si = stage.mi_scene.ray_intersect(ray)
+        si = stage.mi_scene.ray_intersect(ray, load_mitsuba().RayFlags.All, coherent=True)
         if is_scalar():
             if si.is_valid() and min(si.bsdf().eval_null_transmission(si)) == 1:
                 ray.o = ray(si.t * _BEHIND)
@@ -190,7 +190,7 @@ def past_containers(stage: Stage, ray: Any) -> Any:
 
 def _look(stage: Stage, mi: Any, scene: Any, ray: Any) -> list[Any]:
     """albedo (3), normal (3), roughness, emission (3), hit: 0 where the ray misses."""
-    si = scene.ray_intersect(ray)
+    si = scene.ray_intersect(ray, mi.RayFlags.All, coherent=True)
     bsdf, emitter, hit = si.bsdf(), si.emitter(scene), si.is_valid()
     if is_scalar():
         emission = emitter.eval(si) if emitter else mi.Color3f(0)

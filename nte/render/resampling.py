@@ -138,7 +138,7 @@ def _receiver(stage: Stage, pixel: Any, point: Any, key: Any) -> tuple[Any, Any,
     has_lens = stage.scene.camera.aperture > 0
     lens = lattice(pixel, 7 * point % POINTS, POINTS, key, "lens") if has_lens else None
     ray = camera_ray(stage, pixel, lattice(pixel, point, POINTS, key, "jitter"), lens)
-    hit = stage.mi_scene.ray_intersect_preliminary(ray)
+    hit = stage.mi_scene.ray_intersect_preliminary(ray, coherent=True)
     return ray, hit, hit.compute_surface_interaction(ray)
 
 

@@ -108,7 +108,7 @@ def _trace(stage: Stage, pixels: npt.NDArray[np.int64], time: float, seed: int) 
     sampler.seed(dr.opaque(mi.UInt32, seed), len(pixels))
     ray = sample_camera_ray(stage, mi.UInt32(pixels.astype(np.uint32)), sampler)
     seen = past_containers(stage, mi.Ray3f(ray))  # a copy, which it moves
-    first = stage.mi_scene.ray_intersect_preliminary(seen)
+    first = stage.mi_scene.ray_intersect_preliminary(seen, coherent=True)
     colour, *_ = stage.integrator.sample(stage.mi_scene, sampler, mi.RayDifferential3f(ray))
     point = dr.select(first.is_valid(), seen(first.t), 0)
     dr.eval(colour, point, first, ray.d)

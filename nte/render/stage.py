@@ -122,7 +122,7 @@ class Stage:
 
     def meet(self, mi: Any, scene: Any, ray: Any) -> list[Any]:
         """What a ray meets: the shape's key, its place there (3), see rays.Hits, and the ray's direction (3)."""
-        hit = scene.ray_intersect_preliminary(ray)
+        hit = scene.ray_intersect_preliminary(ray, coherent=True)
         return [self.key(hit), hit.prim_index, *hit.prim_uv, *ray.d]
 
     def albedo(self, si: Any, hit: Any) -> Any:

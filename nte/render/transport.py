@@ -64,7 +64,7 @@ def camera_ray(stage: Stage, pixel: Any, offset: Any, lens: Any = None) -> Any:
 
 def trace_path(stage: Stage, ray: Any, sampler: Any) -> Path:
     """Follow camera rays into the scene: `follow` from what they meet."""
-    return follow(stage, ray, stage.mi_scene.ray_intersect_preliminary(ray), sampler)
+    return follow(stage, ray, stage.mi_scene.ray_intersect_preliminary(ray, coherent=True), sampler)
 
 
 def follow(stage: Stage, ray: Any, first: Any, sampler: Any) -> Path:

@@ -24,7 +24,7 @@ def unshadowed_integrator() -> Any:
     mi, dr = load_mitsuba(), load_drjit()
     class Unshadowed(mi.SamplingIntegrator):  # type: ignore[misc, name-defined]
         def sample(self, scene: Any, sampler: Any, ray: Any, medium: Any = None, active: Any = True) -> Any:
-            si = scene.ray_intersect(ray, active)
+            si = scene.ray_intersect(ray, mi.RayFlags.All, True, active)
             hit = si.is_valid()
             normal = si.sh_frame.n * dr.select(si.wi.z >= 0, 1, -1)
             irradiance, lights = mi.Color3f(0), len(scene.emitters())
