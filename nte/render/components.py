@@ -10,10 +10,10 @@ import numpy as np
 import numpy.typing as npt
 
 from nte.render.backend import load_drjit, load_mitsuba
-from nte.render.gbuffer import geometry, surface
+from nte.render.gbuffer import geometry, pattern, surface_of
 from nte.render.gradient import shade_again, shade_before
 from nte.render.integrator import launches
-from nte.render.rays import to_hits, trace_centres
+from nte.render.rays import Surfaces, queue_surfaces, to_hits, to_rows, trace_centres
 from nte.render.resampling import Direct, ShadowRay, sample_direct, trace_shadow
 from nte.render.scene import Pixels
 from nte.render.seeds import derive_seed
@@ -37,9 +37,10 @@ def noisy(stage: Stage, time: float, seeds: Sequence[int]) -> tuple[dict[str, Pi
     """
     stage.set_time(time)
     centres = trace_centres(stage)
+    surfaces = queue_surfaces(stage, pattern(stage))
     paths = [_path(stage, seed) for seed in seeds]
     load_drjit().eval(paths)
-    channels = {**geometry(stage, time, centres), **surface(stage)}
+    channels = geometry(stage, time, centres) | surface_of(stage, Surfaces.of(to_rows(surfaces)))
     bounces = [_bounce(stage, path) for path in paths]
     directs, shadow_rays = zip(*(_shadow_ray(stage, seed) for seed in seeds), strict=True)
     load_drjit().eval(shadow_rays)

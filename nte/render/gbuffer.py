@@ -12,7 +12,7 @@ import numpy as np
 import numpy.typing as npt
 
 from nte.render.film import pixel_positions
-from nte.render.rays import Hits, points_at, trace_centres, trace_surfaces
+from nte.render.rays import Hits, Surfaces, points_at, trace_centres, trace_surfaces
 from nte.render.scene import Pixels
 from nte.render.stage import Stage
 from nte.render.transforms import Floats
@@ -51,8 +51,12 @@ def surface(stage: Stage) -> dict[str, Pixels]:
     the camera, unit length. Samples that miss have albedo 0 and count neither for normal nor for roughness;
     a pixel of misses has normal 0 and roughness 1.
     """
-    samples = LENS_SAMPLES if stage.scene.camera.aperture else SAMPLES
-    seen = trace_surfaces(stage, _pattern(samples))
+    return surface_of(stage, trace_surfaces(stage, pattern(stage)))
+
+
+def surface_of(stage: Stage, seen: Surfaces) -> dict[str, Pixels]:
+    """The channels of `surface`, of what its `pattern` has seen."""
+    samples = len(pattern(stage))
     length = np.linalg.norm(seen.normal, axis=1, keepdims=True)
     return {
         "albedo": to_image(stage, np.clip(seen.albedo / samples, 0, 1)),
@@ -72,11 +76,12 @@ def project_rows(stage: Stage, hit: npt.NDArray[np.bool_], points: Floats, times
     return np.stack([np.nan_to_num(position, nan=behind) for position in positions])
 
 
-def _pattern(count: int) -> Floats:
-    """Sample positions (count, 4) in a pixel and on the lens: a Hammersley set, the same in every pixel and frame.
+def pattern(stage: Stage) -> Floats:
+    """Sample positions (S, 4) in a pixel and on the lens: a Hammersley set, the same in every pixel and frame.
 
     All x and all y differ, so an edge of any slope is averaged finely, and the guides do not flicker.
     """
+    count = LENS_SAMPLES if stage.scene.camera.aperture else SAMPLES
     index = np.arange(count)
     return np.stack([(index + 0.5) / count, *(_mirrored(index, base, count) for base in (2, 3, 5))], axis=1)
 

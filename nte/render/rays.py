@@ -1,6 +1,6 @@
 """Camera rays and what they meet, as NumPy rows: the same code for vectorised and scalar Mitsuba variants."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from dataclasses import dataclass
 from functools import partial
 from typing import Any
@@ -15,7 +15,7 @@ from nte.render.transport import camera_ray
 
 Indices = npt.NDArray[np.int64]
 _BEHIND = 1 + 1e-4  # along the ray itself: Mitsuba's spawn_ray steps sideways too
-_RAYS = 1 << 22  # in flight at once: 4 M keep the pass under 1 GB
+_LOOK = 11  # columns of Surfaces
 _ALIGNED = 64  # bytes: the widest vector registers
 
 
@@ -43,6 +43,11 @@ class Surfaces:
     roughness: Floats
     emission: Floats
     hit: Floats
+
+    @staticmethod
+    def of(rows: Floats) -> "Surfaces":
+        """Of all columns side by side, (P, 11)."""
+        return Surfaces(*np.split(rows, [3, 6, 7, 10], axis=1))
 
 
 @dataclass(frozen=True)
@@ -88,7 +93,15 @@ def trace_film(stage: Stage, pixel: Floats) -> Seen:
 
 def trace_centres(stage: Stage) -> Hits:
     """Hits of the rays through the pixel centres, at the time that `stage` is set to."""
-    shape, place, direction = np.split(_trace(stage, np.full((1, 4), 0.5), stage.meet), [1, 4], axis=1)
+    if is_scalar():
+        rows = _trace_scalar(stage, np.full((1, 4), 0.5), stage.meet)
+    else:
+        mi, dr = load_mitsuba(), load_drjit()
+        ray = camera_ray(stage, dr.arange(mi.UInt32, stage.width * stage.height), mi.Point2f(0.5))
+        met = stage.meet(mi, stage.mi_scene, past_containers(stage, ray))
+        dr.eval(met)  # one kernel instead of one per column
+        rows = to_rows(met)
+    shape, place, direction = np.split(rows, [1, 4], axis=1)
     instance = stage.instances[shape[:, 0].astype(np.int64)]
     return Hits(instance, stage.placed(instance, place), direction)
 
@@ -125,53 +138,50 @@ def trace_surfaces(stage: Stage, offsets: Floats) -> Surfaces:
 
     The first two are a place in every pixel, the others one on the lens, where there is one: a half each is its middle.
     """
-    return Surfaces(*np.split(_trace(stage, offsets, partial(_look, stage)), [3, 6, 7, 10], axis=1))
+    if is_scalar():
+        return Surfaces.of(_trace_scalar(stage, offsets, partial(_look, stage)))
+    return Surfaces.of(to_rows(queue_surfaces(stage, offsets)))
 
 
-def _trace(stage: Stage, offsets: Floats, look: Callable[[Any, Any, Any], list[Any]]) -> Floats:
-    """Values (P, K) of look(mi, scene, ray), summed over the rays at `offsets` (S, 4), see trace_surfaces."""
-    samples, rows = len(offsets), []
-    step = max(1, _RAYS // samples)
-    for start in range(0, stage.width * stage.height, step):
-        count = min(step, stage.width * stage.height - start)
-        rows.append(_trace_scalar(stage, offsets, look, start, count) if is_scalar() else
-                    _trace_arrays(stage, offsets, look, start, count))  # fmt: skip
-    return np.concatenate(rows)
+def queue_surfaces(stage: Stage, offsets: Floats) -> list[Any]:
+    """The columns of `trace_surfaces`, Dr.Jit arrays (P,), which the kernel's own loop sums: queued, not waited for."""
+    mi, dr = load_mitsuba(), load_drjit()
+    pixel, count = dr.arange(mi.UInt32, stage.width * stage.height), dr.opaque(mi.UInt32, len(offsets))
+    places = [to_jit(mi.Float, column) for column in offsets.T]
+
+    def add(number: Any, *sums: Any) -> tuple[Any, ...]:
+        x, y, u, v = (dr.gather(mi.Float, place, number) for place in places)
+        ray = camera_ray(stage, pixel, mi.Point2f(x, y), mi.Point2f(u, v))
+        seen = _look(stage, mi, stage.mi_scene, past_containers(stage, ray))
+        return number + 1, *(total + column for total, column in zip(sums, seen, strict=True))
+
+    start = mi.UInt32(0), *(mi.Float(0) for _ in range(_LOOK))
+    _, *sums = dr.while_loop(start, lambda number, *_: number < count, add)
+    dr.eval(sums)
+    return list(sums)
 
 
-def _trace_scalar(
-    stage: Stage, offsets: Floats, look: Callable[[Any, Any, Any], list[Any]], start: int, count: int
-) -> Floats:
-    """The rows of _trace of `count` pixels from `start` on, one ray at a time."""
+def to_rows(columns: Iterable[Any]) -> Floats:
+    """(P, K) of K Dr.Jit arrays (P,)."""
+    return np.stack([np.array(column, float) for column in columns], axis=1)
+
+
+def _trace_scalar(stage: Stage, offsets: Floats, look: Callable[[Any, Any, Any], list[Any]]) -> Floats:
+    """Values (P, K) of look(mi, scene, ray), summed over the rays at `offsets` (S, 4), one ray at a time."""
     mi = load_mitsuba()
-    index = np.arange(start, start + count)
-    corner = np.stack([index % stage.width, index // stage.width], axis=1)
-    film = (corner[:, None] + offsets[:, :2]).reshape(-1, 2) / (stage.width, stage.height)
-    rays = np.concatenate([film, np.tile(offsets[:, 2:], (count, 1))], axis=1)
 
     def values(x: float, y: float, u: float, v: float) -> list[Any]:
         ray, _ = stage.sensor.sample_ray(0.0, 0.5, mi.Point2f(x, y), mi.Point2f(u, v))
         return look(mi, stage.mi_scene, past_containers(stage, ray))
 
-    table = np.array([values(*ray) for ray in rays.tolist()], float)
-    return np.asarray(table.reshape(count, len(offsets), -1).sum(1))
-
-
-def _trace_arrays(
-    stage: Stage, offsets: Floats, look: Callable[[Any, Any, Any], list[Any]], start: int, count: int
-) -> Floats:
-    """The same, all rays in one kernel, which makes them too."""
-    mi, dr = load_mitsuba(), load_drjit()
-    samples = len(offsets)
-    lane = dr.arange(mi.UInt32, count * samples)
-    pixel, sample = lane // samples, lane % samples
-    x, y, u, v = (dr.gather(mi.Float, to_jit(mi.Float, column), sample) for column in offsets.T)
-    ray = camera_ray(stage, pixel + dr.opaque(mi.UInt32, start), mi.Point2f(x, y), mi.Point2f(u, v))
-    columns = look(mi, stage.mi_scene, past_containers(stage, ray))
-    dr.eval(columns)  # one kernel instead of one per column
-    sums = columns if samples == 1 else [dr.block_sum(column, samples) for column in columns]
-    dr.eval(sums)
-    return np.stack([np.array(column, float) for column in sums], axis=1)
+    rows = []
+    for row in range(stage.height):  # a row of pixels at a time, as Python's numbers take much memory
+        corner = np.stack([np.arange(stage.width), np.full(stage.width, row)], axis=1)
+        film = (corner[:, None] + offsets[:, :2]).reshape(-1, 2) / (stage.width, stage.height)
+        rays = np.concatenate([film, np.tile(offsets[:, 2:], (stage.width, 1))], axis=1)
+        table = np.array([values(*ray) for ray in rays.tolist()], float)
+        rows.append(table.reshape(stage.width, len(offsets), -1).sum(1))
+    return np.concatenate(rows)
 
 
 def past_containers(stage: Stage, ray: Any) -> Any:
