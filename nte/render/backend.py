@@ -5,6 +5,7 @@ Dr.Jit picks up any LLVM it finds, and versions 15 and 16 abort the whole proces
 is loaded, and DRJIT_LIBLLVM_PATH always names a library that we have looked at.
 """
 
+import gc
 import importlib
 import importlib.metadata
 import mmap
@@ -12,7 +13,8 @@ import multiprocessing
 import os
 import re
 import sys
-from collections.abc import Iterable
+from collections.abc import Iterable, Iterator
+from contextlib import contextmanager
 from functools import cache
 from pathlib import Path
 from typing import Any
@@ -74,6 +76,18 @@ def load_drjit() -> Any:
 def is_scalar() -> bool:
     """Whether Mitsuba handles one ray at a time instead of whole arrays of them."""
     return str(load_mitsuba().variant()).startswith("scalar")
+
+
+@contextmanager
+def no_garbage_collection() -> Iterator[None]:
+    """Leave objects in cycles alone for as long as the block runs."""
+    was_on = gc.isenabled()
+    gc.disable()
+    try:
+        yield
+    finally:
+        if was_on:
+            gc.enable()
 
 
 def check_arrays(key: str) -> None:

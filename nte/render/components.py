@@ -9,11 +9,12 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
+from nte.render.arrays import to_rows
 from nte.render.backend import load_drjit, load_mitsuba
 from nte.render.gbuffer import geometry, pattern, surface_of
 from nte.render.gradient import shade_again, shade_before
 from nte.render.integrator import launches
-from nte.render.rays import Surfaces, queue_surfaces, to_hits, to_rows, trace_centres
+from nte.render.rays import Surfaces, queue_surfaces, to_hits, trace_centres
 from nte.render.resampling import Direct, ShadowRay, sample_direct, trace_shadow
 from nte.render.scene import Pixels
 from nte.render.seeds import derive_seed
@@ -39,11 +40,9 @@ def noisy(stage: Stage, time: float, seeds: Sequence[int]) -> tuple[dict[str, Pi
     centres = trace_centres(stage)
     surfaces = queue_surfaces(stage, pattern(stage))
     paths = [_path(stage, seed) for seed in seeds]
-    load_drjit().eval(paths)
     channels = geometry(stage, time, centres) | surface_of(stage, Surfaces.of(to_rows(surfaces)))
     bounces = [_bounce(stage, path) for path in paths]
     directs, shadow_rays = zip(*(_shadow_ray(stage, seed) for seed in seeds), strict=True)
-    load_drjit().eval(shadow_rays)
     mirrored = [mirror_images(stage, bounce, time) for bounce in bounces]
     channels["direct"] = np.mean([_image(stage, direct.mean) for direct in directs], axis=0, dtype=np.float32)
 
@@ -116,22 +115,28 @@ def _image(stage: Stage, columns: Iterable[Any]) -> Pixels:
 
 
 def _shadow_ray(stage: Stage, seed: int) -> tuple[Direct, ShadowRay]:
-    seed = derive_seed(seed, "direct")
-    direct = sample_direct(stage, seed)
-    return direct, trace_shadow(stage, direct, seed)
+    key = load_drjit().opaque(load_mitsuba().UInt32, derive_seed(seed, "direct"))
+    direct = stage.frozen(sample_direct)(key)
+    return direct, stage.frozen(trace_shadow)(direct, key)
 
 
 def _path(stage: Stage, seed: int) -> Path:
     """One path per pixel."""
+    path: Path = stage.frozen(_one_path)(load_drjit().opaque(load_mitsuba().UInt32, derive_seed(seed, "path")))
+    return path
+
+
+def _one_path(stage: Stage, key: Any) -> Path:
     mi, dr = load_mitsuba(), load_drjit()
     pixels = stage.width * stage.height
     sampler = mi.load_dict({"type": "independent"})
-    sampler.seed(dr.opaque(mi.UInt32, derive_seed(seed, "path")), pixels)
-    return trace_path(stage, sample_camera_ray(stage, dr.arange(mi.UInt32, pixels), sampler), sampler)
+    sampler.seed(key, pixels)
+    path = trace_path(stage, sample_camera_ray(stage, dr.arange(mi.UInt32, pixels), sampler), sampler)
+    dr.eval(path)
+    return path
 
 
 def _shadow(stage: Stage, ray: ShadowRay) -> Shadow:
-    load_drjit().eval(ray)  # one kernel instead of one per array
     return Shadow(
         receiver=to_hits(stage, ray.receiver, ray.view),
         blocker=to_hits(stage, ray.blocker, ray.view),
@@ -142,7 +147,6 @@ def _shadow(stage: Stage, ray: ShadowRay) -> Shadow:
 
 
 def _bounce(stage: Stage, path: Path) -> Bounce:
-    load_drjit().eval(path.first, path.second, path.direction, path.is_reflection)
     return Bounce(
         first=to_hits(stage, path.first, path.direction),
         second=to_hits(stage, path.second, path.direction),

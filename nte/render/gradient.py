@@ -12,11 +12,12 @@ import numpy as np
 import numpy.typing as npt
 
 from nte.color import ALBEDO_FLOOR
+from nte.render.arrays import to_jit
 from nte.render.backend import load_drjit, load_mitsuba
 from nte.render.film import eye, pixel_positions
 from nte.render.lobes import Lobes
 from nte.render.numbers import lattice, uniform
-from nte.render.rays import Hits, Indices, points_at, to_hits, to_jit
+from nte.render.rays import Hits, Indices, points_at, to_hits
 from nte.render.resampling import resample_lights
 from nte.render.scene import Pixels
 from nte.render.seeds import derive_seed
@@ -33,7 +34,7 @@ _IN_FRONT = 1e-3  # relative distance by which something must be nearer to hide 
 class Replay:
     """One surface point for each stratum of the current frame, shaded in the previous one; a row each."""
 
-    seed: int
+    key: Any  # the seed, UInt32 (1,)
     hit: Any  # PreliminaryIntersection3f (S,)
     point: Floats  # (S, 3) where it is now, world
     pixel: Indices  # (S,) of the current frame, row by row
@@ -47,20 +48,16 @@ def shade_before(stage: Stage, time: float, seed: int) -> Replay:
     `stage` must be set to time − 1. Hand the result to `shade_again`.
     """
     mi, dr = load_mitsuba(), load_drjit()
-    seed = derive_seed(seed, "gradient")
-    key = dr.opaque(mi.UInt32, seed)
-    lane = dr.arange(mi.UInt32, stage.width * stage.height)
-    ray = camera_ray(stage, lane, uniform(lane, key, "gradient jitter"))
-    hit = stage.mi_scene.ray_intersect_preliminary(ray, coherent=True)
-    priority = uniform(lane, key, "gradient choice").x
-    dr.eval(hit, ray.d, priority)
-    hits = to_hits(stage, hit, ray.d)
+    key = dr.opaque(mi.UInt32, derive_seed(seed, "gradient"))
+    hit, direction, priority = stage.frozen(_candidates)(key)
+    hits = to_hits(stage, hit, direction)
     now = points_at(stage, hits, time)
     source, pixel, found = _choose(stage, hits, now, time, np.array(priority))
     chosen = dr.gather(mi.PreliminaryIntersection3f, hit, to_jit(mi.UInt32, source))
-    dr.eval(chosen)  # so that the same kernel shades then and now
+    dr.eval(chosen)
     then = points_at(stage, hits.of(source), time - 1)
-    return Replay(seed, chosen, now[source], pixel, found, _shade(stage, chosen, then, time - 1, found, seed))
+    luminance = stage.frozen(_shade)(chosen, *_eye_ray(stage, then, time - 1), to_jit(mi.Bool, found), key)
+    return Replay(key, chosen, now[source], pixel, found, luminance)
 
 
 def shade_again(stage: Stage, time: float, replay: Replay) -> Pixels:
@@ -69,14 +66,24 @@ def shade_again(stage: Stage, time: float, replay: Replay) -> Pixels:
     At most one sample in each stratum: none where no surface point of the previous frame comes to lie in it,
     or where something now hides the chosen one. `stage` must be set to `time`.
     """
-    mi = load_mitsuba()
-    ray, distance = _eye_ray(stage, replay.point, time)
-    ray.maxt = distance * (1 - _IN_FRONT)
-    seen = replay.found & ~np.array(stage.mi_scene.ray_test(ray, to_jit(mi.Bool, replay.found)))
-    luminance = np.array(_shade(stage, replay.hit, replay.point, time, seen, replay.seed))
+    origin, direction, distance = _eye_ray(stage, replay.point, time)
+    seen = stage.frozen(_seen)(origin, direction, distance, to_jit(load_mitsuba().Bool, replay.found))
+    luminance = stage.frozen(_shade)(replay.hit, origin, direction, distance, seen, replay.key)
+    rows = np.array(seen)
     image = np.full((2, stage.height * stage.width), np.nan, np.float32)
-    image[:, replay.pixel[seen]] = luminance[seen], np.array(replay.luminance)[seen]
+    image[:, replay.pixel[rows]] = np.array(luminance)[rows], np.array(replay.luminance)[rows]
     return image.reshape(2, stage.height, stage.width)
+
+
+def _candidates(stage: Stage, key: Any) -> tuple[Any, Any, Any]:
+    """What a random place in each pixel sees, the rays' directions, and a random number for `_choose`."""
+    mi, dr = load_mitsuba(), load_drjit()
+    lane = dr.arange(mi.UInt32, stage.width * stage.height)
+    ray = camera_ray(stage, lane, uniform(lane, key, "gradient jitter"))
+    hit = stage.mi_scene.ray_intersect_preliminary(ray, coherent=True)
+    candidates = hit, ray.d, uniform(lane, key, "gradient choice").x
+    dr.eval(candidates)
+    return candidates
 
 
 def _choose(
@@ -114,18 +121,26 @@ def _first_of_each(group: Indices, order: npt.NDArray[Any]) -> Indices:
     return np.asarray(first[first >= 0])
 
 
-def _shade(
-    stage: Stage, hit: Any, point: Floats, time: float, active: npt.NDArray[np.bool_], seed: int
-) -> Any:
-    """Luminance (S,) of the demodulated light that points (S, 3) send to the eye, without what they emit.
+def _seen(stage: Stage, origin: Any, direction: Any, distance: Any, found: Any) -> Any:
+    """Whether nothing stands between the eye and the points that are found."""
+    mi, dr = load_mitsuba(), load_drjit()
+    ray = mi.Ray3f(origin, direction)
+    ray.maxt = distance * (1 - _IN_FRONT)
+    seen = found & ~stage.mi_scene.ray_test(ray, found)
+    dr.eval(seen)
+    return seen
 
-    The numbers are those of (row, seed), whatever the time. `hit` names the same points on their surfaces, and
-    `stage` must be set to `time`. Rows that are not active are 0. The kernel is queued, not waited for.
+
+def _shade(stage: Stage, hit: Any, origin: Any, direction: Any, distance: Any, active: Any, key: Any) -> Any:
+    """Luminance (S,) of the demodulated light that points send to the eye, without what they emit.
+
+    The numbers are those of (row, key), whatever the time. `hit` names the points on their surfaces, which the rays
+    reach at `distance`. Rows that are not active are 0. The kernel is queued, not waited for.
     """
     mi, dr, scene = load_mitsuba(), load_drjit(), stage.mi_scene
-    ray, distance = _eye_ray(stage, point, time)
+    ray = mi.RayDifferential3f(origin, direction)
     hit = mi.PreliminaryIntersection3f(hit)
-    hit.valid = to_jit(mi.Bool, active)
+    hit.valid = active
     hit.t = dr.select(hit.valid, distance, dr.inf)
     si = hit.compute_surface_interaction(ray)
     lobes = Lobes(si, si.is_valid())
@@ -134,7 +149,8 @@ def _shade(
     def demodulated(radiance: Any) -> Any:
         return mi.luminance(radiance / albedo)
 
-    lane, key = dr.arange(mi.UInt32, len(point)), dr.opaque(mi.UInt32, seed)
+    rows = dr.width(distance)
+    lane = dr.arange(mi.UInt32, rows)
 
     def numbers(number: Any) -> Any:
         return lattice(lane, number, _CANDIDATES, key, "gradient light")
@@ -145,7 +161,7 @@ def _shade(
     light = sample_light(scene, si, lit, numbers(choice.number)).sample
     visible = lit & ~scene.ray_test(si.spawn_ray_to(light.p), lit)
     sampler = mi.load_dict({"type": "independent"})
-    sampler.seed(key, len(point))
+    sampler.seed(key, rows)
     path = follow(stage, ray, hit, sampler)
     color = dr.select(visible, total / _CANDIDATES, 0) + path.glossy + path.indirect
     luminance = dr.select(lobes.active, demodulated(color), 0)
@@ -153,8 +169,8 @@ def _shade(
     return luminance
 
 
-def _eye_ray(stage: Stage, point: Floats, time: float) -> tuple[Any, Any]:
-    """Rays from the camera at `time` towards points (S, 3), and the distances; Dr.Jit arrays."""
+def _eye_ray(stage: Stage, point: Floats, time: float) -> tuple[Any, Any, Any]:
+    """Origin (3,), direction (3,) and length of the rays from the camera at `time` to points (S, 3): Dr.Jit arrays."""
     mi = load_mitsuba()
     start = eye(stage, time)
     along = point - start
@@ -162,4 +178,4 @@ def _eye_ray(stage: Stage, point: Floats, time: float) -> tuple[Any, Any]:
     direction = along / np.maximum(distance, 1e-9)[:, None]
     origin = np.broadcast_to(start, direction.shape)
     columns = [to_jit(mi.Float, column) for column in (*origin.T, *direction.T, distance)]
-    return mi.RayDifferential3f(mi.Point3f(columns[:3]), mi.Vector3f(columns[3:6])), columns[6]
+    return mi.Point3f(columns[:3]), mi.Vector3f(columns[3:6]), columns[6]

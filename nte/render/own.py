@@ -6,6 +6,7 @@ which shape it is on, and that shape's keyframes carry it to any other time. Vec
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
+from functools import partial
 from itertools import chain, count
 from pathlib import Path
 from typing import Any
@@ -75,6 +76,10 @@ class OwnStage(Stage):
             self._parameters.update()
         self._view["to_world"] = mi.ScalarTransform4f(self.scene.camera.track(time))
         self._view.update()
+
+    def frozen(self, function: Callable[..., Any]) -> Callable[..., Any]:
+        """Traced in every frame: not every plugin that an XML may name tells Dr.Jit all that it holds."""
+        return partial(function, self)
 
     def key(self, hit: Any) -> Any:
         """Number of the shape, or of the instance of which it is a part."""

@@ -1,6 +1,6 @@
 """Camera rays and what they meet, as NumPy rows: the same code for vectorised and scalar Mitsuba variants."""
 
-from collections.abc import Callable, Iterable
+from collections.abc import Callable
 from dataclasses import dataclass
 from functools import partial
 from typing import Any
@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
+from nte.render.arrays import to_jit, to_rows
 from nte.render.backend import is_scalar, load_drjit, load_mitsuba
 from nte.render.stage import Stage
 from nte.render.transforms import Floats
@@ -16,7 +17,6 @@ from nte.render.transport import camera_ray
 Indices = npt.NDArray[np.int64]
 _BEHIND = 1 + 1e-4  # along the ray itself: Mitsuba's spawn_ray steps sideways too
 _LOOK = 11  # columns of Surfaces
-_ALIGNED = 64  # bytes: the widest vector registers
 
 
 @dataclass(frozen=True)
@@ -61,46 +61,19 @@ class Seen:
     hits: Hits
 
 
-def to_jit(kind: Any, values: npt.NDArray[Any]) -> Any:
-    """Values (P,) as a Dr.Jit array of `kind`: mi.Float, mi.UInt32 or mi.Bool.
-
-    Dr.Jit reads NumPy's memory in place, and compiles each kernel once more for memory that is not aligned, which
-    is a matter of chance.
-    """
-    mi = load_mitsuba()
-    wanted = np.dtype({mi.Float: np.float32, mi.UInt32: np.uint32, mi.Bool: np.bool_}[kind])
-    room = np.empty(len(values) * wanted.itemsize + _ALIGNED, np.uint8)
-    start = -room.ctypes.data % _ALIGNED
-    aligned = room[start : start + len(values) * wanted.itemsize].view(wanted)
-    aligned[:] = values
-    return kind(aligned)
-
-
 def trace_film(stage: Stage, pixel: Floats) -> Seen:
     """What is seen at pixel positions (R, 2), inside or outside the image; vectorised variants only."""
-    mi, dr = load_mitsuba(), load_drjit()
-    x, y = (to_jit(mi.Float, column) for column in (pixel / (stage.width, stage.height)).T)
-    ray, _ = stage.sensor.sample_ray(0.0, 0.5, mi.Point2f(x, y), mi.Point2f(0.5))
-    first = stage.mi_scene.ray_intersect_preliminary(ray, coherent=True)
-    si = first.compute_surface_interaction(ray)
-    hit = si.is_valid()
-    columns = [si.p, si.sh_frame.n, stage.roughness(si, hit), hit]
-    dr.eval(columns, first, ray.d)
+    film = [to_jit(load_mitsuba().Float, column) for column in (pixel / (stage.width, stage.height)).T]
+    first, direction, *columns = stage.frozen(_film)(*film)
+    hits = to_hits(stage, first, direction, columns[0])
     point, normal, roughness, found = (np.array(column).T for column in columns)
-    hits = to_hits(stage, first, ray.d, si.p)
     return Seen(point.astype(float), normal.astype(float), roughness.astype(float), found, hits)
 
 
 def trace_centres(stage: Stage) -> Hits:
     """Hits of the rays through the pixel centres, at the time that `stage` is set to."""
-    if is_scalar():
-        rows = _trace_scalar(stage, np.full((1, 4), 0.5), stage.meet)
-    else:
-        mi, dr = load_mitsuba(), load_drjit()
-        ray = camera_ray(stage, dr.arange(mi.UInt32, stage.width * stage.height), mi.Point2f(0.5))
-        met = stage.meet(mi, stage.mi_scene, past_containers(stage, ray))
-        dr.eval(met)  # one kernel instead of one per column
-        rows = to_rows(met)
+    middle = np.full((1, 4), 0.5)
+    rows = _trace_scalar(stage, middle, stage.meet) if is_scalar() else to_rows(stage.frozen(_centres)())
     shape, place, direction = np.split(rows, [1, 4], axis=1)
     instance = stage.instances[shape[:, 0].astype(np.int64)]
     return Hits(instance, stage.placed(instance, place), direction)
@@ -144,10 +117,36 @@ def trace_surfaces(stage: Stage, offsets: Floats) -> Surfaces:
 
 
 def queue_surfaces(stage: Stage, offsets: Floats) -> list[Any]:
-    """The columns of `trace_surfaces`, Dr.Jit arrays (P,), which the kernel's own loop sums: queued, not waited for."""
+    """The columns of Surfaces, Dr.Jit arrays (P,), which the kernel's own loop sums: queued, not waited for."""
     mi, dr = load_mitsuba(), load_drjit()
-    pixel, count = dr.arange(mi.UInt32, stage.width * stage.height), dr.opaque(mi.UInt32, len(offsets))
     places = [to_jit(mi.Float, column) for column in offsets.T]
+    return list(stage.frozen(_surfaces)(dr.opaque(mi.UInt32, len(offsets)), *places))
+
+
+def _centres(stage: Stage) -> list[Any]:
+    """What `meet` says of the pixel centres."""
+    mi, dr = load_mitsuba(), load_drjit()
+    ray = camera_ray(stage, dr.arange(mi.UInt32, stage.width * stage.height), mi.Point2f(0.5))
+    met = stage.meet(mi, stage.mi_scene, past_containers(stage, ray))
+    dr.eval(met)  # one kernel instead of one per column
+    return met
+
+
+def _film(stage: Stage, x: Any, y: Any) -> tuple[Any, ...]:
+    """PreliminaryIntersection3f of rays through the film at x, y in units of its size, their directions, and Seen's."""
+    mi, dr = load_mitsuba(), load_drjit()
+    ray, _ = stage.sensor.sample_ray(0.0, 0.5, mi.Point2f(x, y), mi.Point2f(0.5))
+    first = stage.mi_scene.ray_intersect_preliminary(ray, coherent=True)
+    si = first.compute_surface_interaction(ray)
+    hit = si.is_valid()
+    seen = first, ray.d, si.p, si.sh_frame.n, stage.roughness(si, hit), hit
+    dr.eval(seen)
+    return seen
+
+
+def _surfaces(stage: Stage, count: Any, *places: Any) -> list[Any]:
+    mi, dr = load_mitsuba(), load_drjit()
+    pixel = dr.arange(mi.UInt32, stage.width * stage.height)
 
     def add(number: Any, *sums: Any) -> tuple[Any, ...]:
         x, y, u, v = (dr.gather(mi.Float, place, number) for place in places)
@@ -158,12 +157,7 @@ def queue_surfaces(stage: Stage, offsets: Floats) -> list[Any]:
     start = mi.UInt32(0), *(mi.Float(0) for _ in range(_LOOK))
     _, *sums = dr.while_loop(start, lambda number, *_: number < count, add)
     dr.eval(sums)
-    return list(sums)
-
-
-def to_rows(columns: Iterable[Any]) -> Floats:
-    """(P, K) of K Dr.Jit arrays (P,)."""
-    return np.stack([np.array(column, float) for column in columns], axis=1)
+    return sums
 
 
 def _trace_scalar(stage: Stage, offsets: Floats, look: Callable[[Any, Any, Any], list[Any]]) -> Floats:

@@ -42,16 +42,15 @@ class ShadowRay:
     light_point: Any  # world; an environment light's is far away
 
 
-def sample_direct(stage: Stage, seed: int) -> Direct:
+def sample_direct(stage: Stage, key: Any) -> Direct:
     """128 candidates in every pixel, and one chosen in proportion to the luminance it gives unshadowed.
 
-    Queued, not waited for.
+    key: the seed, UInt32 (1,). Queued, not waited for.
     """
     mi, dr = load_mitsuba(), load_drjit()
     pixels = stage.width * stage.height
     lane = dr.arange(mi.UInt32, pixels * POINTS)
     pixel, point = lane // POINTS, lane % POINTS
-    key = dr.opaque(mi.UInt32, seed)
     _, _, si = _receiver(stage, pixel, point, key)
     lobes = Lobes(si, si.is_valid())
 
@@ -95,18 +94,17 @@ def resample_lights(
     return total, Choice(*state)
 
 
-def trace_shadow(stage: Stage, direct: Direct, seed: int) -> ShadowRay:
+def trace_shadow(stage: Stage, direct: Direct, key: Any) -> ShadowRay:
     """The one shadow ray of every pixel, to the light point of the candidate that sample_direct chose."""
     mi, dr = load_mitsuba(), load_drjit()
     pixel = dr.arange(mi.UInt32, stage.width * stage.height)
-    key = dr.opaque(mi.UInt32, seed)
     point, number = direct.chosen % POINTS, direct.chosen // POINTS
     ray, receiver, si = _receiver(stage, pixel, point, key)
     light = sample_light(stage.mi_scene, si, direct.lit, _light_numbers(pixel, point, number, key)).sample
     shadow_ray = si.spawn_ray_to(light.p)
     blocker = stage.mi_scene.ray_intersect_preliminary(shadow_ray, coherent=False, active=direct.lit)
     blocked = direct.lit & blocker.is_valid()
-    return ShadowRay(
+    shadow = ShadowRay(
         visible=~blocked,
         blocked=blocked,
         receiver=receiver,
@@ -115,6 +113,8 @@ def trace_shadow(stage: Stage, direct: Direct, seed: int) -> ShadowRay:
         light=shape_key(light.emitter.get_shape()),
         light_point=dr.select(light.emitter.is_environment(), si.p + DISTANT * light.d, light.p),
     )
+    dr.eval(shadow)  # one kernel instead of one per array
+    return shadow
 
 
 class Choice:

@@ -3,14 +3,17 @@
 Mitsuba 3.9 has no animated transforms, so vertices and the camera are written through mi.traverse.
 """
 
-from functools import cached_property
+import weakref
+from collections.abc import Callable
+from functools import cached_property, partial
 from itertools import pairwise
 from typing import Any
 
 import numpy as np
 import numpy.typing as npt
 
-from nte.render.backend import is_scalar, load_drjit, load_mitsuba
+from nte.render.arrays import to_jit
+from nte.render.backend import is_scalar, load_drjit, load_mitsuba, no_garbage_collection
 from nte.render.scene import Camera, DeformingObject, Material, Medium, Mesh, Scene, SceneObject
 from nte.render.transforms import Floats
 from nte.render.unshadowed import unshadowed_integrator
@@ -56,23 +59,45 @@ class Stage:
         self.first_face = np.cumsum([0, 1, *map(len, meshes)])  # of each instance; of 0, the miss's row
         self._vertices: dict[float, tuple[Floats, Floats]] = {}
         self._parameters: Any = mi.traverse(self.mi_scene)
+        self._frozen: dict[Callable[..., Any], Any] = {}
 
     def set_time(self, time: float) -> None:
         """Put every vertex and the camera where they are at a time in frames."""
         mi = load_mitsuba()
+        own = np.asarray if is_scalar() else partial(to_jit, mi.Float)
         for number, (name, obj) in enumerate(zip(self.meshes, self.scene.objects, strict=True)):
             vertices = np.stack([_flat(values) for values in self.vertices_of(number + 1, time)])
             # What is there already is not written again: where only the camera moves, that is four times as fast.
             if not np.array_equal(vertices, self._written[name]):
                 self._written[name] = vertices
                 # Given together with the positions, the normals are kept instead of computed anew.
-                self._parameters[f"{name}.vertex_positions"] = vertices[0]
-                self._parameters[f"{name}.vertex_normals"] = vertices[1]
+                self._parameters[f"{name}.vertex_positions"] = own(vertices[0])
+                self._parameters[f"{name}.vertex_normals"] = own(vertices[1])
             if obj.medium is not None and obj.medium.density is not None:
                 grid = mi.TensorXf(obj.medium.density(time)[..., None])
                 self._parameters[f"{name}.interior_medium.sigma_t.data"] = grid
         self._parameters["sensor.to_world"] = mi.ScalarTransform4f(self.scene.camera.track(time))
         self._parameters.update()
+
+    def frozen(self, function: Callable[..., Any]) -> Callable[..., Any]:
+        """`function(self, *arrays)`, traced once and from then on replayed: for what every frame of a clip does again.
+
+        For a path through a room Dr.Jit takes 27 ms to trace it and find its kernel, 0.6 ms to replay it. Whatever
+        varies from frame to frame must be in the scene, or in `arrays`: Dr.Jit arrays, in memory of their own (see
+        to_jit). What `function` gives is queued, not waited for. It must not ask for any array's values.
+        """
+        if self.scene.camera.aperture:  # of `thinlens`, Dr.Jit 1.5.0 is not told all that it holds
+            return partial(function, self)
+        if function not in self._frozen:
+            stage = weakref.proxy(self)  # no cycle: a clip's scene goes with its stage
+
+            def again(scene: Any, sensor: Any, beyond: Any, *arrays: Any) -> Any:
+                # A scene that the garbage collector frees in the midst of a recording aborts the process.
+                with no_garbage_collection():
+                    return function(stage, *arrays)
+
+            self._frozen[function] = load_drjit().freeze(again)
+        return partial(self._frozen[function], self.mi_scene, self.sensor, self.beyond)
 
     def vertices(self, time: float) -> tuple[Floats, Floats]:
         """World positions and normals (V, 3) of all vertices at a time, object by object; do not write in them."""

@@ -1,0 +1,54 @@
+"""Frozen kernels: recorded once for a clip, and the same light as if every frame traced its own."""
+
+import gc
+
+import numpy as np
+import pytest
+
+from nte.render.backend import load_drjit, load_mitsuba
+from nte.render.components import noisy
+from nte.render.scenes import FAMILIES
+from nte.render.seeds import derive_generator
+from nte.render.stage import Stage
+from nte.render.transport import sample_camera_ray, trace_path
+
+SIZE = 16
+
+
+def staged(family: str) -> Stage:
+    return Stage(FAMILIES[family](derive_generator("frozen")), SIZE, SIZE, 4)
+
+
+# Of rigid objects, many parts, a wave, curved reflectors under a moving camera, and of a lens, which is not frozen.
+@pytest.mark.parametrize("family", ["fence", "robot", "ocean", "temple", "spheres"])
+def test_a_frame_does_not_depend_on_what_was_recorded_before_it(family):
+    used = staged(family)
+    frames = [noisy(used, time, [7, 8]) for time in (0, 1, 2, 1)]
+    assert not np.array_equal(frames[2][1][0]["color"], frames[3][1][0]["color"])
+    for time, frame in zip((2, 1), frames[2:], strict=True):
+        fresh = noisy(staged(family), time, [7, 8])
+        for found, expected in zip((frame[0], *frame[1]), (fresh[0], *fresh[1]), strict=True):
+            for name, values in expected.items():
+                np.testing.assert_array_equal(found[name], values, err_msg=name)
+
+
+def test_it_is_traced_once_and_gives_what_tracing_gives():
+    mi, dr = load_mitsuba(), load_drjit()
+    here, traced = staged("fence"), []
+
+    def light(stage, key):
+        traced.append(gc.isenabled())
+        sampler = mi.load_dict({"type": "independent"})
+        sampler.seed(key, SIZE * SIZE)
+        path = trace_path(stage, sample_camera_ray(stage, dr.arange(mi.UInt32, SIZE * SIZE), sampler), sampler)
+        return path.shadowed, path.indirect, path.first.t
+
+    for time in range(4):
+        here.set_time(time)
+        key = dr.opaque(mi.UInt32, 100 + time)
+        found = here.frozen(light)(key)
+        for mine, theirs in zip(found, light(here, key), strict=True):
+            np.testing.assert_array_equal(np.array(mine), np.array(theirs))
+    # Once for all frames, when a collected scene would have aborted the process; and each time for the comparison.
+    assert traced == [False, True, True, True, True]
+    assert gc.isenabled()
