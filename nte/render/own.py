@@ -17,7 +17,7 @@ from nte.errors import NteError
 from nte.render.animation import Animation, camera_track, object_track
 from nte.render.backend import load_drjit, load_mitsuba
 from nte.render.scene import Camera, Scene
-from nte.render.stage import Indices, Stage, camera_sensor, path_integrator, shape_key
+from nte.render.stage import Indices, Stage, camera_sensor, path_integrator, shape_key, update
 from nte.render.transforms import Floats, Track, still, transform_points
 from nte.render.unshadowed import unshadowed_integrator
 
@@ -73,7 +73,7 @@ class OwnStage(Stage):
             for name, value in at_rest.items():
                 self._parameters[name] = _at(matrix, name, value)
         if self._moved:
-            self._parameters.update()
+            update(self.mi_scene, self._parameters)
         self._view["to_world"] = mi.ScalarTransform4f(self.scene.camera.track(time))
         self._view.update()
 

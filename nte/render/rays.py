@@ -127,7 +127,7 @@ def _centres(stage: Stage) -> list[Any]:
     """What `meet` says of the pixel centres."""
     mi, dr = load_mitsuba(), load_drjit()
     ray = camera_ray(stage, dr.arange(mi.UInt32, stage.width * stage.height), mi.Point2f(0.5))
-    met = stage.meet(mi, stage.mi_scene, past_containers(stage, ray))
+    met: list[Any] = stage.meet(mi, stage.mi_scene, past_containers(stage, ray))
     dr.eval(met)  # one kernel instead of one per column
     return met
 
@@ -157,7 +157,7 @@ def _surfaces(stage: Stage, count: Any, *places: Any) -> list[Any]:
     start = mi.UInt32(0), *(mi.Float(0) for _ in range(_LOOK))
     _, *sums = dr.while_loop(start, lambda number, *_: number < count, add)
     dr.eval(sums)
-    return sums
+    return list(sums)
 
 
 def _trace_scalar(stage: Stage, offsets: Floats, look: Callable[[Any, Any, Any], list[Any]]) -> Floats:

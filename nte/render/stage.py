@@ -77,7 +77,7 @@ class Stage:
                 grid = mi.TensorXf(obj.medium.density(time)[..., None])
                 self._parameters[f"{name}.interior_medium.sigma_t.data"] = grid
         self._parameters["sensor.to_world"] = mi.ScalarTransform4f(self.scene.camera.track(time))
-        self._parameters.update()
+        update(self.mi_scene, self._parameters)
 
     def frozen(self, function: Callable[..., Any]) -> Callable[..., Any]:
         """`function(self, *arrays)`, traced once and from then on replayed: for what every frame of a clip does again.
@@ -163,6 +163,15 @@ class Stage:
     def placed(self, instance: Indices, place: Floats) -> Floats:
         """Places (P, 3) as the objects of these instances (P,) take them."""
         return place
+
+
+def update(scene: Any, parameters: Any) -> None:
+    """Make a Mitsuba scene take its changed parameters."""
+    parameters.update()
+    for emitter in scene.emitters():
+        if not emitter.get_shape():
+            # Distant light keeps the extent that the scene had before (3.9.1), on which its points' last bits depend.
+            emitter.set_scene(scene)
 
 
 def shape_key(shape: Any) -> Any:
