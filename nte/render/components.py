@@ -140,7 +140,7 @@ def _shadow(stage: Stage, ray: ShadowRay) -> Shadow:
     return Shadow(
         receiver=to_hits(stage, ray.receiver, ray.view),
         blocker=to_hits(stage, ray.blocker, ray.view),
-        light=stage.instances[np.array(ray.light, np.int64)],
+        light=stage.lights[np.array(ray.light, np.int64)],
         light_point=np.array(ray.light_point, float).T,
         blocked=np.array(ray.blocked),
     )

@@ -18,27 +18,8 @@ _MISSED = 0.01  # radians by which the normal may miss the half vector
 
 
 def curvatures_at(stage: Stage, hits: Hits, time: float) -> Floats:
-    """Change of the unit shading normal with a step along the surface (R, 3, 3), per scene unit, at a time in frames.
-
-    Positive where the surface bulges outwards; zero where it is flat, faceted or missed.
-    """
-    positions, normals = stage.vertices(time)
-    rows = stage.corners(hits.instance, hits.place)
-    normal = normals[rows]
-    turned = normal[:, 1:] - normal[:, :1]
-    result = np.zeros((len(rows), 3, 3))
-    bent = (hits.instance > 0) & (np.abs(turned).max((1, 2)) > 1e-6)
-    edges = positions[rows[bent, 1:]] - positions[rows[bent, :1]]
-    inner = hits.place[bent, 1:]
-    weight = np.concatenate([1 - inner.sum(1, keepdims=True), inner], 1)
-    length = np.linalg.norm((weight[:, :, None] * normal[bent]).sum(1), axis=1)
-    # The edges' dual basis in the triangle's plane: what a step is in terms of them.
-    first, second = edges[:, 0], edges[:, 1]
-    across = np.cross(first, second)
-    area = np.square(across).sum(1, keepdims=True) * length[:, None]
-    dual = np.stack([np.cross(second, across), np.cross(across, first)], 1) / np.maximum(area, 1e-300)[:, :, None]
-    result[bent] = turned[bent].transpose(0, 2, 1) @ dual
-    return result
+    """Curvatures (R, 3, 3) of the surfaces there at a time in frames: see Places.curvatures."""
+    return stage.places.curvatures(hits.instance, hits.place, time)
 
 
 def tangents(normal: Floats, first: Floats) -> Floats:

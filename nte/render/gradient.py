@@ -49,8 +49,8 @@ def shade_before(stage: Stage, time: float, seed: int) -> Replay:
     """
     mi, dr = load_mitsuba(), load_drjit()
     key = dr.opaque(mi.UInt32, derive_seed(seed, "gradient"))
-    hit, direction, priority = stage.frozen(_candidates)(key)
-    hits = to_hits(stage, hit, direction)
+    hit, met, direction, priority = stage.frozen(_candidates)(key)
+    hits = to_hits(stage, met, direction)
     now = points_at(stage, hits, time)
     source, pixel, found = _choose(stage, hits, now, time, np.array(priority))
     chosen = dr.gather(mi.PreliminaryIntersection3f, hit, to_jit(mi.UInt32, source))
@@ -75,13 +75,14 @@ def shade_again(stage: Stage, time: float, replay: Replay) -> Pixels:
     return image.reshape(2, stage.height, stage.width)
 
 
-def _candidates(stage: Stage, key: Any) -> tuple[Any, Any, Any]:
-    """What a random place in each pixel sees, the rays' directions, and a random number for `_choose`."""
+def _candidates(stage: Stage, key: Any) -> tuple[Any, ...]:
+    """What a random place in each pixel sees, as Mitsuba and as Stage.met says it, the rays' directions, and a random
+    number for `_choose`."""
     mi, dr = load_mitsuba(), load_drjit()
     lane = dr.arange(mi.UInt32, stage.width * stage.height)
     ray = camera_ray(stage, lane, uniform(lane, key, "gradient jitter"))
     hit = stage.mi_scene.ray_intersect_preliminary(ray, coherent=True)
-    candidates = hit, ray.d, uniform(lane, key, "gradient choice").x
+    candidates = hit, stage.met(hit, ray), ray.d, uniform(lane, key, "gradient choice").x
     dr.eval(candidates)
     return candidates
 

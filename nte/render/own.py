@@ -16,8 +16,9 @@ import numpy as np
 from nte.errors import NteError
 from nte.render.animation import Animation, camera_track, object_track
 from nte.render.backend import load_drjit, load_mitsuba
+from nte.render.rest import Rest
 from nte.render.scene import Camera, Scene
-from nte.render.stage import Indices, Stage, camera_sensor, path_integrator, shape_key, update
+from nte.render.stage import Stage, camera_sensor, path_integrator, shape_key, update
 from nte.render.transforms import Floats, Track, still, transform_points
 from nte.render.unshadowed import unshadowed_integrator
 
@@ -36,8 +37,6 @@ class OwnObject:
 class OwnStage(Stage):
     """The XML scene of an animation. Its film, sampler and integrator are nte's, as for every clip."""
 
-    by_point = True
-
     def __init__(
         self, animation: Animation, width: int, height: int, max_depth: int, unshadowed: bool = False, start: float = 0
     ) -> None:
@@ -55,19 +54,22 @@ class OwnStage(Stage):
         camera = _camera(self.mi_scene, animation)
         camera = replace(camera, track=self._from_start(camera.track))
         self.scene = Scene(objects, camera)
+        self._lights = emitters
+        light_tracks = [self._from_start(lights.get(name)) for name in emitters]
+        self.places = self._rest = Rest([*(obj.track for obj in objects), *light_tracks])
         self._moved = [self._movable(name, track) for name, track in (tracks | lights).items()]
         media = any(shape.interior_medium() or shape.exterior_medium() for shape in self.shapes)
         self.sensor = load_mitsuba().load_dict(camera_sensor(camera, width, height, media))
         self._view = load_mitsuba().traverse(self.sensor)
         path = load_mitsuba().load_dict(path_integrator(max_depth, media))
+        self.beyond = load_mitsuba().load_dict(path_integrator(max_depth - 1, False))
         self.integrator = unshadowed_integrator() if unshadowed else path
         self.containers = sum(shape.interior_medium() is not None for shape in self.shapes)
-        self.time = 0.0
 
     def set_time(self, time: float) -> None:
         """Put every shape and light that moves, and the camera, where they are at a time in frames."""
         mi = load_mitsuba()
-        self.time = time
+        self._rest.time = time
         for at_rest, track in self._moved:
             matrix = track(time)
             for name, value in at_rest.items():
@@ -86,11 +88,6 @@ class OwnStage(Stage):
         mi, dr = load_mitsuba(), load_drjit()
         instance = dr.reinterpret_array(mi.UInt32, hit.instance)
         return dr.select(instance != 0, instance, shape_key(hit.shape))
-
-    def meet(self, mi: Any, scene: Any, ray: Any) -> list[Any]:
-        """What a ray meets: the shape's key, the point (3), world, and the ray's direction (3)."""
-        hit = scene.ray_intersect_preliminary(ray, coherent=True)
-        return [self.key(hit), *load_drjit().select(hit.is_valid(), ray(hit.t), 0), *ray.d]
 
     def albedo(self, si: Any, hit: Any) -> Any:
         """Diffuse reflectance, or what a metal or glass does to light that it turns (3,).
@@ -119,22 +116,11 @@ class OwnStage(Stage):
             found = dr.select(known, value**power, found)
         return found
 
-    def placed(self, instance: Indices, place: Floats) -> Floats:
-        """World points (P, 3) at the time that the stage is set to, as they are in the XML."""
-        return self._carried(instance, place, lambda track: np.asarray(np.linalg.inv(track(self.time)), float))
-
-    def points(self, instance: Indices, place: Floats, time: float) -> Floats:
-        """Where points (P, 3) as they are in the XML are at a time in frames, world."""
-        return self._carried(instance, place, lambda track: track(time))
-
-    def _carried(self, instance: Indices, points: Floats, matrix: Callable[[Track], Floats]) -> Floats:
-        """Points (P, 3), those on what moves transformed by what its track says."""
-        carried = points.copy()
-        for number in np.unique(instance[instance > 0]):
-            if (track := self.scene.objects[number - 1].track) is not None:
-                mine = instance == number
-                carried[mine] = transform_points(matrix(track), points[mine])
-        return carried
+    def _instance_of(self, emitter: Any) -> int:
+        """Lights that are no shapes are numbered after the shapes."""
+        if emitter.get_shape():
+            return super()._instance_of(emitter)
+        return 1 + len(self.shapes) + self._lights.index(emitter.id())
 
     def _from_start(self, track: Track | None) -> Any:
         """The track as the clip's frames see it, whose frame 0 is the animation's frame `start`."""

@@ -1,6 +1,6 @@
 """Camera rays and what they meet, as NumPy rows: the same code for vectorised and scalar Mitsuba variants."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import partial
 from typing import Any
@@ -24,9 +24,7 @@ class Hits:
     """What rays meet: one row per ray."""
 
     instance: Indices  # (P,) 0 = miss, else index in scene.objects + 1
-    # (P, 3) where on it: its triangle, and the weights of that one's second and third vertex; or, on a shape of
-    # somebody else's scene, which need not have triangles, the point as it is in the XML, world.
-    place: Floats
+    place: Floats  # (P, stage.places.width) where on it
     direction: Floats  # (P, 3), world: where a miss looks
 
     def of(self, rows: npt.NDArray[np.bool_] | Indices) -> "Hits":
@@ -64,8 +62,8 @@ class Seen:
 def trace_film(stage: Stage, pixel: Floats) -> Seen:
     """What is seen at pixel positions (R, 2), inside or outside the image; vectorised variants only."""
     film = [to_jit(load_mitsuba().Float, column) for column in (pixel / (stage.width, stage.height)).T]
-    first, direction, *columns = stage.frozen(_film)(*film)
-    hits = to_hits(stage, first, direction, columns[0])
+    met, direction, *columns = stage.frozen(_film)(*film)
+    hits = to_hits(stage, met, direction)
     point, normal, roughness, found = (np.array(column).T for column in columns)
     return Seen(point.astype(float), normal.astype(float), roughness.astype(float), found, hits)
 
@@ -73,22 +71,19 @@ def trace_film(stage: Stage, pixel: Floats) -> Seen:
 def trace_centres(stage: Stage) -> Hits:
     """Hits of the rays through the pixel centres, at the time that `stage` is set to."""
     middle = np.full((1, 4), 0.5)
-    rows = _trace_scalar(stage, middle, stage.meet) if is_scalar() else to_rows(stage.frozen(_centres)())
-    shape, place, direction = np.split(rows, [1, 4], axis=1)
-    instance = stage.instances[shape[:, 0].astype(np.int64)]
-    return Hits(instance, stage.placed(instance, place), direction)
+    rows = _trace_scalar(stage, middle, partial(_meet, stage)) if is_scalar() else to_rows(stage.frozen(_centres)())
+    return _hits(stage, rows[:, :-3], rows[:, -3:])
 
 
-def to_hits(stage: Stage, hit: Any, direction: Any, point: Any = None) -> Hits:
-    """The rows of a PreliminaryIntersection3f and of the directions (3,) that its rays had.
-
-    point (3,): where the hit is; asked for by scenes that tell places by their points.
-    """
+def to_hits(stage: Stage, met: Sequence[Any], direction: Any) -> Hits:
+    """The rows of what `Stage.met` says, evaluated, and of the directions (3,) that the rays had."""
     with np.errstate(invalid="ignore"):  # of a miss, whose barycentrics are whatever was in memory
-        where = [*point] if stage.by_point else [hit.prim_index, *hit.prim_uv]
-        place = np.stack([np.array(column, float) for column in where], axis=1)
-    instance = stage.instances[np.array(stage.key(hit), np.int64)]
-    return Hits(instance, stage.placed(instance, place), np.array(direction, float).T)
+        return _hits(stage, to_rows(met), np.array(direction, float).T)
+
+
+def _hits(stage: Stage, met: Floats, direction: Floats) -> Hits:
+    instance = stage.instances[met[:, 0].astype(np.int64)]
+    return Hits(instance, stage.places.stored(instance, met[:, 1:]), direction)
 
 
 def points_at(stage: Stage, hits: Hits, time: float) -> Floats:
@@ -96,12 +91,12 @@ def points_at(stage: Stage, hits: Hits, time: float) -> Floats:
 
     Whatever moves them, the stage says; a point at rest has exactly the same position at every time.
     """
-    return np.where(hits.instance[:, None] > 0, stage.points(hits.instance, hits.place, time), hits.direction)
+    return np.where(hits.instance[:, None] > 0, stage.places.points(hits.instance, hits.place, time), hits.direction)
 
 
 def normals_at(stage: Stage, hits: Hits, time: float) -> Floats:
     """Unit shading normals (P, 3) of `hits` at a time, outwards; the ray's direction for a miss."""
-    normals = stage.normals(hits.instance, hits.place, time)
+    normals = stage.places.normals(hits.instance, hits.place, time)
     normals = np.where(hits.instance[:, None] > 0, normals, hits.direction)
     return np.asarray(normals / np.linalg.norm(normals, axis=1, keepdims=True))
 
@@ -123,23 +118,28 @@ def queue_surfaces(stage: Stage, offsets: Floats) -> list[Any]:
     return list(stage.frozen(_surfaces)(dr.opaque(mi.UInt32, len(offsets)), *places))
 
 
+def _meet(stage: Stage, mi: Any, scene: Any, ray: Any) -> list[Any]:
+    """What a ray meets, and its direction (3)."""
+    return [*stage.met(scene.ray_intersect_preliminary(ray, coherent=True), ray), *ray.d]
+
+
 def _centres(stage: Stage) -> list[Any]:
-    """What `meet` says of the pixel centres."""
+    """The same of the pixel centres."""
     mi, dr = load_mitsuba(), load_drjit()
     ray = camera_ray(stage, dr.arange(mi.UInt32, stage.width * stage.height), mi.Point2f(0.5))
-    met: list[Any] = stage.meet(mi, stage.mi_scene, past_containers(stage, ray))
+    met = _meet(stage, mi, stage.mi_scene, past_containers(stage, ray))
     dr.eval(met)  # one kernel instead of one per column
     return met
 
 
 def _film(stage: Stage, x: Any, y: Any) -> tuple[Any, ...]:
-    """PreliminaryIntersection3f of rays through the film at x, y in units of its size, their directions, and Seen's."""
+    """What rays through the film at x, y, in units of its size, meet, their directions, and what Seen has of it."""
     mi, dr = load_mitsuba(), load_drjit()
     ray, _ = stage.sensor.sample_ray(0.0, 0.5, mi.Point2f(x, y), mi.Point2f(0.5))
     first = stage.mi_scene.ray_intersect_preliminary(ray, coherent=True)
     si = first.compute_surface_interaction(ray)
     hit = si.is_valid()
-    seen = first, ray.d, si.p, si.sh_frame.n, stage.roughness(si, hit), hit
+    seen = stage.met(first, ray), ray.d, si.p, si.sh_frame.n, stage.roughness(si, hit), hit
     dr.eval(seen)
     return seen
 

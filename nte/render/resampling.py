@@ -12,7 +12,7 @@ from nte.render.backend import load_drjit, load_mitsuba
 from nte.render.lobes import Lobes
 from nte.render.numbers import lattice, uniform
 from nte.render.scene import DISTANT
-from nte.render.stage import Stage, shape_key
+from nte.render.stage import Stage, emitter_key
 from nte.render.transport import camera_ray, sample_light
 
 POINTS = 16  # in each pixel, a camera ray each
@@ -35,10 +35,10 @@ class ShadowRay:
 
     visible: Any  # Bool; true where there is no shadow ray
     blocked: Any  # Bool
-    receiver: Any  # PreliminaryIntersection3f of the camera ray
+    receiver: Any  # what Stage.met says of the camera ray
     view: Any  # direction of the camera ray
-    blocker: Any  # PreliminaryIntersection3f of the shadow ray
-    light: Any  # key of the light's shape (see rays.shape_key)
+    blocker: Any  # of the shadow ray
+    light: Any  # key of the light (stage.emitter_key)
     light_point: Any  # world; an environment light's is far away
 
 
@@ -107,10 +107,10 @@ def trace_shadow(stage: Stage, direct: Direct, key: Any) -> ShadowRay:
     shadow = ShadowRay(
         visible=~blocked,
         blocked=blocked,
-        receiver=receiver,
+        receiver=stage.met(receiver, ray),
         view=ray.d,
-        blocker=blocker,
-        light=shape_key(light.emitter.get_shape()),
+        blocker=stage.met(blocker, shadow_ray),
+        light=emitter_key(light.emitter),
         light_point=dr.select(light.emitter.is_environment(), si.p + DISTANT * light.d, light.p),
     )
     dr.eval(shadow)  # one kernel instead of one per array

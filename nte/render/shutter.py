@@ -43,7 +43,7 @@ def blurred(
     size = stage.height, stage.width
     times = _times(derive_generator("shutter times", *keys))
     order = [_strata(*size, derive_generator("shutter order", key)).ravel() for key in keys]
-    rows = np.zeros((len(keys), size[0] * size[1], 11))
+    rows = np.zeros((len(keys), size[0] * size[1], 8 + stage.places.width))
     sums = np.zeros((len(halves), 3, *size))
     for number, now in enumerate(times):
         here = time + shutter * (now - 0.5)
@@ -101,7 +101,7 @@ def _strata(height: int, width: int, rng: np.random.Generator) -> npt.NDArray[np
 def _trace(stage: Stage, pixels: npt.NDArray[np.int64], time: float, seed: int) -> Floats:
     """One path through a random point of each of `pixels` (P,), at the time in frames that `stage` is set to.
 
-    Rows (P, 11): radiance (3), depth along the view axis, and the first hit as `_hits` reads it.
+    Rows (P, 8 + W): radiance (3), depth along the view axis, and the first hit as `_hits` reads it.
     """
     mi, dr = load_mitsuba(), load_drjit()
     sampler = mi.load_dict({"type": "independent"})
@@ -111,8 +111,9 @@ def _trace(stage: Stage, pixels: npt.NDArray[np.int64], time: float, seed: int) 
     first = stage.mi_scene.ray_intersect_preliminary(seen, coherent=True)
     colour, *_ = stage.integrator.sample(stage.mi_scene, sampler, mi.RayDifferential3f(ray))
     point = dr.select(first.is_valid(), seen(first.t), 0)
-    dr.eval(colour, point, first, ray.d)
-    hits, view = to_hits(stage, first, ray.d, point), stage.scene.camera.view(time)
+    met = stage.met(first, seen)
+    dr.eval(colour, point, met, ray.d)
+    hits, view = to_hits(stage, met, ray.d), stage.scene.camera.view(time)
     depth = np.where(hits.instance > 0, np.array(point, float).T @ view[2, :3] + view[2, 3], 0)
     columns = [np.array(colour, float).T, depth, hits.instance, hits.place, hits.direction]
     return np.column_stack(columns)
@@ -120,7 +121,7 @@ def _trace(stage: Stage, pixels: npt.NDArray[np.int64], time: float, seed: int) 
 
 def _hits(rows: Floats) -> Hits:
     """The first hits of `_trace`'s rows."""
-    return Hits(rows[:, 4].astype(np.int64), rows[:, 5:8], rows[:, 8:])
+    return Hits(rows[:, 4].astype(np.int64), rows[:, 5:-3], rows[:, -3:])
 
 
 def _over_shutter(stage: Stage, hits: Hits, time: float, shutter: float) -> Pixels:

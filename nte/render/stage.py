@@ -4,9 +4,8 @@ Mitsuba 3.9 has no animated transforms, so vertices and the camera are written t
 """
 
 import weakref
-from collections.abc import Callable
+from collections.abc import Callable, Iterable, Sequence
 from functools import cached_property, partial
-from itertools import pairwise
 from typing import Any
 
 import numpy as np
@@ -14,13 +13,11 @@ import numpy.typing as npt
 
 from nte.render.arrays import to_jit
 from nte.render.backend import is_scalar, load_drjit, load_mitsuba, no_garbage_collection
+from nte.render.places import Indices, Places, Triangles
 from nte.render.scene import Camera, DeformingObject, Material, Medium, Mesh, Scene, SceneObject
-from nte.render.transforms import Floats
 from nte.render.unshadowed import unshadowed_integrator
 
-Indices = npt.NDArray[np.int64]
 VEIL = 0.05  # the share of light that a veil reflects or swallows
-_TIMES = 4  # whose vertices are kept: a frame asks for those of three again and again
 
 
 class Stage:
@@ -28,8 +25,6 @@ class Stage:
 
     Every set_time takes all vertices from the tracks, so a frame does not depend on the frames before it.
     """
-
-    by_point = False  # whether a place on a shape is told by the point, not by the triangle
 
     def __init__(self, scene: Scene, width: int, height: int, max_depth: int, unshadowed: bool = False) -> None:
         mi = load_mitsuba()
@@ -52,12 +47,8 @@ class Stage:
         self.containers = sum(obj.material.surface == "none" for obj in scene.objects)
         self.shapes: list[Any] = list(self.meshes.values())  # in the order of scene.objects
         self._written = dict.fromkeys(self.meshes, np.empty(0, np.float32))  # positions and normals as they are set
-        vertices = np.cumsum([0, *(len(obj.mesh.positions) for obj in scene.objects)])
-        self._rows = [slice(*ends) for ends in pairwise(vertices)]  # of each object among the vertices of all
-        meshes = [np.int64(first) + obj.mesh.faces for first, obj in zip(vertices, scene.objects, strict=False)]
-        self.faces = np.concatenate([np.zeros((1, 3), np.int64), *meshes])  # (1 + F, 3); row 0 stands for a miss
-        self.first_face = np.cumsum([0, 1, *map(len, meshes)])  # of each instance; of 0, the miss's row
-        self._vertices: dict[float, tuple[Floats, Floats]] = {}
+        self._triangles = Triangles(scene)
+        self.places: Places = self._triangles
         self._parameters: Any = mi.traverse(self.mi_scene)
         self._frozen: dict[Callable[..., Any], Any] = {}
 
@@ -66,7 +57,7 @@ class Stage:
         mi = load_mitsuba()
         own = np.asarray if is_scalar() else partial(to_jit, mi.Float)
         for number, (name, obj) in enumerate(zip(self.meshes, self.scene.objects, strict=True)):
-            vertices = np.stack([_flat(values) for values in self.vertices_of(number + 1, time)])
+            vertices = np.stack([_flat(values) for values in self._triangles.vertices_of(number + 1, time)])
             # What is there already is not written again: where only the camera moves, that is four times as fast.
             if not np.array_equal(vertices, self._written[name]):
                 self._written[name] = vertices
@@ -99,56 +90,29 @@ class Stage:
             self._frozen[function] = load_drjit().freeze(again)
         return partial(self._frozen[function], self.mi_scene, self.sensor, self.beyond)
 
-    def vertices(self, time: float) -> tuple[Floats, Floats]:
-        """World positions and normals (V, 3) of all vertices at a time, object by object; do not write in them."""
-        if time not in self._vertices:
-            while len(self._vertices) >= _TIMES:
-                self._vertices.pop(next(iter(self._vertices)))
-            positions, normals = zip(*(obj.at(time) for obj in self.scene.objects), strict=True)
-            self._vertices[time] = np.concatenate(positions), np.concatenate(normals)
-        return self._vertices[time]
-
-    def vertices_of(self, instance: int, time: float) -> tuple[Floats, Floats]:
-        """The same of one object, by its instance number."""
-        positions, normals = self.vertices(time)
-        return positions[self._rows[instance - 1]], normals[self._rows[instance - 1]]
-
-    def points(self, instance: Indices, place: Floats, time: float) -> Floats:
-        """World points (P, 3) of the places (P, 3) on instances (P,) at a time in frames; of 0, a miss, any."""
-        return self._interpolated(instance, place, self.vertices(time)[0])
-
-    def normals(self, instance: Indices, place: Floats, time: float) -> Floats:
-        """The same of normals, outwards; not of unit length."""
-        return self._interpolated(instance, place, self.vertices(time)[1])
-
-    def corners(self, instance: Indices, place: Floats) -> Indices:
-        """The vertices (P, 3), rows of `vertices`, of the triangles that places are on; of a miss, any."""
-        triangle = np.where(instance > 0, place[:, 0], 0).astype(np.int64)
-        return np.asarray(self.faces[np.where(instance > 0, self.first_face[instance] + triangle, 0)])
-
-    def _interpolated(self, instance: Indices, place: Floats, vertices: Floats) -> Floats:
-        a, b, c = vertices[self.corners(instance, place).T]
-        u, v = place[:, 1:2], place[:, 2:3]
-        with np.errstate(invalid="ignore", over="ignore"):  # of a miss, whose weights are whatever was in memory
-            return np.asarray((1 - u - v) * a + u * b + v * c)
-
     @cached_property
     def instances(self) -> Indices:
         """Table from keys of shapes (shape_key) to instance numbers: index in scene.objects + 1."""
-        mi, scalar = load_mitsuba(), is_scalar()
-        keys = [int(shape_key(m) if scalar else shape_key(mi.ShapePtr(m))[0]) for m in self.shapes]
-        table = np.zeros(max(keys) + 1, np.int64)
-        table[keys] = np.arange(len(keys)) + 1
-        return table
+        return _table([_key_of(shape) for shape in self.shapes], range(1, 1 + len(self.shapes)))
+
+    @cached_property
+    def lights(self) -> Indices:
+        """Table from keys of emitters (emitter_key) to the instance numbers of their shapes; 0 for those without."""
+        mi, emitters = load_mitsuba(), self.mi_scene.emitters()
+        keys = [int(emitter_key(mi.EmitterPtr(emitter))[0]) for emitter in emitters]
+        return _table(keys, [self._instance_of(emitter) for emitter in emitters])
+
+    def _instance_of(self, emitter: Any) -> int:
+        shape = emitter.get_shape()
+        return int(self.instances[_key_of(shape)]) if shape else 0
 
     def key(self, hit: Any) -> Any:
         """Number of the shape that a PreliminaryIntersection3f names, see shape_key."""
         return shape_key(hit.shape)
 
-    def meet(self, mi: Any, scene: Any, ray: Any) -> list[Any]:
-        """What a ray meets: the shape's key, its place there (3), see rays.Hits, and the ray's direction (3)."""
-        hit = scene.ray_intersect_preliminary(ray, coherent=True)
-        return [self.key(hit), hit.prim_index, *hit.prim_uv, *ray.d]
+    def met(self, hit: Any, ray: Any) -> list[Any]:
+        """What a ray meets: the shape's key, and its place there (rays.to_hits makes rows of it)."""
+        return [self.key(hit), *self.places.columns(hit, ray)]
 
     def albedo(self, si: Any, hit: Any) -> Any:
         """The colour (3,) that the guides show: `principled` gives a metal's as diffuse. Vectorised variants only."""
@@ -159,10 +123,6 @@ class Stage:
         bsdf = si.bsdf()
         known = bsdf.has_attribute("roughness", hit)
         return load_drjit().select(known, bsdf.eval_attribute_1("roughness", si, hit & known), 1)
-
-    def placed(self, instance: Indices, place: Floats) -> Floats:
-        """Places (P, 3) as the objects of these instances (P,) take them."""
-        return place
 
 
 def update(scene: Any, parameters: Any) -> None:
@@ -179,6 +139,21 @@ def shape_key(shape: Any) -> Any:
     if is_scalar():
         return int(shape.id().rsplit("_", 1)[1]) + 1 if shape else 0
     return load_drjit().reinterpret_array(load_mitsuba().UInt32, shape)
+
+
+def emitter_key(emitter: Any) -> Any:
+    """The same per emitter. Vectorised variants only."""
+    return load_drjit().reinterpret_array(load_mitsuba().UInt32, emitter)
+
+
+def _key_of(shape: Any) -> int:
+    return int(shape_key(shape) if is_scalar() else shape_key(load_mitsuba().ShapePtr(shape))[0])
+
+
+def _table(keys: Sequence[int], numbers: Iterable[int]) -> Indices:
+    table = np.zeros(max(keys, default=0) + 1, np.int64)
+    table[[*keys]] = [*numbers]
+    return table
 
 
 def path_integrator(depth: int, media: bool) -> dict[str, Any]:

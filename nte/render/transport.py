@@ -33,7 +33,7 @@ class Path:
     indirect_radiance: Any  # 0 where the direction was not chosen by the diffuse lobe
     indirect_direction: Any
     is_reflection: Any  # whether it was chosen by another lobe, on the side that o is on
-    first: Any  # PreliminaryIntersection3f, SurfaceInteraction3f of the first hit
+    first: Any  # what Stage.met says of the first hit
     second: Any  # of the hit along the direction
     direction: Any  # the direction, world
 
@@ -107,8 +107,8 @@ def follow(stage: Stage, ray: Any, first: Any, sampler: Any) -> Path:
         indirect_radiance=dr.select(is_diffuse, reflected, 0),
         indirect_direction=dr.select(is_diffuse, onward.d, 0),
         is_reflection=on & ~is_diffuse & (chosen.wo.z * si.wi.z > 0),
-        first=first,
-        second=second,
+        first=stage.met(first, ray),
+        second=stage.met(second, onward),
         direction=onward.d,
     )
 

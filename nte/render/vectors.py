@@ -59,7 +59,7 @@ def shadow_vectors(stage: Stage, shadow: Shadow, time: float) -> Pixels:
     """
     rows = shadow.blocked
     receiver, blocker = shadow.receiver.of(rows), shadow.blocker.of(rows)
-    light = _moved(stage, shadow.light[rows], shadow.light_point[rows], time)
+    light = stage.places.moved(shadow.light[rows], shadow.light_point[rows], time, time - 1)
     point, normal = points_at(stage, receiver, time - 1), normals_at(stage, receiver, time - 1)
     along = points_at(stage, blocker, time - 1) - light
     with np.errstate(divide="ignore", invalid="ignore"):
@@ -161,22 +161,6 @@ def footprint(stage: Stage, image: Floats, time: float) -> Floats:
     total[~seen.hit] = np.nan
     covariance[usable] = total
     return covariance
-
-
-def _moved(stage: Stage, instance: Indices, points: Floats, time: float) -> Floats:
-    """Points (R, 3) on the surface of `instance` at `time`, where they were at time − 1; 0 stands still.
-
-    By the affine motion that fits the object's vertices best, which for a rigid one is its own.
-    """
-    moved = points.copy()
-    for number in np.unique(instance[instance > 0]):
-        now, before = (stage.vertices_of(number, t)[0] for t in (time, time - 1))
-        middle = now.mean(0)
-        if (now != before).any():
-            turn = np.linalg.lstsq(now - middle, before - before.mean(0), rcond=1e-6)[0]
-            mine = instance == number
-            moved[mine] = (points[mine] - middle) @ turn + before.mean(0)
-    return moved
 
 
 def _motion(stage: Stage, rows: Rows, here: Hits, before: Floats, time: float) -> Pixels:
