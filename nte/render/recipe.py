@@ -162,13 +162,12 @@ def _check_own(where: str, group: Group, folder: Path) -> None:
     path = folder / group.scene
     if not path.is_file():
         raise NteError(f"{where}.scene: {path} is no file")
-    if group.components:
-        raise NteError(f"{where}.components is true: light is separated in nte's own scenes only: expected false")
     unknown = [name for name in group.parameters if name != START]
     if unknown or type(group.parameters.get(START, 0)) is not int:
         raise NteError(f"{where}.parameters: expected nothing but '{START}', a whole number, for somebody's own scene")
     check_arrays(f"the scene {group.scene}")
-    check_scene(read_animation(path))
+    if check_scene(read_animation(path)) and group.components:
+        raise NteError(f"{where}.components is true: light in the media of {path} has no components: expected false")
 
 
 def _check(where: str, group: Group, folder: Path) -> None:

@@ -65,9 +65,13 @@ camera:
 
 @pytest.fixture(scope="module")
 def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    return write_room(tmp_path_factory.mktemp("own"))
+
+
+def write_room(folder: Path) -> Path:
+    """ROOM and MOVES with their files, in `folder`."""
     from nte.frames.exr import write_exr
 
-    folder = tmp_path_factory.mktemp("own")
     (folder / "textures").mkdir()
     coarse = np.random.default_rng(0).integers(0, 255, (6, 6, 3), np.uint8)
     Image.fromarray(coarse).resize((64, 64), Image.Resampling.BICUBIC).save(folder / "textures" / "paint.png")
@@ -270,7 +274,6 @@ def test_a_faulty_scene_is_one_line(folder: Path, tmp_path: Path, old: str, new:
 
 def test_a_recipe_says_what_does_not_go_with_a_scene_of_ones_own(folder: Path, tmp_path: Path) -> None:
     for rest, said in (
-        ("components: true", "light is separated in nte's own scenes only"),
         ("parameters: {speed: 2}", "expected nothing but 'start'"),
         ("parameters: {start: soon}", "expected nothing but 'start'"),
     ):
