@@ -26,6 +26,7 @@ class Key:
     rotate: list[float] = field(default_factory=lambda: [0.0, 0.0, 0.0])  # degrees about x, then y, then z
     scale: list[float] = field(default_factory=lambda: [1.0, 1.0, 1.0])
     pivot: list[float] = field(default_factory=lambda: [0.0, 0.0, 0.0])  # world point that turning and scaling keep
+    brightness: float = 1.0  # of a light, times what the XML says
 
 
 @dataclass
@@ -63,6 +64,9 @@ def read_animation(path: Path) -> Animation:
                 if 0 in key.scale:
                     where = f"{path}: {kind}.{name}[{number}]"
                     raise NteError(f"{where}.scale is {key.scale}: a transform with a scale of 0 is singular")
+                if not 0 <= key.brightness < np.inf:
+                    where = f"{path}: {kind}.{name}[{number}]"
+                    raise NteError(f"{where}.brightness is {key.brightness}: expected a number of at least 0")
     if animation.camera:
         _check_keys(f"{path}: camera", animation.camera, ("origin", "target", "up"))
         for number, view in enumerate(animation.camera):
@@ -74,6 +78,11 @@ def read_animation(path: Path) -> Animation:
         raise NteError(f"{path}: xml: {xml} is no file")
     animation.xml = str(xml)
     return animation
+
+
+def moves(keys: Sequence[Key]) -> bool:
+    """Whether any keyframe puts the object elsewhere than the XML does."""
+    return any(any(key.translate) or any(key.rotate) or {*key.scale} != {1} for key in keys)
 
 
 def object_track(keys: Sequence[Key], interpolation: str) -> Track:
@@ -93,6 +102,14 @@ def object_track(keys: Sequence[Key], interpolation: str) -> Track:
     return track
 
 
+def brightness_curve(keys: Sequence[Key], interpolation: str) -> Callable[[float], float] | None:
+    """Times what a light in the XML sends out, at a time in frames; None if no keyframe changes it."""
+    if all(key.brightness == 1 for key in keys):
+        return None
+    curve = _curve([key.frame for key in keys], [[key.brightness] for key in keys], interpolation)
+    return lambda time: max(0.0, float(curve(time)[0]))  # a smooth curve may swing below its keyframes
+
+
 def camera_track(keys: Sequence[CameraKey], interpolation: str) -> Track:
     """Camera → world, 4×4, at a time in frames."""
     origin, target, up = (
@@ -103,7 +120,7 @@ def camera_track(keys: Sequence[CameraKey], interpolation: str) -> Track:
 
 
 def _curve(frames: Sequence[float], values: Sequence[Sequence[float]], kind: str) -> Callable[[float], Floats]:
-    """Values (3,) at a time: through the keyframes, before the first and after the last as there."""
+    """Values (K,) at a time: through the keyframes, before the first and after the last as there."""
     at, points = np.asarray(frames, float), np.asarray(values, float)
     if len(at) == 1:
         return lambda time: points[0]

@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 
 from nte.errors import NteError
-from nte.render.animation import Animation, camera_track, object_track
+from nte.render.animation import Animation, brightness_curve, camera_track, moves, object_track
 from nte.render.backend import load_drjit, load_mitsuba
 from nte.render.rest import Rest
 from nte.render.scene import Camera, Scene
@@ -22,6 +22,9 @@ from nte.render.unshadowed import unshadowed_integrator
 from nte.render.xml import load_xml
 
 _SENSORS = ("PerspectiveCamera", "ThinLensCamera")
+_EMISSION = (
+    "scale", *(f"{kind}.{form}" for kind in ("intensity", "irradiance", "radiance") for form in ("value", "data"))
+)  # fmt: skip
 _VERTICES = ("vertex_positions", "vertex_normals")
 
 
@@ -56,7 +59,10 @@ class OwnStage(Stage):
         self._lights = emitters
         light_tracks = [self._from_start(lights.get(name)) for name in emitters]
         self.places = self._rest = Rest([*(obj.track for obj in objects), *light_tracks])
-        self._moved = [self._movable(name, track) for name, track in (tracks | lights).items()]
+        keyed = animation.objects | animation.lights
+        self._moved = [self._movable(name, track) for name, track in (tracks | lights).items() if moves(keyed[name])]
+        curves = {name: brightness_curve(keys, animation.interpolation) for name, keys in keyed.items()}
+        self._dimmed = [self._emission(name, self._from_start(curve)) for name, curve in curves.items() if curve]
         self.media = any(shape.interior_medium() or shape.exterior_medium() for shape in self.shapes)
         self.sensor = load_mitsuba().load_dict(camera_sensor(camera, width, height, self.media))
         self._view = load_mitsuba().traverse(self.sensor)
@@ -73,7 +79,10 @@ class OwnStage(Stage):
             matrix = track(time)
             for name, value in at_rest.items():
                 self._parameters[name] = _at(matrix, name, value)
-        if self._moved:
+        for at_rest, curve in self._dimmed:
+            for name, value in at_rest.items():
+                self._parameters[name] = value * curve(time)
+        if self._moved or self._dimmed:
             update(self.mi_scene, self._parameters)
         self._view["to_world"] = mi.ScalarTransform4f(self.scene.camera.track(time))
         self._view.update()
@@ -121,8 +130,8 @@ class OwnStage(Stage):
             return super()._instance_of(emitter)
         return 1 + len(self.shapes) + self._lights.index(emitter.id())
 
-    def _from_start(self, track: Track | None) -> Any:
-        """The track as the clip's frames see it, whose frame 0 is the animation's frame `start`."""
+    def _from_start(self, track: Callable[[float], Any] | None) -> Any:
+        """The track, or another curve, as the clip's frames see it, whose frame 0 is the animation's frame `start`."""
         return track and (lambda time: track(time + self.start))
 
     def _movable(self, name: str, track: Track) -> tuple[Mapping[str, Any], Track]:
@@ -133,6 +142,14 @@ class OwnStage(Stage):
             raise NteError(f"'{name}' cannot be moved: Mitsuba has no parameter for its place")
         values = {key: _array(key, self._parameters[key]) for key in chosen}
         return values, self._from_start(track)
+
+    def _emission(self, name: str, curve: Callable[[float], float]) -> tuple[Mapping[str, Any], Any]:
+        """The parameters of a light, a shape or not, that say how bright it is, with their values in the XML."""
+        ends = [f"{name}.{light}{end}" for light in ("", "emitter.") for end in _EMISSION]
+        values = {key: type(value)(value) for key, value in self._parameters.items() if key in ends}
+        if not values:
+            raise NteError(f"'{name}' has a brightness, but sends out no light")
+        return values, curve
 
 
 def _check_names(xml: str, what: str, given: Mapping[str, Any], known: Sequence[str]) -> None:

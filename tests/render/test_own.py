@@ -13,6 +13,7 @@ from nte.motion.warp import fetch_nearest, pixel_centres, warp
 from nte.render.animation import Key, object_track, read_animation
 from nte.render.clips import render_recipe
 from nte.render.gbuffer import geometry, surface
+from nte.render.integrator import radiance
 from nte.render.own import OwnStage
 
 ROOM = """\
@@ -241,6 +242,8 @@ def test_clips_follow_each_other_and_pass_the_check(folder: Path, tmp_path: Path
         (MOVES.replace("room.xml", "attic.xml"), "attic.xml is no file"),
         (MOVES + "interpolation: wobbly\n", "interpolation is 'wobbly'"),
         (MOVES + "lamps: {}\n", "lamps"),
+        (MOVES.replace("[-4, 0, 0]", "[-4, 0, 0], brightness: -1"), "lights.bulb.1..brightness is -1.*at least 0"),
+        (MOVES.replace("[0, 20, 0]", "[0, 20, 0], brightness: 2"), "'floor' has a brightness, but sends out no light"),
     ],
 )
 def test_a_faulty_animation_is_one_line(folder: Path, text: str, said: str) -> None:
@@ -280,7 +283,31 @@ def test_a_recipe_says_what_does_not_go_with_a_scene_of_ones_own(folder: Path, t
         (folder / "bad.yaml").write_text(f"name: bad\ntrain:\n  - {{scene: moves.yaml, clips: 1, {rest}}}\n")
         with pytest.raises(NteError, match=said):
             render_recipe(folder / "bad.yaml", tmp_path / "out", progress=False)
+    fog = '<medium type="homogeneous" name="interior"/></shape></scene>'
+    (folder / "fog.xml").write_text(ROOM.replace("</scene>", f'<shape type="cube"><bsdf type="null"/>{fog}'))
+    (folder / "fog.yaml").write_text("xml: fog.xml")
+    (folder / "bad.yaml").write_text("name: bad\ntrain:\n  - {scene: fog.yaml, clips: 1, components: true}\n")
+    with pytest.raises(NteError, match=r"train\[0\].components is true: light in the media of .*fog.yaml has no"):
+        render_recipe(folder / "bad.yaml", tmp_path / "out", progress=False)
     (folder / "bad.yaml").write_text("name: bad\ntrain:\n  - {scene: nowhere.yaml, clips: 1}\n")
     with pytest.raises(NteError, match=r"train\[0\].scene: .*nowhere.yaml is no file"):
         render_recipe(folder / "bad.yaml", tmp_path / "out", progress=False)
     assert not (tmp_path / "out").exists()
+
+
+@pytest.mark.parametrize("name", ["bulb", "sky", "panel"])
+def test_lights_change_their_brightness(folder: Path, name: str) -> None:
+    """Of a light without a shape, of one with a texture, and of a shape that is one; the others are put out."""
+
+    def keys(light: str) -> str:
+        ends = (1, 3) if light == name else (0, 0)
+        return f"{{{light}: [{{frame: 0, brightness: {ends[0]}}}, {{frame: 8, brightness: {ends[1]}}}]"
+
+    bulb_and_sky = f"{keys('bulb')}, {keys('sky')[1:]}}}"
+    (folder / "bright.yaml").write_text(f"xml: room.xml\nobjects: {keys('panel')}}}\nlights: {bulb_and_sky}\n")
+    lit, means = OwnStage(read_animation(folder / "bright.yaml"), 24, 16, 3), []
+    for time in (0, 4, 8, 0):
+        lit.set_time(time)
+        means.append(radiance(lit, 64, 5).mean())
+    assert means[0] > 0.001
+    np.testing.assert_allclose(np.divide(means, means[0]), (1, 2, 3, 1), rtol=1e-4)
