@@ -32,7 +32,9 @@ def load_xml(animation: Animation) -> Any:
         _check_transforms(animation.xml, state)
         made = mi.parser.instantiate(config, state)
     except (RuntimeError, TypeError) as error:  # how Mitsuba says that something is wrong with a scene
-        text = str(error).strip().splitlines()[0]
+        # Where the first line ends in a colon, the second says what it is about.
+        first, *more = (line.strip() for line in str(error).strip().splitlines())
+        text = f"{first} {more[0]}" if more and first.endswith(":") else first
         raise NteError(f"{animation.xml}: {text.partition('] ')[2] if text.startswith('[') else text}") from error
     finally:
         mi.set_file_resolver(usual)

@@ -261,6 +261,7 @@ def test_a_faulty_animation_is_one_line(folder: Path, text: str, said: str) -> N
         ("</scene>", "", "room.xml.*Pars"),
         ('type="perspective" id="eye"><float name="fov" value="50"/>', 'type="orthographic">', "sensor is .*expected"),
         ('<ref id="gold"/>', '<ref id="silver"/>', "silver"),
+        ('name="alpha" value="0.25"', 'name="alhpa" value="0.25"', "unreferenced property.*alhpa"),
         ('<scale value="5"/>', '<scale x="5" y="0" z="5"/>', "to_world of 'floor' is singular"),
         ("<scene version", "<shape version", "room.xml"),
     ],
