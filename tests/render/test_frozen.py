@@ -41,7 +41,7 @@ def test_it_is_traced_once_and_gives_what_tracing_gives():
         sampler = mi.load_dict({"type": "independent"})
         sampler.seed(key, SIZE * SIZE)
         path = trace_path(stage, sample_camera_ray(stage, dr.arange(mi.UInt32, SIZE * SIZE), sampler), sampler)
-        return path.shadowed, path.indirect, path.first.t
+        return path.shadowed, path.indirect, *path.second[1:]
 
     for time in range(4):
         here.set_time(time)
