@@ -13,13 +13,15 @@ import multiprocessing
 import os
 import re
 import sys
+import threading
 from collections.abc import Iterable, Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, nullcontext
 from functools import cache
 from pathlib import Path
 from typing import Any
 
 from nte.errors import NteError, needs_extra
+from nte.interrupt import InterruptFlag
 
 OLDEST_LLVM = 17
 _VARIABLE = "DRJIT_LIBLLVM_PATH"
@@ -31,7 +33,28 @@ _SYSTEM_FOLDERS = (
 )  # fmt: skip
 
 
+@contextmanager
+def undisturbed() -> Iterator[None]:
+    """No garbage collection within the block, and Ctrl-C at its end only (a second one at once).
+
+    For what Dr.Jit does not survive them in: a scene that is freed in the midst of a recording aborts the process, and
+    an exception there is told as one of its own, or crashes.
+    """
+    interrupted, was_on = InterruptFlag(), gc.isenabled()
+    is_main = threading.current_thread() is threading.main_thread()  # others know no signals
+    gc.disable()
+    try:
+        with interrupted if is_main else nullcontext():
+            yield
+    finally:
+        if was_on:
+            gc.enable()
+    if is_main and interrupted():
+        raise KeyboardInterrupt
+
+
 @cache
+@undisturbed()  # an interrupted import looks like a missing package
 def load_mitsuba() -> Any:
     """The mitsuba module with its variant set: llvm_ad_rgb, or scalar_rgb where no usable LLVM is found.
 
@@ -76,18 +99,6 @@ def load_drjit() -> Any:
 def is_scalar() -> bool:
     """Whether Mitsuba handles one ray at a time instead of whole arrays of them."""
     return str(load_mitsuba().variant()).startswith("scalar")
-
-
-@contextmanager
-def no_garbage_collection() -> Iterator[None]:
-    """Leave objects in cycles alone for as long as the block runs."""
-    was_on = gc.isenabled()
-    gc.disable()
-    try:
-        yield
-    finally:
-        if was_on:
-            gc.enable()
 
 
 def check_arrays(key: str) -> None:

@@ -13,7 +13,7 @@ import numpy as np
 
 from nte.errors import NteError
 from nte.render.animation import Animation, brightness_curve, camera_track, moves, object_track
-from nte.render.backend import load_drjit, load_mitsuba
+from nte.render.backend import load_drjit, load_mitsuba, undisturbed
 from nte.render.rest import Rest
 from nte.render.scene import Camera, Scene
 from nte.render.stage import Stage, camera_sensor, path_integrator, shape_key, update
@@ -89,7 +89,7 @@ class OwnStage(Stage):
 
     def frozen(self, function: Callable[..., Any]) -> Callable[..., Any]:
         """Traced in every frame: not every plugin that an XML may name tells Dr.Jit all that it holds."""
-        return partial(function, self)
+        return undisturbed()(partial(function, self))
 
     def key(self, hit: Any) -> Any:
         """Number of the shape, or of the instance of which it is a part."""

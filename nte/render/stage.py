@@ -12,7 +12,7 @@ import numpy as np
 import numpy.typing as npt
 
 from nte.render.arrays import to_jit
-from nte.render.backend import is_scalar, load_drjit, load_mitsuba, no_garbage_collection
+from nte.render.backend import is_scalar, load_drjit, load_mitsuba, undisturbed
 from nte.render.places import Indices, Places, Triangles
 from nte.render.scene import Camera, DeformingObject, Material, Medium, Mesh, Scene, SceneObject
 from nte.render.unshadowed import unshadowed_integrator
@@ -77,18 +77,15 @@ class Stage:
         varies from frame to frame must be in the scene, or in `arrays`: Dr.Jit arrays, in memory of their own (see
         to_jit). What `function` gives is queued, not waited for. It must not ask for any array's values.
         """
-        if self.scene.camera.aperture:  # of `thinlens`, Dr.Jit 1.5.0 is not told all that it holds
-            return partial(function, self)
         if function not in self._frozen:
             stage = weakref.proxy(self)  # no cycle: a clip's scene goes with its stage
 
             def again(scene: Any, sensor: Any, beyond: Any, *arrays: Any) -> Any:
-                # A scene that the garbage collector frees in the midst of a recording aborts the process.
-                with no_garbage_collection():
-                    return function(stage, *arrays)
+                return function(stage, *arrays)
 
-            self._frozen[function] = load_drjit().freeze(again)
-        return partial(self._frozen[function], self.mi_scene, self.sensor, self.beyond)
+            # Of `thinlens`, Dr.Jit 1.5.0 is not told all that it holds.
+            self._frozen[function] = load_drjit().freeze(again, enabled=not self.scene.camera.aperture)
+        return undisturbed()(partial(self._frozen[function], self.mi_scene, self.sensor, self.beyond))
 
     @cached_property
     def instances(self) -> Indices:

@@ -15,12 +15,12 @@ from torch.utils.tensorboard import SummaryWriter
 from tqdm import tqdm
 
 from nte.errors import NteError
+from nte.interrupt import InterruptFlag
 from nte.models.temporal import TemporalDenoiser
 from nte.training.config import OptimiserConfig, TrainConfig
 from nte.training.data import TrainingSteps, open_clips, training_loader
 from nte.training.losses import SequenceLoss
 from nte.training.run import CHECKPOINT, RunFolder, load_module, load_optimiser, module_state, optimiser_state
-from nte.training.signals import InterruptFlag
 from nte.training.validation import validate
 
 REFERENCE = "reference"

@@ -1,6 +1,8 @@
 """Frozen kernels: recorded once for a clip, and the same light as if every frame traced its own."""
 
 import gc
+import os
+import signal
 
 import numpy as np
 import pytest
@@ -52,3 +54,19 @@ def test_it_is_traced_once_and_gives_what_tracing_gives():
     # Once for all frames, when a collected scene would have aborted the process; and each time for the comparison.
     assert traced == [False, True, True, True, True]
     assert gc.isenabled()
+
+
+def test_ctrl_c_waits_for_the_recording():
+    mi, dr = load_mitsuba(), load_drjit()
+    here, pressed = staged("fence"), []
+    here.set_time(0)
+
+    def double(stage, number):
+        if not pressed:
+            pressed.append(os.kill(os.getpid(), signal.SIGINT))
+        return 2 * number
+
+    with pytest.raises(KeyboardInterrupt):
+        here.frozen(double)(mi.Float([1, 2, 3]))
+    assert gc.isenabled()
+    np.testing.assert_array_equal(here.frozen(double)(dr.arange(mi.Float, 3)), [0, 2, 4])
