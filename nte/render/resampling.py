@@ -39,7 +39,7 @@ class ShadowRay:
     view: Any  # direction of the camera ray
     blocker: Any  # of the shadow ray
     light: Any  # key of the light (stage.emitter_key)
-    light_point: Any  # world; an environment light's is far away
+    light_point: Any  # world; a distant light's is far away
 
 
 def sample_direct(stage: Stage, key: Any) -> Direct:
@@ -104,6 +104,7 @@ def trace_shadow(stage: Stage, direct: Direct, key: Any) -> ShadowRay:
     shadow_ray = si.spawn_ray_to(light.p)
     blocker = stage.mi_scene.ray_intersect_preliminary(shadow_ray, coherent=False, active=direct.lit)
     blocked = direct.lit & blocker.is_valid()
+    distant = mi.has_flag(light.emitter.flags(), mi.EmitterFlags.Infinite)
     shadow = ShadowRay(
         visible=~blocked,
         blocked=blocked,
@@ -111,7 +112,7 @@ def trace_shadow(stage: Stage, direct: Direct, key: Any) -> ShadowRay:
         view=ray.d,
         blocker=stage.met(blocker, shadow_ray),
         light=emitter_key(light.emitter),
-        light_point=dr.select(light.emitter.is_environment(), si.p + DISTANT * light.d, light.p),
+        light_point=dr.select(distant, si.p + DISTANT * light.d, light.p),
     )
     dr.eval(shadow)  # one kernel instead of one per array
     return shadow
