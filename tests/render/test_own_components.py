@@ -154,7 +154,7 @@ def bulb(time: float) -> np.ndarray:
 
 
 def sun(time: float) -> np.ndarray:
-    return rotation((0, 1, 0), np.radians(6 * time))[:3, :3] @ [0.3, -1, -0.2]
+    return rotation((0, 1, 0), np.radians(-6 * time))[:3, :3] @ [0.3, -1, -0.2]
 
 
 LIGHTS = {  # the light in the XML, its keyframe of frame 10, plate over floor point, floor point below plate
@@ -166,7 +166,7 @@ LIGHTS = {  # the light in the XML, its keyframe of frame 10, plate over floor p
     ),
     "directional": (
         '<vector name="direction" x="0.3" y="-1" z="-0.2"/><rgb name="irradiance" value="3"/>',
-        "rotate: [0, 60, 0]",
+        "rotate: [0, -60, 0]",
         lambda time, floor: floor - sun(time) * PLATE,
         lambda time, plate: plate + sun(time) * PLATE,
     ),
