@@ -5,6 +5,7 @@ docs/own_scenes.md is its user's page.
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
+from itertools import pairwise
 from pathlib import Path
 
 import numpy as np
@@ -15,6 +16,7 @@ from nte.errors import NteError
 from nte.render.transforms import Floats, Track, look_at, rotation, translation
 
 INTERPOLATIONS = ("linear", "smooth")
+_TRIES = 33  # places on the way between two keyframes
 
 
 @dataclass
@@ -60,10 +62,8 @@ def read_animation(path: Path) -> Animation:
     for kind in ("objects", "lights"):
         for name, keys in getattr(animation, kind).items():
             _check_keys(f"{path}: {kind}.{name}", keys, ("translate", "rotate", "scale", "pivot"))
+            _check_scales(f"{path}: {kind}.{name}", keys, animation.interpolation)
             for number, key in enumerate(keys):
-                if 0 in key.scale:
-                    where = f"{path}: {kind}.{name}[{number}]"
-                    raise NteError(f"{where}.scale is {key.scale}: a transform with a scale of 0 is singular")
                 if not 0 <= key.brightness < np.inf:
                     where = f"{path}: {kind}.{name}[{number}]"
                     raise NteError(f"{where}.brightness is {key.brightness}: expected a number of at least 0")
@@ -140,6 +140,21 @@ def _curve(frames: Sequence[float], values: Sequence[Sequence[float]], kind: str
         return np.asarray(start + t**2 * (3 - 2 * t) * points[i + 1] - t**2 * (1 - t) * width * slopes[i + 1])
 
     return curve
+
+
+def _check_scales(where: str, keys: Sequence[Key], interpolation: str) -> None:
+    """Raise NteError for a scale of 0, in a keyframe or on the way between two of them."""
+    for number, key in enumerate(keys):
+        if 0 in key.scale:
+            raise NteError(f"{where}[{number}].scale is {key.scale}: a transform with a scale of 0 is singular")
+    curve = _curve([key.frame for key in keys], [key.scale for key in keys], interpolation)
+    for number, (here, there) in enumerate(pairwise(keys)):
+        way = np.array([curve(time) for time in np.linspace(here.frame, there.frame, _TRIES)])
+        if (np.sign(way) != np.sign(way[0])).any():
+            raise NteError(
+                f"{where}[{number}].scale passes 0 on the way to the next keyframe, where it is singular: expected one "
+                f"sign{', and smooth curves swing beyond their keyframes' if interpolation == 'smooth' else ''}"
+            )
 
 
 def _check_keys(where: str, keys: Sequence[Key | CameraKey], vectors: Sequence[str]) -> None:

@@ -145,7 +145,7 @@ def _shade(stage: Stage, hit: Any, origin: Any, direction: Any, distance: Any, a
     hit.t = dr.select(hit.valid, distance, dr.inf)
     si = hit.compute_surface_interaction(ray)
     lobes = Lobes(si, si.is_valid())
-    albedo = dr.maximum(dr.minimum(si.bsdf().eval_diffuse_reflectance(si, lobes.active), 1), ALBEDO_FLOOR)
+    albedo = dr.maximum(dr.minimum(stage.albedo(si, lobes.active), 1), ALBEDO_FLOOR)
 
     def demodulated(radiance: Any) -> Any:
         return mi.luminance(radiance / albedo)
@@ -171,12 +171,17 @@ def _shade(stage: Stage, hit: Any, origin: Any, direction: Any, distance: Any, a
 
 
 def _eye_ray(stage: Stage, point: Floats, time: float) -> tuple[Any, Any, Any]:
-    """Origin (3,), direction (3,) and length of the rays from the camera at `time` to points (S, 3): Dr.Jit arrays."""
+    """Origin (3,), direction (3,) and length of the rays from the camera at `time` to points (S, 3): Dr.Jit arrays.
+
+    Like all camera rays they start at the near plane.
+    """
     mi = load_mitsuba()
-    start = eye(stage, time)
+    camera, start = stage.scene.camera, eye(stage, time)
     along = point - start
     distance = np.linalg.norm(along, axis=1)
     direction = along / np.maximum(distance, 1e-9)[:, None]
-    origin = np.broadcast_to(start, direction.shape)
+    cosine = direction @ camera.track(time)[:3, 2]
+    near = np.minimum(camera.near / np.maximum(cosine, 1e-9), distance)
+    origin, distance = start + near[:, None] * direction, distance - near
     columns = [to_jit(mi.Float, column) for column in (*origin.T, *direction.T, distance)]
     return mi.Point3f(columns[:3]), mi.Vector3f(columns[3:6]), columns[6]

@@ -12,19 +12,19 @@ from typing import Any
 import numpy as np
 
 from nte.errors import NteError
-from nte.render.animation import Animation, brightness_curve, camera_track, moves, object_track
+from nte.render.animation import Animation, Key, brightness_curve, camera_track, moves, object_track
 from nte.render.backend import load_drjit, load_mitsuba, undisturbed
 from nte.render.rest import Rest
 from nte.render.scene import Camera, Scene
-from nte.render.stage import Stage, camera_sensor, path_integrator, shape_key, update
+from nte.render.stage import Stage, camera_sensor, far_away, path_integrator, shape_key, update
 from nte.render.transforms import Floats, Track, still, transform_points
 from nte.render.unshadowed import unshadowed_integrator
 from nte.render.xml import load_xml
 
 _SENSORS = ("PerspectiveCamera", "ThinLensCamera")
-_EMISSION = (
-    "scale", *(f"{kind}.{form}" for kind in ("intensity", "irradiance", "radiance") for form in ("value", "data"))
-)  # fmt: skip
+_ROUND = ("Sphere", "Cylinder")  # stay so, whatever a transform says
+_SCALES = ("scale", "sun_scale", "sky_scale")
+_EMISSION = tuple(f"{kind}.{form}" for kind in ("intensity", "irradiance", "radiance") for form in ("value", "data"))
 _VERTICES = ("vertex_positions", "vertex_normals")
 
 
@@ -43,8 +43,10 @@ class OwnStage(Stage):
         self, animation: Animation, width: int, height: int, max_depth: int, unshadowed: bool = False, start: float = 0
     ) -> None:
         self.width, self.height, self.start = width, height, start
-        self.mi_scene: Any = load_xml(animation)
+        scene, self.media = load_xml(animation)
+        self.mi_scene: Any = scene
         self.shapes = list(self.mi_scene.shapes())
+        self.distant = far_away(self.mi_scene)
         self._parameters = load_mitsuba().traverse(self.mi_scene)
         tracks = {name: object_track(keys, animation.interpolation) for name, keys in animation.objects.items()}
         lights = {name: object_track(keys, animation.interpolation) for name, keys in animation.lights.items()}
@@ -60,10 +62,11 @@ class OwnStage(Stage):
         light_tracks = [self._from_start(lights.get(name)) for name in emitters]
         self.places = self._rest = Rest([*(obj.track for obj in objects), *light_tracks])
         keyed = animation.objects | animation.lights
-        self._moved = [self._movable(name, track) for name, track in (tracks | lights).items() if moves(keyed[name])]
+        self._moved = [
+            self._movable(name, keyed[name], track) for name, track in (tracks | lights).items() if moves(keyed[name])
+        ]
         curves = {name: brightness_curve(keys, animation.interpolation) for name, keys in keyed.items()}
         self._dimmed = [self._emission(name, self._from_start(curve)) for name, curve in curves.items() if curve]
-        self.media = any(shape.interior_medium() or shape.exterior_medium() for shape in self.shapes)
         self.sensor = load_mitsuba().load_dict(camera_sensor(camera, width, height, self.media))
         self._view = load_mitsuba().traverse(self.sensor)
         path = load_mitsuba().load_dict(path_integrator(max_depth, self.media))
@@ -79,10 +82,11 @@ class OwnStage(Stage):
             matrix = track(time)
             for name, value in at_rest.items():
                 self._parameters[name] = _at(matrix, name, value)
-        for at_rest, curve in self._dimmed:
-            for name, value in at_rest.items():
-                self._parameters[name] = value * curve(time)
-        if self._moved or self._dimmed:
+        for parameters, in_xml, curve in self._dimmed:
+            for name, value in in_xml.items():
+                parameters[name] = value * curve(time)
+            parameters.update()
+        if self._moved:
             update(self.mi_scene, self._parameters)
         self._view["to_world"] = mi.ScalarTransform4f(self.scene.camera.track(time))
         self._view.update()
@@ -134,22 +138,35 @@ class OwnStage(Stage):
         """The track, or another curve, as the clip's frames see it, whose frame 0 is the animation's frame `start`."""
         return track and (lambda time: track(time + self.start))
 
-    def _movable(self, name: str, track: Track) -> tuple[Mapping[str, Any], Track]:
+    def _movable(self, name: str, keys: Sequence[Key], track: Track) -> tuple[Mapping[str, Any], Track]:
         """The parameters of a shape or light that say where it is, by their names, with their values at rest."""
         known = {key.rpartition(".")[2]: key for key in dict(self._parameters) if key.rpartition(".")[0] == name}
         chosen = [known[kind] for kind in (*_VERTICES, "to_world", "position") if kind in known]
         if not chosen:
             raise NteError(f"'{name}' cannot be moved: Mitsuba has no parameter for its place")
+        shape = next((shape for shape in self.shapes if shape.id() == name), None)
+        if shape is not None and shape.class_name() in _ROUND and any(len({*key.scale}) > 1 for key in keys):
+            raise NteError(f"'{name}' is a {shape.class_name().lower()}: expected the same scale along all axes")
         values = {key: _array(key, self._parameters[key]) for key in chosen}
         return values, self._from_start(track)
 
-    def _emission(self, name: str, curve: Callable[[float], float]) -> tuple[Mapping[str, Any], Any]:
-        """The parameters of a light, a shape or not, that say how bright it is, with their values in the XML."""
-        ends = [f"{name}.{light}{end}" for light in ("", "emitter.") for end in _EMISSION]
-        values = {key: type(value)(value) for key, value in self._parameters.items() if key in ends}
-        if not values:
-            raise NteError(f"'{name}' has a brightness, but sends out no light")
-        return values, curve
+    def _emission(self, name: str, curve: Callable[[float], float]) -> tuple[Any, Mapping[str, Any], Any]:
+        """The parameters of a light, a shape or not, and the values in the XML of those that say how bright it is."""
+        mi = load_mitsuba()
+        for emitter in self.mi_scene.emitters():
+            if name in (emitter.id(), emitter.get_shape() and emitter.get_shape().id()):
+                parameters = mi.traverse(emitter)
+                # A projector has a scale and an irradiance; an 8-bit texture's numbers are codes, not light.
+                chosen = [key for key, _ in parameters.items() if key in _SCALES] or [
+                    key for key, value in parameters.items() if key in _EMISSION and not isinstance(value, mi.TensorXu8)
+                ]
+                if not chosen:
+                    raise NteError(
+                        f"the brightness of '{name}' cannot change: expected a light with a scale, or a colour or a "
+                        "texture of floating-point numbers (format: variant) as intensity, radiance or irradiance"
+                    )
+                return parameters, {key: type(parameters[key])(parameters[key]) for key in chosen}, curve
+        raise NteError(f"'{name}' has a brightness, but sends out no light")
 
 
 def _check_names(xml: str, what: str, given: Mapping[str, Any], known: Sequence[str]) -> None:
@@ -209,6 +226,12 @@ def _at(matrix: Floats, name: str, value: Floats) -> Any:
     return np.ascontiguousarray(moved, np.float32).ravel()
 
 
-def check_scene(animation: Animation) -> bool:
-    """Whether there are media; raise NteError, before anything is rendered, for what the XML does not load or have."""
-    return OwnStage(animation, 8, 8, 2).media
+def check_scene(animation: Animation, components: bool) -> None:
+    """Raise NteError, before anything is rendered, for what the XML does not load or have; for components: lights."""
+    stage = OwnStage(animation, 8, 8, 2)
+    media, lights = stage.media, len(stage.mi_scene.emitters())
+    del stage  # not kept by the error's traceback
+    if components and media:
+        raise NteError(f"{animation.xml}: light in its media has no components: expected components: false")
+    if components and not lights:
+        raise NteError(f"{animation.xml}: has no light: expected components: false")

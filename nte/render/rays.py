@@ -76,7 +76,10 @@ def trace_centres(stage: Stage) -> Hits:
 
 
 def to_hits(stage: Stage, met: Sequence[Any], direction: Any) -> Hits:
-    """The rows of what `Stage.met` says, evaluated, and of the directions (3,) that the rays had."""
+    """The rows of what `Stage.met` says, evaluated, and of the directions (3,) that the rays had.
+
+    `stage` must still be set to the time of the rays.
+    """
     with np.errstate(invalid="ignore"):  # of a miss, whose barycentrics are whatever was in memory
         return _hits(stage, to_rows(met), np.array(direction, float).T)
 

@@ -166,8 +166,7 @@ def _check_own(where: str, group: Group, folder: Path) -> None:
     if unknown or type(group.parameters.get(START, 0)) is not int:
         raise NteError(f"{where}.parameters: expected nothing but '{START}', a whole number, for somebody's own scene")
     check_arrays(f"the scene {group.scene}")
-    if check_scene(read_animation(path)) and group.components:
-        raise NteError(f"{where}.components is true: light in the media of {path} has no components: expected false")
+    check_scene(read_animation(path), group.components)
 
 
 def _check(where: str, group: Group, folder: Path) -> None:

@@ -11,7 +11,6 @@ from typing import Any
 from nte.render.backend import load_drjit, load_mitsuba
 from nte.render.lobes import Lobes
 from nte.render.numbers import lattice, uniform
-from nte.render.scene import DISTANT
 from nte.render.stage import Stage, emitter_key
 from nte.render.transport import camera_ray, sample_light
 
@@ -112,7 +111,7 @@ def trace_shadow(stage: Stage, direct: Direct, key: Any) -> ShadowRay:
         view=ray.d,
         blocker=stage.met(blocker, shadow_ray),
         light=emitter_key(light.emitter),
-        light_point=dr.select(distant, si.p + DISTANT * light.d, light.p),
+        light_point=dr.select(distant, si.p + stage.distant * light.d, light.p),
     )
     dr.eval(shadow)  # one kernel instead of one per array
     return shadow

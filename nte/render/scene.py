@@ -14,7 +14,6 @@ Colour = tuple[float, float, float]
 Surface = Literal["diffuse", "glossy", "metal", "glass", "veil", "none"]
 
 NEAR, FAR = 0.01, 1000.0  # clipping planes of the families' cameras, scene units
-DISTANT = 1e5  # scene units: where a point at infinity is put, when it has to be a point
 
 
 @dataclass(frozen=True)

@@ -17,6 +17,7 @@ from nte.render.places import Indices, Places, Triangles
 from nte.render.scene import Camera, DeformingObject, Material, Medium, Mesh, Scene, SceneObject
 from nte.render.unshadowed import unshadowed_integrator
 
+_DISTANT = 1e5, 1e3  # scene units, at least, and times the scene's size
 VEIL = 0.05  # the share of light that a veil reflects or swallows
 
 
@@ -49,6 +50,7 @@ class Stage:
         self._written = dict.fromkeys(self.meshes, np.empty(0, np.float32))  # positions and normals as they are set
         self._triangles = Triangles(scene)
         self.places: Places = self._triangles
+        self.distant = far_away(self.mi_scene)
         self._parameters: Any = mi.traverse(self.mi_scene)
         self._frozen: dict[Callable[..., Any], Any] = {}
 
@@ -85,7 +87,17 @@ class Stage:
 
             # Of `thinlens`, Dr.Jit 1.5.0 is not told all that it holds.
             self._frozen[function] = load_drjit().freeze(again, enabled=not self.scene.camera.aperture)
-        return undisturbed()(partial(self._frozen[function], self.mi_scene, self.sensor, self.beyond))
+        return undisturbed()(partial(self._replay, function))
+
+    def _replay(self, function: Callable[..., Any], *arrays: Any) -> Any:
+        try:
+            return self._frozen[function](self.mi_scene, self.sensor, self.beyond, *arrays)
+        except RuntimeError:
+            # Dr.Jit calls what other scenes in the process have too, and does not record what it finds only there, a
+            # medium for instance. Then every frame is traced.
+            stage = weakref.proxy(self)
+            self._frozen[function] = lambda scene, sensor, beyond, *arrays: function(stage, *arrays)
+            return function(self, *arrays)
 
     @cached_property
     def instances(self) -> Indices:
@@ -120,6 +132,13 @@ class Stage:
         bsdf = si.bsdf()
         known = bsdf.has_attribute("roughness", hit)
         return load_drjit().select(known, bsdf.eval_attribute_1("roughness", si, hit & known), 1)
+
+
+def far_away(scene: Any) -> float:
+    """How far away, in scene units, a point at infinity is put when it has to be a point."""
+    box = scene.bbox()
+    least, sizes = _DISTANT
+    return max(least, sizes * float(np.linalg.norm(np.subtract(box.max, box.min))) if box.valid() else 0)
 
 
 def update(scene: Any, parameters: Any) -> None:

@@ -13,7 +13,7 @@ import numpy.typing as npt
 from nte.render.curved import curvatures_at, reflecting_points, solve, tangents, within
 from nte.render.film import eye, image_of, pixel_positions
 from nte.render.rays import Hits, Indices, normals_at, points_at, trace_film
-from nte.render.scene import DISTANT, Pixels
+from nte.render.scene import Pixels
 from nte.render.stage import Stage
 from nte.render.transforms import Floats
 
@@ -80,7 +80,7 @@ def mirror_images(stage: Stage, bounce: Bounce, time: float) -> Mirrored:
     point, normal = points_at(stage, first, time - 1), normals_at(stage, first, time - 1)
     target = points_at(stage, second, time - 1)
     distant = second.instance == 0
-    target[distant] = point[distant] + DISTANT * target[distant]
+    target[distant] = point[distant] + stage.distant * target[distant]
     height = _dot(target - point, normal)
     image = target - 2 * height * normal
     camera = eye(stage, time - 1)

@@ -11,8 +11,11 @@ from nte.render.animation import Animation
 from nte.render.backend import load_mitsuba
 
 
-def load_xml(animation: Animation) -> Any:
-    """The mi.Scene of an animation's XML. Raises NteError for what Mitsuba does not load, in its own words."""
+def load_xml(animation: Animation) -> tuple[Any, bool]:
+    """The mi.Scene of an animation's XML, and whether there are media in it.
+
+    Raises NteError for what Mitsuba does not load, in its own words.
+    """
     mi = load_mitsuba()
     config = mi.parser.ParserConfig(mi.variant())
     # Merging shapes of one material would lose their names.
@@ -31,6 +34,7 @@ def load_xml(animation: Animation) -> Any:
         _name_all(state)
         _check_transforms(animation.xml, state)
         made = mi.parser.instantiate(config, state)
+        media = any(node.type == mi.ObjectType.Medium for node in state.nodes)
     except (RuntimeError, TypeError) as error:  # how Mitsuba says that something is wrong with a scene
         # Where the first line ends in a colon, the second says what it is about.
         first, *more = (line.strip() for line in str(error).strip().splitlines())
@@ -41,7 +45,7 @@ def load_xml(animation: Animation) -> Any:
     scene = made[0] if isinstance(made, list) else made
     if not isinstance(scene, mi.Scene):
         raise NteError(f"{animation.xml}: holds no <scene>: expected a Mitsuba scene")
-    return scene
+    return scene, media
 
 
 def _drop_unused(state: Any) -> None:

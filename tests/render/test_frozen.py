@@ -17,6 +17,12 @@ from nte.render.transport import sample_camera_ray, trace_path
 SIZE = 16
 
 
+@pytest.fixture(autouse=True)
+def nothing_left_of_other_scenes() -> None:
+    """With a medium, for instance, that a failed test's traceback keeps, nothing is recorded."""
+    gc.collect()
+
+
 def staged(family: str) -> Stage:
     return Stage(FAMILIES[family](derive_generator("frozen")), SIZE, SIZE, 4)
 

@@ -244,6 +244,14 @@ def test_clips_follow_each_other_and_pass_the_check(folder: Path, tmp_path: Path
         (MOVES + "lamps: {}\n", "lamps"),
         (MOVES.replace("[-4, 0, 0]", "[-4, 0, 0], brightness: -1"), "lights.bulb.1..brightness is -1.*at least 0"),
         (MOVES.replace("[0, 20, 0]", "[0, 20, 0], brightness: 2"), "'floor' has a brightness, but sends out no light"),
+        (MOVES.replace("translate: [0, 1.5, 0]", "scale: [1, 2, 1]"), "'round' is a sphere: expected the same scale"),
+        (MOVES.replace("rotate: [0, 20, 0]", "scale: [1, 1, -1]"), "objects.floor.0..scale passes 0 on the way"),
+        (
+            MOVES.replace("{frame: 8, rotate: [0, 20, 0]}", "".join(
+                f"{{frame: {frame}, scale: [{scale}, 1, 1]}}, " for frame, scale in ((4, 0.05), (8, 0.05), (12, 1))
+            )) + "interpolation: smooth\n",
+            "objects.floor.1..scale passes 0 .*swing",
+        ),
     ],
 )
 def test_a_faulty_animation_is_one_line(folder: Path, text: str, said: str) -> None:
@@ -288,7 +296,13 @@ def test_a_recipe_says_what_does_not_go_with_a_scene_of_ones_own(folder: Path, t
     (folder / "fog.xml").write_text(ROOM.replace("</scene>", f'<shape type="cube"><bsdf type="null"/>{fog}'))
     (folder / "fog.yaml").write_text("xml: fog.xml")
     (folder / "bad.yaml").write_text("name: bad\ntrain:\n  - {scene: fog.yaml, clips: 1, components: true}\n")
-    with pytest.raises(NteError, match=r"train\[0\].components is true: light in the media of .*fog.yaml has no"):
+    with pytest.raises(NteError, match=r"fog.xml: light in its media has no components"):
+        render_recipe(folder / "bad.yaml", tmp_path / "out", progress=False)
+    dark = ROOM.replace('<emitter type="area"><rgb name="radiance" value="$bright"/></emitter>', "")
+    lines = [line for line in dark.splitlines() if "<emitter" not in line and "$bright" not in line]
+    (folder / "dark.xml").write_text("\n".join(line for line in lines if "<default" not in line))
+    (folder / "fog.yaml").write_text("xml: dark.xml")
+    with pytest.raises(NteError, match=r"dark.xml: has no light: expected components: false"):
         render_recipe(folder / "bad.yaml", tmp_path / "out", progress=False)
     (folder / "bad.yaml").write_text("name: bad\ntrain:\n  - {scene: nowhere.yaml, clips: 1}\n")
     with pytest.raises(NteError, match=r"train\[0\].scene: .*nowhere.yaml is no file"):
