@@ -206,6 +206,32 @@ lights: {{light: [{{frame: 0}}, {{frame: 10, {moves}}}]}}""")
     assert np.abs(sample["shadow_motion"][:, shadowed].T - expected).max() < 0.03
 
 
+BSDFS = {
+    "diffuse": '<bsdf type="diffuse"/>',
+    "gold": '<bsdf type="roughconductor"><string name="material" value="Au"/><float name="alpha" value=".1"/></bsdf>',
+    "mirror": '<bsdf type="conductor"/>',
+}
+
+
+@pytest.mark.parametrize("name", BSDFS)
+def test_gradients_are_over_the_albedo_that_the_guides_show(tmp_path: Path, name: str):
+    """Below a constant sky of 1, behind a shutter that the near plane cuts away: every stratum sends out its albedo."""
+    lying = '<transform name="to_world"><rotate x="1" angle="-90"/><scale value="{}"/><translate y="{}"/></transform>'
+    (tmp_path / "scene.xml").write_text(f"""<scene version="3.0.0">
+      <sensor type="perspective"><float name="fov" value="45"/><float name="near_clip" value="3"/>
+        <transform name="to_world"><lookat origin="0, 6, -0.5" target="0, 0, 0" up="0, 0, 1"/></transform></sensor>
+      <shape type="rectangle" id="floor">{lying.format(6, 0)}{BSDFS[name]}</shape>
+      <shape type="rectangle" id="shutter">{lying.format(0.4, 5.5)}</shape><emitter type="constant"/></scene>""")
+    (tmp_path / "still.yaml").write_text("xml: scene.xml")
+    made = OwnStage(read_animation(tmp_path / "still.yaml"), SIZE, SIZE, 2)
+    clean, (sample,) = noisy(made, 1, [2])
+    assert (clean["instance"] == 1).all()
+    shown = np.isfinite(sample["gradient"]).all(0)
+    assert shown.mean() > 0.1
+    assert sample["gradient"][0, shown].mean() == pytest.approx(1, abs=0.05)
+    np.testing.assert_array_equal(*sample["gradient"][:, shown])
+
+
 def test_a_recipe_with_components_renders_a_scene_of_ones_own(tmp_path: Path):
     own(tmp_path)
     (tmp_path / "recipe.yaml").write_text(
