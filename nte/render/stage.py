@@ -90,14 +90,14 @@ class Stage:
         return undisturbed()(partial(self._replay, function))
 
     def _replay(self, function: Callable[..., Any], *arrays: Any) -> Any:
+        frozen, scene = self._frozen[function], (self.mi_scene, self.sensor, self.beyond)
         try:
-            return self._frozen[function](self.mi_scene, self.sensor, self.beyond, *arrays)
+            return frozen(*scene, *arrays)
         except RuntimeError:
             # Dr.Jit calls what other scenes in the process have too, and does not record what it finds only there, a
-            # medium for instance. Then every frame is traced.
-            stage = weakref.proxy(self)
-            self._frozen[function] = lambda scene, sensor, beyond, *arrays: function(stage, *arrays)
-            return function(self, *arrays)
+            # medium for instance. Then every frame is traced; what is wrong with the function itself is told there.
+            frozen.enabled = False
+            return frozen(*scene, *arrays)
 
     @cached_property
     def instances(self) -> Indices:
