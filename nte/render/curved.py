@@ -7,19 +7,12 @@ is solved on the quadric that has the surface's position, normal and curvature a
 
 import numpy as np
 
-from nte.render.rays import Hits
-from nte.render.stage import Stage
 from nte.render.transforms import Floats
 
 _STEPS = 5  # of Newton's method, each of which turns the normal by _TURN radians at most
 _TURN = 0.2
 _REACH = 0.5  # radians: where the normal has turned by more, the quadric no longer is the surface
 _MISSED = 0.01  # radians by which the normal may miss the half vector
-
-
-def curvatures_at(stage: Stage, hits: Hits, time: float) -> Floats:
-    """Curvatures (R, 3, 3) of the surfaces there at a time in frames: see Places.curvatures."""
-    return stage.places.curvatures(hits.instance, hits.place, time)
 
 
 def tangents(normal: Floats, first: Floats) -> Floats:
@@ -34,7 +27,7 @@ def tangents(normal: Floats, first: Floats) -> Floats:
 def reflecting_points(point: Floats, normal: Floats, curvature: Floats, target: Floats, eye: Floats) -> Floats:
     """Where (R, 3) a surface mirrors targets (R, 3) to the eye (3,), near known points of it (R, 3), world.
 
-    normal (R, 3) is unit and on the side of the eye, curvature (R, 3, 3) that of `curvatures_at` for it. NaN where
+    normal (R, 3) is unit and on the side of the eye, curvature (R, 3, 3) that of `rays.curvatures_at` for it. NaN where
     there is no such place near by: the normal would have to turn by more than half a radian.
     """
     frame = tangents(normal, eye - point)

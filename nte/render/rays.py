@@ -104,6 +104,11 @@ def normals_at(stage: Stage, hits: Hits, time: float) -> Floats:
     return np.asarray(normals / np.linalg.norm(normals, axis=1, keepdims=True))
 
 
+def curvatures_at(stage: Stage, hits: Hits, time: float) -> Floats:
+    """Curvatures (P, 3, 3) of the surfaces of `hits` at a time in frames: see Places.curvatures."""
+    return stage.places.curvatures(hits.instance, hits.place, time)
+
+
 def trace_surfaces(stage: Stage, offsets: Floats) -> Surfaces:
     """What is seen at `offsets` (S, 4), in [0, 1)⁴, at the time that `stage` is set to.
 

@@ -10,9 +10,9 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 
-from nte.render.curved import curvatures_at, reflecting_points, solve, tangents, within
+from nte.render.curved import reflecting_points, solve, tangents, within
 from nte.render.film import eye, image_of, pixel_positions
-from nte.render.rays import Hits, Indices, normals_at, points_at, trace_film
+from nte.render.rays import Hits, Indices, curvatures_at, normals_at, points_at, trace_film
 from nte.render.scene import Pixels
 from nte.render.stage import Stage
 from nte.render.transforms import Floats

@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 
 from nte.render import stage
-from nte.render.curved import curvatures_at, reflecting_points
-from nte.render.rays import normals_at, trace_centres
+from nte.render.curved import reflecting_points
+from nte.render.rays import curvatures_at, normals_at, trace_centres
 from nte.render.scene import Camera, Mesh, Scene
 from nte.render.scenes import shapes
 from nte.render.stage import Stage

@@ -5,10 +5,9 @@ import pytest
 import trimesh
 
 from nte.render.animation import read_animation
-from nte.render.curved import curvatures_at
 from nte.render.film import pixel_positions
 from nte.render.own import OwnStage
-from nte.render.rays import normals_at, points_at, trace_centres, trace_film
+from nte.render.rays import curvatures_at, normals_at, points_at, trace_centres, trace_film
 
 SHAPES = """<scene version="3.0.0">
 <sensor type="perspective"><float name="fov" value="40"/><transform name="to_world">
