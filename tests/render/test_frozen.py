@@ -76,3 +76,19 @@ def test_ctrl_c_waits_for_the_recording():
         here.frozen(double)(mi.Float([1, 2, 3]))
     assert gc.isenabled()
     np.testing.assert_array_equal(here.frozen(double)(dr.arange(mi.Float, 3)), [0, 2, 4])
+
+
+def test_what_cannot_be_recorded_is_traced():
+    mi, dr = load_mitsuba(), load_drjit()
+    here, traced = staged("fence"), []
+    here.set_time(0)
+
+    def double(stage, number):
+        traced.append(number)
+        if len(traced) == 1:
+            raise RuntimeError("cannot be recorded")
+        return 2 * number
+
+    for start in (0, 1):
+        np.testing.assert_array_equal(here.frozen(double)(dr.arange(mi.Float, 3) + start), 2 * (np.arange(3) + start))
+    assert len(traced) == 3
