@@ -89,6 +89,7 @@ def _parser() -> argparse.ArgumentParser:
     compare.add_argument("comparison", type=Path, metavar="COMPARISON.yaml")
     compare.add_argument("--data", type=Path, required=True, help="folder for the rendered clips; continues there")
     compare.add_argument("--out", type=Path, required=True, help="folder for the reports")
+    compare.add_argument("--jobs", type=int, default=1, help="situations evaluated at the same time (default: 1)")
     _device(compare, "cpu")
     _force(compare)
 
@@ -157,8 +158,8 @@ def _evaluate(options: argparse.Namespace) -> None:
 
     with Progress("evaluate", 0, "frame") as progress:
         found = evaluate(
-            options.clips, options.denoisers, options.out, options.first_frame, options.force, options.device,
-            progress.reach,
+            options.clips, options.denoisers, options.out, first=0 if options.first_frame else 1, force=options.force,
+            device=options.device, progress=progress.reach,
         )  # fmt: skip
     page = write_report(found, options.out)
     print(format_table(found.metrics))
@@ -173,7 +174,9 @@ def _compare(options: argparse.Namespace) -> None:
     comparison = read_comparison(options.comparison)
     render_recipe(comparison.recipe, options.data)
     with Progress("compare", 0, "frame") as progress:
-        rows = run_comparison(comparison, options.data, options.out, options.force, options.device, progress.reach)
+        rows = run_comparison(
+            comparison, options.data, options.out, options.force, options.device, progress.reach, options.jobs
+        )
     print(summary_table(rows))
     print(f"reports: {options.out}")
 

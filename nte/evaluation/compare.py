@@ -43,16 +43,18 @@ def evaluate(
     clips: Iterable[Path],
     specs: Iterable[str],
     out: Path,
-    first_frame: bool = False,
+    first: int = 1,
+    lights: Sequence[str] | None = None,
     force: bool = False,
     device: str = "cpu",
     progress: Progress | None = None,
 ) -> Evaluation:
-    """Run every denoiser over every clip, score all frames, and write `out`/metrics.json.
+    """Run every denoiser over every clip, score its frames, and write `out`/metrics.json.
 
-    clips: clip folders, or folders that hold clips. The first frame of a clip starts every denoiser but is
-    scored only with `first_frame`. One frame of one clip is in memory at a time, beside the denoisers' states.
-    Raises NteError, before any work is done, for what is missing and for an `out` that exists without `force`.
+    clips: clip folders, or folders that hold clips. first: index of the first frame that is scored; every denoiser
+    starts at frame 0. lights: the light components that are scored besides each denoiser's own target; None takes
+    all that it gives. One frame of one clip is in memory at a time, beside the denoisers' states. Raises NteError,
+    before any work is done, for what is missing and for an `out` that exists without `force`.
     """
     folders = find_clips(clips)
     opened = dict(zip(clip_labels(folders), map(Clip, folders), strict=True))
@@ -60,13 +62,13 @@ def evaluate(
     if not denoisers:
         raise NteError("no denoisers to evaluate: name at least one, for example noisy")
     for label, clip in opened.items():
-        _check(label, clip, denoisers, first_frame)
+        _check(label, clip, denoisers, first)
     prepare_folder(out, force)
     total, done = sum(map(len, opened.values())), 0
     rows: list[dict[str, Any]] = []
     shown: list[Shown] = []
     for label, clip in opened.items():
-        run = ClipRun(label, clip, denoisers, first_frame, device)
+        run = ClipRun(label, clip, denoisers, device, first, lights)
         for index in range(len(clip)):
             run.advance(index)
             done += 1
@@ -119,10 +121,12 @@ def means_of(
     return {spec: {m.name: mean(row[m.name] for row in chosen) for m in METRICS} for spec, chosen in by_spec.items()}
 
 
-def _check(label: str, clip: Clip, denoisers: Mapping[str, Denoiser], first_frame: bool) -> None:
+def _check(label: str, clip: Clip, denoisers: Mapping[str, Denoiser], first: int) -> None:
     """Raise NteError for a clip that cannot be evaluated: better now than after an hour."""
-    if len(clip) == 1 and not first_frame:
+    if len(clip) == first == 1:
         raise NteError(f"{clip.folder}: has one frame, and the first frame is not scored: use --first-frame")
+    if len(clip) <= first:
+        raise NteError(f"{clip.folder}: has {len(clip)} frames, and frame {first} is the first that is scored")
     for spec, denoiser in denoisers.items():
         check_needs(denoiser, clip.channels, f"{label}: {spec}")
         name = reference_of(denoiser.target)

@@ -1,9 +1,11 @@
 """A published comparison, reproduced: situations, each with its clips, its light, its pixels and its methods."""
 
 import json
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from concurrent.futures import ProcessPoolExecutor, as_completed
 from dataclasses import dataclass, field
 from itertools import groupby
+from multiprocessing import get_context
 from pathlib import Path
 from typing import Any
 
@@ -11,6 +13,7 @@ from omegaconf import MISSING
 
 from nte.config import load_config
 from nte.errors import NteError
+from nte.evaluation.bootstrap import bootstrap_interval
 from nte.evaluation.compare import Evaluation, evaluate, means_of, prepare_folder
 from nte.evaluation.metrics import REGIONS
 from nte.evaluation.report import write_report
@@ -20,7 +23,8 @@ from nte.frames.exr import write_whole
 
 FORMAT = "nte-comparison/1"
 LIGHTS = ("color", "visibility", "glossy", "indirect")
-Row = dict[str, Any]  # situation, method, denoiser, clips; parts: the means of each light and region
+MARGIN = "rmse"  # the metric whose difference from `against` gets an interval
+Row = dict[str, Any]  # situation, method, denoiser, clips, margin; parts: the means of each light and region
 
 
 @dataclass
@@ -39,6 +43,8 @@ class Comparison:
     """Clips of one recipe, and what is compared on which of them."""
 
     recipe: str = MISSING  # path, from the file that says it
+    first: int = 1  # index of the first frame that is scored: before it, histories are still short
+    against: str = ""  # title of the method that all others are compared with, clip by clip
     situations: list[Situation] = field(default_factory=list)
 
 
@@ -46,6 +52,8 @@ def read_comparison(path: Path) -> Comparison:
     """Read and check a comparison; `recipe` becomes a path that can be opened. Raises NteError naming the key."""
     comparison = load_config(Comparison, path)
     comparison.recipe = str(path.parent / comparison.recipe)
+    if comparison.first < 0:
+        raise NteError(f"{path}: 'first' is {comparison.first}: expected the index of a frame, 0 or more")
     if not comparison.situations:
         raise NteError(f"{path}: 'situations' is empty: expected at least one")
     for number, situation in enumerate(comparison.situations):
@@ -53,9 +61,17 @@ def read_comparison(path: Path) -> Comparison:
         for key, allowed in (("light", LIGHTS), ("region", REGIONS)):
             if (value := getattr(situation, key)) not in allowed:
                 raise NteError(f"{where}.{key} is '{value}': expected one of {', '.join(allowed)}")
+        if Path(situation.name).name != situation.name or situation.name in ("", ".."):
+            raise NteError(f"{where}.name is '{situation.name}': expected the name of a folder")
         for key in ("clips", "methods"):
             if not getattr(situation, key):
                 raise NteError(f"{where}.{key} is empty: expected at least one")
+        if comparison.against and comparison.against not in situation.methods:
+            known = ", ".join(situation.methods)
+            raise NteError(f"{where}.methods lacks '{comparison.against}', named by 'against'; it has {known}")
+    names = [situation.name for situation in comparison.situations]
+    if twice := [name for name in names if names.count(name) > 1]:
+        raise NteError(f"{path}: two situations are called '{twice[0]}': expected a name of its own for each")
     return comparison
 
 
@@ -66,30 +82,84 @@ def run_comparison(
     force: bool = False,
     device: str = "cpu",
     progress: Callable[[int, int, str], None] | None = None,
+    jobs: int = 1,
 ) -> list[Row]:
     """Evaluate every situation on the rendered recipe in `data`; write a report for each, and `out`/summary.json.
 
-    out/<situation>/ has metrics.json, index.html (tables, plots over time, images) and strips/. Raises NteError
+    out/<situation>/ has metrics.json, index.html (tables, plots over time, images) and strips/. jobs: situations that
+    are evaluated at the same time, each in a process of its own; progress then counts situations. Raises NteError
     for a pattern without clips and for an `out` that exists without `force`.
     """
-    chosen = {situation.name: _clips(situation, data) for situation in comparison.situations}
+    units = [
+        _Unit(situation, _clips(situation, data), out / situation.name, comparison.first, comparison.against, force,
+              device)
+        for situation in comparison.situations
+    ]  # fmt: skip
     prepare_folder(out, force)
-    rows: list[Row] = []
-    for situation in comparison.situations:
-        folder = out / situation.name
-        specs = list(dict.fromkeys(situation.methods.values()))
-        found = evaluate(chosen[situation.name], specs, folder, force=force, device=device, progress=progress)
-        titled = found.titled({spec: title for title, spec in situation.methods.items()})
-        write_report(titled, folder, situation.methods)
-        write_strips(titled.shown, folder / "strips")
-        rows += _rows(situation, found)
+    by_name = dict(_in_processes(units, jobs, progress) if jobs > 1 else ((u.name, u.run(progress)) for u in units))
+    rows = [row for unit in units for row in by_name[unit.name]]
     text = json.dumps({"format": FORMAT, "rows": rows}, indent=1, allow_nan=False) + "\n"
     write_whole(out / "summary.json", lambda temporary: temporary.write_text(text, encoding="utf-8"))
     return rows
 
 
+@dataclass(frozen=True)
+class _Unit:
+    """A situation and all that its evaluation depends on: what one process does."""
+
+    situation: Situation
+    clips: list[Path]
+    folder: Path
+    first: int
+    against: str
+    force: bool
+    device: str
+
+    @property
+    def name(self) -> str:
+        return self.situation.name
+
+    def run(self, progress: Callable[[int, int, str], None] | None = None) -> list[Row]:
+        """Evaluate, write the report and the strips, and give the rows of the summary."""
+        methods = self.situation.methods
+        found = evaluate(
+            self.clips, list(dict.fromkeys(methods.values())), self.folder, self.first, [self.situation.light],
+            self.force, self.device, progress,
+        )  # fmt: skip
+        titled = found.titled({spec: title for title, spec in methods.items()})
+        write_report(titled, self.folder, methods)
+        write_strips(titled.shown, self.folder / "strips")
+        return _rows(self.situation, found, self.against)
+
+
+def _in_processes(
+    units: list[_Unit], jobs: int, progress: Callable[[int, int, str], None] | None
+) -> Iterator[tuple[str, list[Row]]]:
+    """(name, rows) of each unit, as they come; spawned, since a fork copies the locks of PyTorch's threads."""
+    pool = ProcessPoolExecutor(jobs, mp_context=get_context("spawn"), initializer=_one_thread)
+    try:
+        futures = {pool.submit(unit.run): unit for unit in units}
+        for done, future in enumerate(as_completed(futures), 1):
+            yield futures[future].name, future.result()
+            if progress:
+                progress(done, len(units), futures[future].name)
+    finally:
+        pool.shutdown(wait=True, cancel_futures=True)
+
+
+def _one_thread() -> None:
+    """Leave the cores to the other processes."""
+    import torch
+
+    torch.set_num_threads(1)
+
+
 def summary_table(rows: list[Row]) -> str:
-    """A block for each situation: RMSE and SSIM of each method, of its light and of the composite."""
+    """A block for each situation: RMSE and SSIM of each method, of its light and of the composite, and the margin.
+
+    The margin is the method's RMSE minus that of the method it is compared with, in the pixels in question: mean over
+    the clips, and the 95 % interval of a paired bootstrap over clips.
+    """
     blocks = []
     for name, own in groupby(rows, key=lambda row: row["situation"]):
         methods = list(own)
@@ -99,6 +169,8 @@ def summary_table(rows: list[Row]) -> str:
             for metric in (m for m in METRICS if m.name in ("rmse", "ssim")):
                 values = [row["parts"][number][metric.name] for row in methods]
                 columns.append([f"{where}: {metric.label}", *map(metric.text, values)])
+        if against := next((row["margin"]["against"] for row in methods if row["margin"]), ""):
+            columns.append([f"RMSE − {against}'s, 95 % interval", *(_margin_text(row["margin"]) for row in methods)])
         blocks.append(aligned(columns))
     return "\n\n".join(blocks)
 
@@ -114,7 +186,33 @@ def _clips(situation: Situation, data: Path) -> list[Path]:
     return found
 
 
-def _rows(situation: Situation, found: Evaluation) -> list[Row]:
+def _margin_text(margin: dict[str, Any] | None) -> str:
+    return "–" if margin is None else "{mean:+.4f} ({low:+.4f} … {high:+.4f})".format(**margin)
+
+
+def _margin(rows: list[Row], situation: Situation, spec: str, against: str) -> dict[str, Any] | None:
+    """How much the error of `spec` differs from that of `against`, a title, clip by clip; None where one is missing."""
+    if not against or spec == situation.methods[against]:
+        return None
+
+    def of(denoiser: str) -> dict[str, float]:
+        return {
+            row["clip"]: row[MARGIN]
+            for row in rows
+            if (row["denoiser"], row["target"], row["region"]) == (denoiser, situation.light, situation.region)
+            and row[MARGIN] is not None
+        }
+
+    ours, theirs = of(spec), of(situation.methods[against])
+    differences = [ours[clip] - theirs[clip] for clip in ours if clip in theirs]
+    if not differences:
+        return None
+    low, high = bootstrap_interval(differences)
+    mean = sum(differences) / len(differences)
+    return {"against": against, "metric": MARGIN, "clips": len(differences), "mean": mean, "low": low, "high": high}
+
+
+def _rows(situation: Situation, found: Evaluation, against: str) -> list[Row]:
     rows = found.metrics["rows"]
     clips = len({row["clip"] for row in rows})
     parts = dict.fromkeys([(situation.light, "all"), (situation.light, situation.region), ("color", "all")])
@@ -123,6 +221,7 @@ def _rows(situation: Situation, found: Evaluation) -> list[Row]:
     return [
         {
             "situation": situation.name, "method": title, "denoiser": spec, "clips": clips,
+            "margin": _margin(rows, situation, spec, against),
             "parts": [
                 {"light": light, "region": region, **own.get(spec, nothing)} for (light, region), own in means.items()
             ],

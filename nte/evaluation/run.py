@@ -2,7 +2,7 @@
 
 import statistics
 import time
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from typing import Any
 
@@ -37,16 +37,18 @@ class ClipRun:
     """Denoisers (spec → denoiser) over one clip: `advance` through the frames in order, then `rows` and `shown`.
 
     A denoiser that filters light components apart (`components`) is scored on each of them as well, where the
-    clip has its reference. Raises NteError, naming denoiser, clip and frame, for an output or a reference
-    that cannot be scored.
+    clip has its reference and `lights` does not leave it out. Frames before `first` fill the history and are not
+    scored. Raises NteError, naming denoiser, clip and frame, for an output or a reference that cannot be scored.
     """
 
     def __init__(
-        self, label: str, clip: Clip, denoisers: Mapping[str, Denoiser], first_frame: bool, device: str
-    ) -> None:
-        self.label, self.clip, self.first_frame, self.device = label, clip, first_frame, device
+        self, label: str, clip: Clip, denoisers: Mapping[str, Denoiser], device: str,
+        first: int = 1, lights: Sequence[str] | None = None,
+    ) -> None:  # fmt: skip
+        self.label, self.clip, self.first, self.device = label, clip, first, device
         self.exposure = torch.from_numpy(sequence_scalars(clip.frame(0))[0])
-        self.runs = [_Run(spec, denoiser, clip.channels, device) for spec, denoiser in denoisers.items()]
+        scored = [name for name in clip.channels if lights is None or name in map(reference_of, lights)]
+        self.runs = [_Run(spec, denoiser, scored, device) for spec, denoiser in denoisers.items()]
         self.targets = list(dict.fromkeys(target for run in self.runs for target in run.tracks))
         self.truths: dict[str, Truth] = {}
         self.shown: dict[str, Shown] = {}  # by target
@@ -61,7 +63,7 @@ class ClipRun:
         self.truths = {target: read_truth(frame, target, self.exposure, self.label) for target in self.targets}
         regions = regions_of(frame, self._depth)
         self._depth = frame.get("depth")
-        scored = index > 0 or self.first_frame
+        scored = index >= self.first
         chosen = scored and self._choose(frame, regions)
         for run in self.runs:
             for target, output in run.step(on_device).items():
@@ -83,7 +85,8 @@ class ClipRun:
                 "clip": self.label,
                 "target": target,
                 "region": region,
-                "first_frame": self.first_frame,
+                "first_frame": self.first == 0,
+                "scored_from": self.first,
                 **track.summary(region),
                 "ms_per_frame": run.ms_per_frame,
             }

@@ -6,16 +6,12 @@ over samples. Motion is (S, 2, H, W) in pixels, current → previous, S samples 
 
 from typing import NamedTuple
 
-import numpy as np
-import numpy.typing as npt
 import torch
 import torch.nn.functional as F
 from torch import Tensor
 
 from nte.filters.trmv.glossy import spread_noise
 from nte.motion.warp import warp
-
-RESAMPLES = 10_000
 
 
 class Fetched(NamedTuple):
@@ -70,17 +66,6 @@ def is_planar(normal: Tensor, instance: Tensor, radius: int = 2, tolerance: floa
     turned = (_windows(normal, size, pad=0.0) - normal[:, :, None]).norm(dim=1, keepdim=True)
     planar: Tensor = (turned <= tolerance).logical_or(~same).all(2)
     return planar
-
-
-def bootstrap_interval(values: npt.ArrayLike, level: float = 0.95) -> tuple[float, float]:
-    """Percentile bootstrap interval of the mean of `values` (N,), resampled with a fixed seed.
-
-    Of paired differences, this is a paired bootstrap: each clip keeps both of its sides.
-    """
-    given = np.asarray(values, float)
-    chosen = np.random.default_rng(0).integers(len(given), size=(RESAMPLES, len(given)))
-    low, high = np.quantile(given[chosen].mean(1), [(1 - level) / 2, (1 + level) / 2])
-    return float(low), float(high)
 
 
 def _windows(values: Tensor, size: int, pad: float) -> Tensor:

@@ -20,9 +20,10 @@ import torch
 from torch import Tensor
 
 from nte.color import demodulate
+from nte.evaluation.bootstrap import bootstrap_interval
 from nte.evaluation.metrics import SHADOWED
 from nte.evaluation.table import aligned
-from nte.evaluation.vectors import Fetched, bootstrap_interval, draw, fetch, fill, is_planar
+from nte.evaluation.vectors import Fetched, draw, fetch, fill, is_planar
 from nte.filters.bilateral import ROUGHNESS
 from nte.frames.scalars import estimate_exposure
 from nte.frames.show import Picture, grid, heat, quantise, write_png

@@ -21,8 +21,8 @@ from tests.evaluation.conftest import noisy_frames
 from tests.synthetic import Pixels, disc_clip, disc_frame, write_clip
 
 ROW = {
-    "denoiser", "clip", "target", "region", "first_frame", "frames", "psnr", "ssim", "flip", "l1", "mse", "rmse",
-    "temporal_l1", "temporal_l1_floor", "ms_per_frame", "per_frame",
+    "denoiser", "clip", "target", "region", "first_frame", "scored_from", "frames", "psnr", "ssim", "flip", "l1", "mse",
+    "rmse", "temporal_l1", "temporal_l1_floor", "ms_per_frame", "per_frame",
 }  # fmt: skip
 
 
@@ -96,12 +96,22 @@ def test_scores_agree_with_the_metrics_of_hand_made_display_images(clip: Path, t
 
 def test_the_first_frame_is_scored_only_when_asked(clip: Path, tmp_path: Path) -> None:
     without = rows_of(evaluate([clip], ["noisy"], tmp_path / "a"), region="all")[0]
-    with_first = rows_of(evaluate([clip], ["noisy"], tmp_path / "b", first_frame=True), region="all")[0]
+    with_first = rows_of(evaluate([clip], ["noisy"], tmp_path / "b", first=0), region="all")[0]
     assert with_first["frames"] == 4
     assert with_first["first_frame"] is True
     assert with_first["per_frame"]["psnr"][1:] == without["per_frame"]["psnr"]
     assert with_first["per_frame"]["temporal_l1"][0] is None
     assert with_first["temporal_l1"] == without["temporal_l1"]
+
+
+def test_scoring_can_begin_where_histories_are_long(clip: Path, tmp_path: Path) -> None:
+    all_scored = rows_of(evaluate([clip], ["taa"], tmp_path / "a"), region="all")[0]
+    late = rows_of(evaluate([clip], ["taa"], tmp_path / "b", first=3), region="all")[0]
+    assert (late["frames"], late["scored_from"]) == (1, 3)
+    assert late["psnr"] == all_scored["per_frame"]["psnr"][2]  # the history began in frame 0 all the same
+    assert late["temporal_l1"] == all_scored["per_frame"]["temporal_l1"][2]
+    with pytest.raises(NteError, match="has 4 frames, and frame 4 is the first that is scored"):
+        evaluate([clip], ["taa"], tmp_path / "c", first=4)
 
 
 def test_a_perfect_output_scores_perfectly_and_a_steady_error_does_not_flicker(tmp_path: Path, use) -> None:
@@ -263,7 +273,7 @@ def test_what_is_missing_is_told_before_any_work(clip: Path, tmp_path: Path, use
         with pytest.raises(NteError, match=message):
             evaluate(clips, specs, out)
     assert not out.exists()
-    assert rows_of(evaluate([single], ["noisy"], out, first_frame=True), region="all")[0]["frames"] == 1
+    assert rows_of(evaluate([single], ["noisy"], out, first=0), region="all")[0]["frames"] == 1
 
 
 def test_results_are_replaced_only_by_force(clip: Path, tmp_path: Path) -> None:

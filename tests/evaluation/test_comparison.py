@@ -68,6 +68,33 @@ def test_each_situation_has_its_numbers_its_report_and_its_strips(config: Path, 
     assert f"{moving['rmse']:.4f}" in table
 
 
+def test_a_margin_is_a_paired_difference_with_an_interval(config: Path, data: Path, tmp_path: Path) -> None:
+    text = TEXT.replace("nothing done: noisy", "nothing done: noisy, clamped: taa")
+    config.write_text(f"against: clamped\nfirst: 2\n{text}")
+    rows = run_comparison(read_comparison(config), data, tmp_path / "out")
+    ghosts, clamped = rows[:2]
+    assert clamped["margin"] is None
+    scored = json.loads((tmp_path / "out" / "disc" / "metrics.json").read_text())["rows"]
+    rmse = {(row["denoiser"], row["clip"]): row["rmse"] for row in scored if row["region"] == "moving"}
+    differences = [rmse["taa:clamp=none", clip] - rmse["taa", clip] for clip in ("disc_000", "disc_001")]
+    assert ghosts["margin"] == {
+        "against": "clamped", "metric": "rmse", "clips": 2, "mean": np.mean(differences),
+        "low": min(differences), "high": max(differences),  # of two clips the interval spans both
+    }  # fmt: skip
+    assert {row["frames"] for row in scored} == {1}
+    assert f"{np.mean(differences):+.4f} ({min(differences):+.4f} … {max(differences):+.4f})" in summary_table(rows)
+
+
+@pytest.mark.slow
+def test_processes_give_what_one_process_gives(config: Path, data: Path, tmp_path: Path) -> None:
+    comparison = read_comparison(config)
+    one, two = (run_comparison(comparison, data, tmp_path / str(jobs), jobs=jobs) for jobs in (1, 2))
+    for row in one + two:
+        for part in row["parts"]:
+            part.pop("ms_per_frame")
+    assert two == one
+
+
 def test_nothing_is_overwritten_without_force(config: Path, data: Path, tmp_path: Path) -> None:
     comparison = read_comparison(config)
     (tmp_path / "out").mkdir()
@@ -86,6 +113,10 @@ def test_nothing_is_overwritten_without_force(config: Path, data: Path, tmp_path
         (TEXT.replace("region: moving", "light: red"), r"situations\[0\]\.light is 'red': expected one of color, vis"),
         (TEXT.replace("[test/other_000]", "[]"), r"situations\[1\]\.clips is empty"),
         (TEXT.replace("recipe:", "recip:"), "recip"),
+        (TEXT.replace("name: disc", "name: ../disc"), r"situations\[0\]\.name is '../disc': expected the name of"),
+        (TEXT.replace("name: disc", "name: other"), "two situations are called 'other'"),
+        ("first: -1\n" + TEXT, "'first' is -1: expected the index of a frame"),
+        ("against: clamped\n" + TEXT, r"situations\[1\]\.methods lacks 'clamped', named by 'against'; it has"),
     ],
 )
 def test_a_faulty_comparison_is_named(config: Path, text: str, message: str) -> None:

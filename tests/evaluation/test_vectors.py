@@ -9,7 +9,8 @@ import numpy as np
 import pytest
 import torch
 
-from nte.evaluation.vectors import bootstrap_interval, draw, fetch, fill, is_planar
+from nte.evaluation.bootstrap import bootstrap_interval
+from nte.evaluation.vectors import draw, fetch, fill, is_planar
 
 ROOT = Path(__file__).parents[2]
 PROMISED = {("fence", "shadowed"), ("temple", "glossy"), ("pica", "disoccluded")}
