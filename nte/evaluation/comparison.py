@@ -36,6 +36,7 @@ class Situation:
     light: str = "color"  # the component that the figure is about
     region: str = "all"  # the pixels in question
     methods: dict[str, str] = field(default_factory=dict)  # title → denoiser
+    first: int | None = None  # as that of the comparison, which holds where this is left out
 
 
 @dataclass
@@ -52,12 +53,13 @@ def read_comparison(path: Path) -> Comparison:
     """Read and check a comparison; `recipe` becomes a path that can be opened. Raises NteError naming the key."""
     comparison = load_config(Comparison, path)
     comparison.recipe = str(path.parent / comparison.recipe)
-    if comparison.first < 0:
-        raise NteError(f"{path}: 'first' is {comparison.first}: expected the index of a frame, 0 or more")
     if not comparison.situations:
         raise NteError(f"{path}: 'situations' is empty: expected at least one")
     for number, situation in enumerate(comparison.situations):
         where = f"{path}: situations[{number}]"
+        situation.first = comparison.first if situation.first is None else situation.first
+        if situation.first < 0:
+            raise NteError(f"{where}.first is {situation.first}: expected the index of a frame, 0 or more")
         for key, allowed in (("light", LIGHTS), ("region", REGIONS)):
             if (value := getattr(situation, key)) not in allowed:
                 raise NteError(f"{where}.{key} is '{value}': expected one of {', '.join(allowed)}")
@@ -91,10 +93,9 @@ def run_comparison(
     for a pattern without clips and for an `out` that exists without `force`.
     """
     units = [
-        _Unit(situation, _clips(situation, data), out / situation.name, comparison.first, comparison.against, force,
-              device)
+        _Unit(situation, _clips(situation, data), out / situation.name, comparison.against, force, device)
         for situation in comparison.situations
-    ]  # fmt: skip
+    ]
     prepare_folder(out, force)
     by_name = dict(_in_processes(units, jobs, progress) if jobs > 1 else ((u.name, u.run(progress)) for u in units))
     rows = [row for unit in units for row in by_name[unit.name]]
@@ -110,7 +111,6 @@ class _Unit:
     situation: Situation
     clips: list[Path]
     folder: Path
-    first: int
     against: str
     force: bool
     device: str
@@ -121,9 +121,10 @@ class _Unit:
 
     def run(self, progress: Callable[[int, int, str], None] | None = None) -> list[Row]:
         """Evaluate, write the report and the strips, and give the rows of the summary."""
-        methods = self.situation.methods
+        methods, first = self.situation.methods, self.situation.first
+        assert first is not None
         found = evaluate(
-            self.clips, list(dict.fromkeys(methods.values())), self.folder, self.first, [self.situation.light],
+            self.clips, list(dict.fromkeys(methods.values())), self.folder, first, [self.situation.light],
             self.force, self.device, progress,
         )  # fmt: skip
         titled = found.titled({spec: title for title, spec in methods.items()})

@@ -115,7 +115,7 @@ def test_nothing_is_overwritten_without_force(config: Path, data: Path, tmp_path
         (TEXT.replace("recipe:", "recip:"), "recip"),
         (TEXT.replace("name: disc", "name: ../disc"), r"situations\[0\]\.name is '../disc': expected the name of"),
         (TEXT.replace("name: disc", "name: other"), "two situations are called 'other'"),
-        ("first: -1\n" + TEXT, "'first' is -1: expected the index of a frame"),
+        ("first: -1\n" + TEXT, r"situations\[0\]\.first is -1: expected the index of a frame"),
         ("against: clamped\n" + TEXT, r"situations\[1\]\.methods lacks 'clamped', named by 'against'; it has"),
     ],
 )
