@@ -18,10 +18,10 @@ demo: $(INSTALLED)
 		--denoisers noisy taa:clamp=none taa taa:clamp=clip oidn:quality=fast oidn demo/quickstart.onnx
 
 test: $(INSTALLED)
-	$(BIN)/pytest
+	$(BIN)/pytest -n auto --maxprocesses 8 --dist worksteal
 
 fast: $(INSTALLED)
-	$(BIN)/pytest -m "not slow"
+	$(BIN)/pytest -n auto --maxprocesses 8 --dist worksteal -m "not slow"
 
 lint: $(INSTALLED)
 	$(BIN)/ruff check .

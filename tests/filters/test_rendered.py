@@ -8,6 +8,7 @@ from nte.denoiser import Session
 from nte.filters.trmv import CHOICES
 from nte.frames.clip import Clip
 from nte.registry import load_denoiser
+from tests.shared import made_once
 
 CHOSEN = [f"trmv:{key}={choice}" for key, choices in CHOICES.items() for choice in choices]
 OTHERS = (
@@ -21,10 +22,9 @@ def temple(tmp_path_factory: pytest.TempPathFactory) -> Clip:
     from nte.render.clips import render_clip
     from nte.render.recipe import ClipPlan, Group
 
-    out = tmp_path_factory.mktemp("temple")
     group = Group(scene="temple", clips=1, width=48, height=32, frames=3, reference_spp=4, components=True)
     unit = ClipPlan("rendered", 1, "train", 0, group)
-    render_clip(unit, out)
+    out = made_once(tmp_path_factory, "temple", lambda out: render_clip(unit, out))
     return Clip(out / unit.folder)
 
 

@@ -5,6 +5,8 @@ from pathlib import Path
 
 import pytest
 
+from tests.shared import made_once
+
 if importlib.util.find_spec("mitsuba") is None:  # found, not imported: nte.render must choose the LLVM first
     collect_ignore = [
         "test_clips.py", "test_family_clips.py", "test_gbuffer.py", "test_lens.py", "test_media.py",
@@ -33,6 +35,4 @@ def rendered(recipe: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
     """The folder that the tiny recipe is rendered into; not to be written to."""
     from nte.render.clips import render_recipe
 
-    out = tmp_path_factory.mktemp("rendered")
-    render_recipe(recipe, out, progress=False)
-    return out
+    return made_once(tmp_path_factory, "rendered", lambda out: render_recipe(recipe, out, progress=False))

@@ -7,6 +7,7 @@ import pytest
 from nte.models.temporal import TemporalDenoiser
 from nte.runtime.export import export_onnx
 from tests.networks import small_network
+from tests.shared import made_once
 
 CHOICES = {"front": 2, "demodulate": True, "feed_masks": True, "kernel_size": 3, "scales": 2}
 
@@ -20,6 +21,8 @@ def network() -> TemporalDenoiser:
 @pytest.fixture(scope="session")
 def model(network: TemporalDenoiser, tmp_path_factory: pytest.TempPathFactory) -> Path:
     """Its ONNX file."""
-    path = tmp_path_factory.mktemp("exported") / "model.onnx"
-    export_onnx(network, path, progress=lambda line: None)
-    return path
+
+    def export(folder: Path) -> None:
+        export_onnx(network, folder / "model.onnx", progress=lambda line: None)
+
+    return made_once(tmp_path_factory, "exported", export) / "model.onnx"
