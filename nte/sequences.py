@@ -10,8 +10,9 @@ import numpy as np
 
 from nte.denoiser import Denoiser, Session, check_needs
 from nte.errors import NteError
+from nte.files import make_folder
 from nte.frames.clip import Clip, as_layers, frame_path, read_frame, write_clip_info
-from nte.frames.exr import make_folder, read_layers, write_exr
+from nte.frames.exr import read_layers, write_exr
 from nte.frames.frame import Frame
 from nte.frames.numbering import by_number
 from nte.frames.scalars import sequence_scalars

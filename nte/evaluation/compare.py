@@ -12,8 +12,8 @@ from nte.errors import NteError
 from nte.evaluation.run import ClipRun, Shown, mean
 from nte.evaluation.table import METRICS
 from nte.evaluation.truth import reference_of
+from nte.files import write_whole
 from nte.frames.clip import Clip, find_clips
-from nte.frames.exr import write_whole
 from nte.registry import load_denoiser
 
 FORMAT = "nte-metrics/1"

@@ -4,8 +4,8 @@ import re
 from pathlib import Path
 
 from nte.errors import NteError
+from nte.files import write_whole
 from nte.frames.clip import frame_path, read_frame
-from nte.frames.exr import write_whole
 from nte.render.recipe import SHARP, SPLITS, ClipPlan, Recipe, recipe_text
 
 _OURS = re.compile(r"(seed_\d{2}/)?(\.?frame_\d{4}\.exr(\.\w+\.tmp)?|\.?clip\.json(\.\w+\.tmp)?)")

@@ -12,7 +12,7 @@ import torch
 
 from nte import __version__
 from nte.errors import NteError
-from nte.frames.exr import make_folder, write_whole
+from nte.files import make_folder, write_whole
 from nte.frames.frame import Frame
 from nte.models.temporal import TemporalDenoiser
 from nte.runtime.session import FORMAT, METADATA_KEY, OnnxDenoiser
