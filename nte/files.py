@@ -1,8 +1,10 @@
 """Files that are whole or absent, folders that one process writes to, and what killed processes leave behind."""
 
+import glob
 import os
 import re
 import secrets
+import shutil
 import socket
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager, suppress
@@ -43,10 +45,14 @@ def write_whole(path: Path, write: Callable[[Path], object]) -> None:
 
 
 def sweep(folder: Path, name: str = "*") -> None:
-    """Delete the temporary files of `name` in a folder whose writer is dead: killed on this machine."""
+    """Delete the temporary files and folders of `name` in a folder whose writer was killed on this machine."""
     with suppress(OSError):
-        for path in folder.glob(f".{name}.*.tmp"):
-            if path.is_file() and is_abandoned(path):
+        for path in folder.glob(f".{glob.escape(name) if name != '*' else name}.*.tmp"):
+            if not is_abandoned(path):
+                continue
+            if path.is_dir() and not path.is_symlink():
+                shutil.rmtree(path, ignore_errors=True)
+            else:
                 path.unlink(missing_ok=True)
 
 
@@ -76,27 +82,39 @@ def make_folder(folder: Path) -> None:
 def only_writer(folder: Path) -> Iterator[None]:
     """Make `folder`, and write to it alone: raises NteError where another process is inside such a block.
 
-    The system forgets the lock with the process, and no file is left. Windows has no such locks: nothing is refused.
+    What killed processes have left in it is removed first, and a folder that stays empty does not stay. The system
+    forgets the lock with the process, and there is no lock file. Windows has no such locks: there nothing is refused.
     """
+    was_there = folder.is_dir()
     make_folder(folder)
+    descriptor = _locked(folder)
+    try:
+        sweep(folder)
+        yield
+    finally:
+        with suppress(OSError):
+            if not was_there:
+                folder.rmdir()  # only if it is empty
+        if descriptor is not None:
+            os.close(descriptor)
+
+
+def _locked(folder: Path) -> int | None:
+    """An open descriptor that holds the lock of a folder; None where the system or the file system has no locks."""
     try:
         import fcntl
     except ImportError:
-        yield
-        return
+        return None
     descriptor = os.open(folder, os.O_RDONLY)
     try:
         fcntl.flock(descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)
     except BlockingIOError as error:
         os.close(descriptor)
         raise NteError(f"{folder}: another process is writing to it: wait for it, or choose another folder") from error
-    except OSError:  # a file system without locks
-        pass
-    try:
-        yield
-    finally:
-        with suppress(OSError):
-            os.close(descriptor)
+    except OSError:
+        os.close(descriptor)
+        return None
+    return descriptor
 
 
 def refuse_links(folder: Path) -> None:

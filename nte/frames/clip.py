@@ -199,7 +199,8 @@ def _check_cameras(path: Path, cameras: Any, frames: int) -> None:
     for index, camera in enumerate(cameras):
         for key in ("view", "projection"):
             try:
-                matrix = np.array(camera[key], np.float32)
+                with np.errstate(over="ignore"):
+                    matrix = np.array(camera[key], np.float32)
             except (TypeError, ValueError, KeyError, IndexError, OverflowError, RecursionError):
                 matrix = np.empty(0, np.float32)
             if matrix.shape != (4, 4) or not np.isfinite(matrix).all():
