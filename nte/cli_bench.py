@@ -37,7 +37,7 @@ def _size(text: str) -> tuple[int, int]:
 def _bench(options: argparse.Namespace) -> None:
     from nte.evaluation.bench import FORMAT, bench
     from nte.evaluation.table import aligned
-    from nte.frames.exr import write_whole
+    from nte.files import write_whole
 
     if options.json and options.json.exists() and not options.force:
         raise NteError(f"{options.json}: exists: choose another name, or overwrite it with --force")

@@ -12,7 +12,8 @@ from yaml import MarkedYAMLError, YAMLError
 from nte.errors import NteError
 
 Schema = TypeVar("Schema")
-_RESOLVER = re.compile(r"\$\{\s*[\w.]+\s*:")  # ${oc.env:HOME} and other function calls
+# ${oc.env:HOME} and other function calls, also those whose name is put together: ${${name}:HOME}
+_RESOLVER = re.compile(r"\$\{[^}]*[:$]")
 
 
 def load_config(schema: type[Schema], path: Path, overrides: Sequence[str] = ()) -> Schema:
@@ -21,12 +22,12 @@ def load_config(schema: type[Schema], path: Path, overrides: Sequence[str] = ())
     Raises NteError that names the file and the key. ${name} may refer to another key; resolvers such as
     ${oc.env:…} are refused: a configuration must mean the same on every machine.
     """
-    loaded = _read(path)
     for override in overrides:
         if "=" not in override:
             raise NteError(f"'{override}': expected key=value")
     source = str(path)
     try:
+        loaded = _read(path)
         _refuse_resolvers(source, OmegaConf.to_container(loaded, resolve=False))
         config = OmegaConf.merge(OmegaConf.structured(schema), loaded)
         source = "command line"
@@ -39,6 +40,8 @@ def load_config(schema: type[Schema], path: Path, overrides: Sequence[str] = ())
         made: Schema = OmegaConf.to_object(config)  # type: ignore[assignment]
     except YAMLError as error:  # of an override's value
         raise NteError(f"{source}: not readable as YAML: {getattr(error, 'problem', None) or error}") from error
+    except RecursionError as error:
+        raise NteError(f"{source}: nested too deeply: expected a few levels of keys") from error
     except (OmegaConfBaseException, ValueError, TypeError) as error:
         key = getattr(error, "full_key", None)
         where = f"'{key}': " if key else ""

@@ -36,7 +36,8 @@ def _model(path: Path) -> str:
 
 
 def _run(folder: Path) -> str:
-    from nte.training.run import load_run, read_checkpoint
+    from nte.training.checkpoint import read_checkpoint
+    from nte.training.run import load_run
 
     step, _ = read_checkpoint(folder)
     parameters = sum(p.numel() for p in load_run(folder).parameters())

@@ -10,8 +10,9 @@ import numpy as np
 
 from nte.denoiser import Denoiser, Session, check_needs
 from nte.errors import NteError
+from nte.files import only_writer
 from nte.frames.clip import Clip, as_layers, frame_path, read_frame, write_clip_info
-from nte.frames.exr import make_folder, read_layers, write_exr
+from nte.frames.exr import read_layers, write_exr
 from nte.frames.frame import Frame
 from nte.frames.numbering import by_number
 from nte.frames.scalars import sequence_scalars
@@ -41,19 +42,18 @@ def denoise_files(
 
     session = Session(denoiser)
     scale = None if exposure is None else np.array([exposure], np.float32)
-    with Progress("denoise", len(paths), "frame") as progress:
+    with only_writer(out), Progress("denoise", len(paths), "frame") as progress:
         for path, source, frame in zip(written, paths, clip or _loose_frames(paths), strict=True):
             scale = sequence_scalars(frame)[0] if scale is None else scale
             image = session.denoise(replace(frame, exposure=scale))[0]
             if path == written[0]:
-                make_folder(out)
                 (out / "clip.json").unlink(missing_ok=True)  # until its frames are all there
             write_exr(path, read_layers(source) | as_layers({denoiser.target: image}))
             if png:
                 write_png(path.with_suffix(".png"), show(denoiser.target, image, float(scale[0])).pixels)
             progress.advance(1)
-    if clip and scale is not None:
-        write_clip_info(out, {**clip.info, "seeds": 1, "exposure": float(scale[0])})
+        if clip and scale is not None:
+            write_clip_info(out, {**clip.info, "seeds": 1, "exposure": float(scale[0])})
     return written
 
 

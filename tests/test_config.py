@@ -7,8 +7,10 @@ import pytest
 from nte.config import load_config, to_yaml
 from nte.errors import NteError
 from nte.evaluation.comparison import read_comparison
+from nte.importing.channel_map import load_channel_map
 from nte.registry import load_denoiser
-from nte.render.recipe import Recipe
+from nte.render.animation import read_animation
+from nte.render.recipe import Recipe, read_recipe
 from nte.training.config import TrainConfig, load_train_config
 
 GOOD = "name: x\ndata:\n  clips: [a]\nphases:\n  - {steps: 3}\n"
@@ -135,6 +137,27 @@ def test_a_wrong_file_is_named_with_its_key_or_line(tmp_path: Path, text: str | 
     with pytest.raises(NteError, match=r"c\.yaml: .*" + message) as error:
         load_train_config(written(tmp_path, text), [])
     assert "\n" not in str(error.value)
+
+
+NONSENSE = [
+    "!!set {a, b}", "name: !!set {x, y}", "2020-01-01: 1", "name: 2020-01-01", "? \n: 1", "null: 1", "name: null",
+    "name: '${'", "name: ${a", "name: ${..}", "name: ${name}", "a: ${b}\nb: ${a}", "name: ${oc.env:HOME}",
+    "runs: oc.env\nname: ${${runs}:HOME}", "name: ${${runs}}", "name: ${ oc.env : HOME }", "[1,2", "a: &a [*a]",
+    "name: " + "[" * 3000 + "]" * 3000, "name: " + "{a: " * 500 + "1" + "}" * 500, "- a", "3", "''",
+    "name: !!python/object/apply:os.system ['echo hi']", "1.5: 3", "true: x", "seed: .nan", "seed: 1e400", "data: 5",
+    "train: [null]", "situations: [{name: [a]}]", "channels: {null: x}", "channels: {color: {a: b}}", "xml: 5",
+    "xml: x\nobjects: {a: 5}", "name: a\nname: b", "\0", "%YAML 3.0\n---\na: 1", "--- a\n--- b", "name: ???", "<<: 3",
+]  # fmt: skip
+READERS = [lambda path: load_train_config(path, []), read_recipe, read_comparison, load_channel_map, read_animation]
+
+
+@pytest.mark.parametrize("text", NONSENSE, ids=range(len(NONSENSE)))
+def test_what_nobody_can_mean_is_one_line_for_every_reader(tmp_path: Path, text: str) -> None:
+    path = written(tmp_path, text)
+    for read in READERS:
+        with pytest.raises(NteError, match=r"c\.yaml: ") as error:
+            read(path)
+        assert "\n" not in str(error.value)
 
 
 def test_a_missing_file_and_a_folder(tmp_path: Path) -> None:

@@ -7,7 +7,8 @@ import numpy.typing as npt
 from PIL import Image, UnidentifiedImageError
 
 from nte.errors import NteError
-from nte.frames.exr import make_folder, read_exr, write_exr
+from nte.files import make_folder
+from nte.frames.exr import read_exr, write_exr
 from nte.frames.show import quantise, write_png
 
 Pixels = npt.NDArray[np.float32]

@@ -12,8 +12,8 @@ from nte.errors import NteError
 from nte.evaluation.run import ClipRun, Shown, mean
 from nte.evaluation.table import METRICS
 from nte.evaluation.truth import reference_of
+from nte.files import only_writer, write_whole
 from nte.frames.clip import Clip, find_clips
-from nte.frames.exr import write_whole
 from nte.registry import load_denoiser
 
 FORMAT = "nte-metrics/1"
@@ -64,6 +64,15 @@ def evaluate(
     for label, clip in opened.items():
         _check(label, clip, denoisers, first)
     prepare_folder(out, force)
+    with only_writer(out):
+        return _evaluated(opened, denoisers, out, first_frame, device, progress)
+
+
+def _evaluated(
+    opened: Mapping[str, Clip], denoisers: Mapping[str, Denoiser], out: Path, first_frame: bool, device: str,
+    progress: Progress | None,
+) -> Evaluation:  # fmt: skip
+    """Run, score and write, of what `evaluate` has checked."""
     total, done = sum(map(len, opened.values())), 0
     rows: list[dict[str, Any]] = []
     shown: list[Shown] = []

@@ -19,7 +19,7 @@ from nte.evaluation.metrics import REGIONS
 from nte.evaluation.report import write_report
 from nte.evaluation.strips import write_strips
 from nte.evaluation.table import METRICS, aligned
-from nte.frames.exr import write_whole
+from nte.files import write_whole
 
 FORMAT = "nte-comparison/1"
 LIGHTS = ("color", "visibility", "glossy", "indirect")

@@ -14,7 +14,7 @@ from nte.evaluation.metrics import GLOSSY, MOVING_PX, REGIONS, SHADOWED
 from nte.evaluation.run import Shown
 from nte.evaluation.table import METRICS, Metric, best_of
 from nte.evaluation.truth import BRIGHTENED
-from nte.frames.exr import write_whole
+from nte.files import write_whole
 from nte.frames.show import heat, png_bytes, quantise
 
 REGION_METRICS = tuple(metric for metric in METRICS if metric.name not in ("mse", "ms_per_frame"))

@@ -6,7 +6,7 @@ import numpy as np
 
 from nte.evaluation.run import Shown
 from nte.evaluation.truth import BRIGHTENED
-from nte.frames.exr import make_folder
+from nte.files import make_folder
 from nte.frames.show import RGB, Picture, grid, write_png
 
 _CROP = 4  # a crop's side is this part of the picture's

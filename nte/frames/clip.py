@@ -10,8 +10,9 @@ import numpy as np
 import numpy.typing as npt
 
 from nte.errors import NteError
+from nte.files import make_folder, write_whole
 from nte.frames.channels import CHANNELS
-from nte.frames.exr import HALF_MAX, make_folder, read_exr, write_exr, write_whole
+from nte.frames.exr import HALF_MAX, read_exr, write_exr
 from nte.frames.frame import Frame
 
 FORMAT = "nte-clip/1"
@@ -50,9 +51,12 @@ def write_clip_info(folder: Path, info: Mapping[str, Any]) -> None:
     write_whole(folder / "clip.json", lambda temporary: temporary.write_text(text, encoding="utf-8"))
 
 
-def read_frame(path: Path) -> dict[str, Pixels]:
-    """Every channel of the table that a frame's file has, each (C, H, W) float32; other layers are ignored."""
-    return assemble(path, read_exr(path))
+def read_frame(path: Path, size: tuple[int, int] | None = None) -> dict[str, Pixels]:
+    """Read every channel of the table that a frame's file has, each (C, H, W) float32; other layers are ignored.
+
+    size: (height, width) that the file must have; else NteError, before its pixels are read.
+    """
+    return assemble(path, read_exr(path, size))
 
 
 def assemble(path: Path, layers: Mapping[str, Pixels]) -> dict[str, Pixels]:
@@ -83,9 +87,8 @@ class Clip:
         self.frames = int(self.info["frames"])
         self._last_forward: tuple[int, Pixels] | None = None  # spares reading each file twice in order
         for seed in range(self.seeds):
-            missing = [i for i in range(self.frames) if not frame_path(self.folder, i, seed).is_file()]
-            if missing:
-                path = frame_path(self.folder, missing[0], seed)
+            paths = (frame_path(self.folder, i, seed) for i in range(self.frames))
+            if path := next((path for path in paths if not path.is_file()), None):  # the first is enough
                 raise NteError(f"{path}: missing; clip.json promises {self.frames} frames: render the clip again")
 
     def __len__(self) -> int:
@@ -137,12 +140,7 @@ class Clip:
         return Frame({name: a[None] for name, a in arrays.items()}, index=index, **self._about(index))
 
     def _read(self, path: Path) -> dict[str, Pixels]:
-        channels = read_frame(path)
-        for name, values in channels.items():
-            if values.shape[1:] != (self.height, self.width):
-                found, size = f"{values.shape[2]}x{values.shape[1]}", f"{self.width}x{self.height}"
-                raise NteError(f"{path}: '{name}' is {found}, clip.json says {size}")
-        return channels
+        return read_frame(path, (self.height, self.width))
 
     def _pick(self, stored: Mapping[str, Pixels], name: str, path: Path) -> Pixels:
         if name not in stored:
@@ -176,19 +174,19 @@ def _read_info(folder: Path) -> dict[str, Any]:
         raise NteError(f"{folder}: {state if folder.exists() else 'does not exist'}; expected a folder with clip.json")
     try:
         info = json.loads(path.read_text(encoding="utf-8"))
-    except (ValueError, OSError) as error:
+    except (ValueError, OSError, RecursionError) as error:
         raise NteError(f"{path}: not readable as JSON: {error}") from error
     if not isinstance(info, dict) or info.get("format") != FORMAT:
         found = info.get("format") if isinstance(info, dict) else type(info).__name__
         raise NteError(f"{path}: format is {found!r}, expected '{FORMAT}'")
     for key in ("width", "height", "frames", "seeds"):
         found = info.get(key, 1 if key == "seeds" else None)
-        if type(found) is not int or found < 1:
-            raise NteError(f"{path}: '{key}' is {found!r}, expected a whole number of at least 1")
+        if type(found) is not int or not 1 <= found < 2**31:
+            raise NteError(f"{path}: '{key}' is {found!r:.40}, expected a whole number of at least 1")
     for key in ("exposure", "depth_scale"):
         found = info.get(key, 1)
-        if type(found) not in (int, float) or not 0 < found < float("inf"):
-            raise NteError(f"{path}: '{key}' is {found!r}, expected a positive number")
+        if type(found) not in (int, float) or not 0 < found < 1e38:
+            raise NteError(f"{path}: '{key}' is {found!r:.40}, expected a positive number")
     if "cameras" in info:
         _check_cameras(path, info["cameras"], info["frames"])
     return info
@@ -201,11 +199,12 @@ def _check_cameras(path: Path, cameras: Any, frames: int) -> None:
     for index, camera in enumerate(cameras):
         for key in ("view", "projection"):
             try:
-                shape = np.array(camera[key], np.float32).shape
-            except (TypeError, ValueError, KeyError, IndexError):
-                shape = ()
-            if shape != (4, 4):
-                raise NteError(f"{path}: 'cameras[{index}].{key}' is no 4x4 matrix")
+                with np.errstate(over="ignore"):
+                    matrix = np.array(camera[key], np.float32)
+            except (TypeError, ValueError, KeyError, IndexError, OverflowError, RecursionError):
+                matrix = np.empty(0, np.float32)
+            if matrix.shape != (4, 4) or not np.isfinite(matrix).all():
+                raise NteError(f"{path}: 'cameras[{index}].{key}' is no 4x4 matrix of finite numbers")
 
 
 def find_clips(paths: Iterable[Path]) -> list[Path]:

@@ -2,9 +2,8 @@
 
 import ctypes
 import os
-import secrets
 import threading
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager, redirect_stderr, redirect_stdout
 from io import StringIO
 from pathlib import Path
@@ -15,6 +14,8 @@ import numpy.typing as npt
 import OpenEXR
 
 from nte.errors import NteError
+from nte.files import make_folder, write_whole
+from nte.frames.exr_header import unbelievable, window_size
 
 HALF_MAX = 65504.0
 _MAGIC = b"\x76\x2f\x31\x01"
@@ -22,17 +23,18 @@ _quiet_lock = threading.Lock()
 _libc = ctypes.CDLL(None) if os.name == "posix" else ctypes.cdll.msvcrt
 
 
-def read_exr(path: Path) -> dict[str, npt.NDArray[np.float32]]:
+def read_exr(path: Path, size: tuple[int, int] | None = None) -> dict[str, npt.NDArray[np.float32]]:
     """Read every channel of an OpenEXR file as float32: `read_layers`, whatever the file stores."""
-    return {name: np.asarray(pixels, np.float32) for name, pixels in read_layers(path).items()}
+    return {name: np.asarray(pixels, np.float32) for name, pixels in read_layers(path, size).items()}
 
 
-def read_layers(path: Path) -> dict[str, npt.NDArray[Any]]:
+def read_layers(path: Path, size: tuple[int, int] | None = None) -> dict[str, npt.NDArray[Any]]:
     """Read every channel of an OpenEXR file: full layered name → array (H, W), float16, float32 or uint32 as stored.
 
     The arrays have the size of the display window; pixels outside the data window are 0. Parts of a
-    multi-part file are merged; the part's name is the layer of a channel that names none itself.
-    Raises NteError for a file that is missing, not OpenEXR, truncated, deep, or subsampled.
+    multi-part file are merged; the part's name is the layer of a channel that names none itself. size: (height,
+    width) that is expected. Raises NteError for a file that is missing, not OpenEXR, truncated, deep, or subsampled,
+    has another size, or promises more pixels than it can hold; before memory is asked for.
     """
     path = Path(path)
     try:
@@ -43,6 +45,9 @@ def read_layers(path: Path) -> dict[str, npt.NDArray[Any]]:
     if magic != _MAGIC:
         raise NteError(f"{path}: not an OpenEXR file (it starts with {magic!r}): expected a .exr frame")
     try:
+        with _quiet(), OpenEXR.File(str(path), separate_channels=True, header_only=True) as file:
+            headers = [dict(part.header) for part in file.parts]  # closing the file empties them
+        _check_headers(path, headers, size)
         with _quiet(), OpenEXR.File(str(path), separate_channels=True) as file:
             channels = _merge_parts(path, file.parts)
     except (RuntimeError, ValueError, OSError) as error:
@@ -70,31 +75,14 @@ def write_exr(path: Path, channels: Mapping[str, npt.NDArray[Any]]) -> None:
     write_whole(path, write)
 
 
-def write_whole(path: Path, write: Callable[[Path], object]) -> None:
-    """Call `write` with a temporary name beside `path`, then rename: the file is whole or absent.
-
-    Raises NteError, with the temporary file removed, where writing fails (no space left, no permission).
-    """
-    path = Path(path)
-    temporary = path.with_name(f".{path.name}.{secrets.token_hex(4)}.tmp")
-    try:
-        write(temporary)
-        with temporary.open("rb") as file:
-            os.fsync(file.fileno())
-        temporary.replace(path)
-    except (OSError, RuntimeError) as error:
-        reason = getattr(error, "strerror", None) or error
-        raise NteError(f"{path}: cannot be written: {reason}") from error
-    finally:
-        temporary.unlink(missing_ok=True)
-
-
-def make_folder(folder: Path) -> None:
-    """Make a folder and those above it; raises NteError where a file is in the way or it is not permitted."""
-    try:
-        folder.mkdir(parents=True, exist_ok=True)
-    except OSError as error:
-        raise NteError(f"{folder}: cannot be made a folder: {error.strerror}") from error
+def _check_headers(path: Path, headers: Sequence[Mapping[str, Any]], size: tuple[int, int] | None) -> None:
+    """Raise NteError, before pixels are read, for a file that cannot hold what it promises, or has another size."""
+    if why := unbelievable(headers, path.stat().st_size):
+        raise NteError(f"{path}: the OpenEXR file is damaged: {why}: render or copy it again")
+    for header in headers:
+        found = window_size(header["displayWindow"])
+        if size not in (None, found):
+            raise NteError(f"{path}: is {found[1]}x{found[0]}, clip.json says {size[1]}x{size[0]}")
 
 
 def _merge_parts(path: Path, parts: list[OpenEXR.Part]) -> dict[str, npt.NDArray[Any]]:

@@ -14,8 +14,8 @@ import numpy.typing as npt
 from PIL import Image, ImageDraw, ImageFont
 
 from nte.errors import NteError
+from nte.files import write_whole
 from nte.frames.channels import CHANNELS, Channel
-from nte.frames.exr import write_whole
 
 RGB = npt.NDArray[np.uint8]  # (H, W, 3)
 Pixels = npt.NDArray[np.floating]  # (C, H, W)

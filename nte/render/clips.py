@@ -5,9 +5,9 @@ from pathlib import Path
 from typing import Any
 
 import nte
+from nte.files import make_folder
 from nte.frames.channels import CHANNELS, LIGHT, SHUTTER
 from nte.frames.clip import write_clip_info, write_frame
-from nte.frames.exr import make_folder
 from nte.progress import Progress
 from nte.render.backend import check_arrays, load_mitsuba
 from nte.render.components import noisy, references

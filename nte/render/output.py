@@ -4,25 +4,28 @@ import re
 from pathlib import Path
 
 from nte.errors import NteError
+from nte.files import refuse_links, sweep, write_whole
 from nte.frames.clip import frame_path, read_frame
-from nte.frames.exr import write_whole
 from nte.render.recipe import SHARP, SPLITS, ClipPlan, Recipe, recipe_text
 
+_BEGUN = re.compile(r"\.recipe\.yaml\.\w+\.tmp")  # left by a process that was killed before it rendered anything
 _OURS = re.compile(r"(seed_\d{2}/)?(\.?frame_\d{4}\.exr(\.\w+\.tmp)?|\.?clip\.json(\.\w+\.tmp)?)")
 
 
 def claim(out: Path, recipe: Recipe, force: bool, folder: Path = Path()) -> None:
     """Make `out` the folder of this recipe, whose file is in `folder`, keeping the frames that an earlier run has left.
 
-    A folder that holds another recipe's clips, or anything else, is refused with NteError; with `force`
+    A folder that holds another recipe's clips, anything else, or links is refused with NteError; with `force`
     the other recipe's clips are removed, and files that are not ours stay.
     """
     text, copy = recipe_text(recipe, folder), out / "recipe.yaml"
     if out.exists() and not out.is_dir():
         raise NteError(f"{out}: is a file: expected a folder for the clips")
     found = copy.read_text(encoding="utf-8") if copy.is_file() else None
+    sweep(out)
+    refuse_links(out)
     if found != text:
-        if not force and out.exists() and any(out.iterdir()):
+        if not force and out.exists() and any(not _BEGUN.fullmatch(path.name) for path in out.iterdir()):
             what = "holds clips of another recipe, or of another version of nte" if found else "is not empty"
             raise NteError(f"{out}: {what}: choose another folder, or --force")
         if found is not None:

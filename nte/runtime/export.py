@@ -12,16 +12,16 @@ import torch
 
 from nte import __version__
 from nte.errors import NteError
-from nte.frames.exr import make_folder, write_whole
+from nte.files import make_folder, write_whole
 from nte.frames.frame import Frame
 from nte.models.temporal import TemporalDenoiser
-from nte.runtime.session import FORMAT, METADATA_KEY, OnnxDenoiser
+from nte.runtime.description import FORMAT, METADATA_KEY, STATE, UNSEALED, seal
+from nte.runtime.session import OnnxDenoiser
 
 IMAGES = {
     "color": 3, "albedo": 3, "normal": 3, "depth": 1, "motion": 2, "previous_forward_motion": 2,
 }  # fmt: skip
 SCALARS = ("reset", "exposure", "depth_scale")
-STATE = {"history": 3, "previous_depth": 1}
 OUTPUTS = ("image", "next_history", "disoccluded", "valid", "alpha")
 OPSET = 18
 SMALLEST = 16
@@ -42,6 +42,7 @@ def export_onnx(denoiser: TemporalDenoiser, path: Path, progress: Callable[[str]
 
     def write(temporary: Path) -> None:
         onnx.save(model, temporary)
+        seal(temporary)
         for size in CHECK_SIZES:
             typical, worst = compare_with_torch(denoiser, OnnxDenoiser(temporary), size)
             found = f"{size[1]}x{size[0]}, {CHECK_FRAMES} frames: 99.9th percentile {typical:.1e}, maximum {worst:.1e}"
@@ -116,6 +117,7 @@ def _description(denoiser: TemporalDenoiser) -> dict[str, object]:
     return {
         "format": FORMAT,
         "version": __version__,
+        "sha256": UNSEALED,  # of the whole file, with zeros here
         "needs": list(denoiser.needs),
         "optional": list(denoiser.optional),
         "target": denoiser.target,

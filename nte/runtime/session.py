@@ -1,9 +1,8 @@
 """Running an exported model without PyTorch: OnnxDenoiser("model.onnx") is a denoiser like any other."""
 
-import json
 from collections.abc import Sequence
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 import numpy.typing as npt
@@ -14,9 +13,8 @@ from nte.errors import NteError
 from nte.frames.channels import CHANNELS
 from nte.frames.frame import Frame
 from nte.frames.scalars import sequence_scalars
+from nte.runtime.description import METADATA_KEY, STATE, check_seal, read_description
 
-FORMAT = "nte-onnx/1"
-METADATA_KEY = "nte"
 Pixels = npt.NDArray[np.float32]
 
 
@@ -32,13 +30,14 @@ class OnnxDenoiser:
     """An exported model with its state handling. Takes and returns NumPy (or what the frame has).
 
     providers: ONNX Runtime execution providers, best first (None: the CPU). threads: 0 lets ONNX Runtime
-    choose. Raises NteError for a file that is missing, no ONNX model, or not exported by nte.
+    choose. Raises NteError for a file that is missing, no ONNX model, damaged, or not exported by nte.
     """
 
     def __init__(self, path: Path | str, providers: Sequence[str] | None = None, threads: int = 0) -> None:
         self.path = Path(path)
         if not self.path.is_file():
             raise NteError(f"{path}: does not exist; expected an .onnx file made by nte export")
+        check_seal(self.path)
         options = onnxruntime.SessionOptions()
         options.intra_op_num_threads = threads
         options.log_severity_level = 3  # warnings of the runtime about its own graph rewriting
@@ -51,12 +50,13 @@ class OnnxDenoiser:
             self._session = onnxruntime.InferenceSession(str(self.path), options, providers=chosen)
         except Exception as error:  # ONNX Runtime raises classes of its own that share no public base
             raise NteError(f"{path}: not a readable ONNX model: {str(error).splitlines()[0]}") from error
-        self.info = self._read_info()
+        self._inputs = {i.name: i for i in self._session.get_inputs()}
+        self._outputs = [o.name for o in self._session.get_outputs()]
+        text = self._session.get_modelmeta().custom_metadata_map.get(METADATA_KEY)
+        self.info = read_description(self.path, text, self._outputs)
         self.needs: tuple[str, ...] = tuple(self.info["needs"])
         self.optional: tuple[str, ...] = tuple(self.info["optional"])
         self.target: str = self.info["target"]
-        self._inputs = {i.name: i for i in self._session.get_inputs()}
-        self._outputs = [o.name for o in self._session.get_outputs()]
 
     def step(self, frame: Frame, state: OnnxState | None, extras: tuple[str, ...] = ()) -> tuple[Result, OnnxState]:
         """Denoise one frame; None starts a sequence. extras: further outputs of the graph.
@@ -96,8 +96,7 @@ class OnnxDenoiser:
         return {name: array for name, array in feed.items() if name in self._inputs}
 
     def _begin(self, frame: Frame) -> OnnxState:
-        shapes = {"history": 3, "previous_depth": 1}
-        zeros = {name: np.zeros((frame.batch, c, *frame.size), np.float32) for name, c in shapes.items()}
+        zeros = {name: np.zeros((frame.batch, c, *frame.size), np.float32) for name, c in STATE.items()}
         scalar = np.ones(frame.batch, np.float32)
         return OnnxState(zeros, scalar, scalar)
 
@@ -111,18 +110,6 @@ class OnnxDenoiser:
         if min(frame.size) < self.info["smallest"]:
             raise NteError(f"frame {frame.index}: size {frame.size}, expected at least {self.info['smallest']} pixels")
         return np.ascontiguousarray(array)
-
-    def _read_info(self) -> dict[str, Any]:
-        text = self._session.get_modelmeta().custom_metadata_map.get(METADATA_KEY)
-        try:
-            info = json.loads(text) if text else {}
-        except ValueError:
-            info = {}
-        found = info.get("format") if isinstance(info, dict) else None
-        if found != FORMAT:
-            found = found or "no description of ours"
-            raise NteError(f"{self.path}: {found} in the model's metadata, expected '{FORMAT}': use nte export")
-        return dict(info)
 
 
 def scatter_forward_motion(motion: Pixels, depth: Pixels) -> Pixels:

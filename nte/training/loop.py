@@ -17,10 +17,11 @@ from tqdm import tqdm
 from nte.errors import NteError
 from nte.interrupt import InterruptFlag
 from nte.models.temporal import TemporalDenoiser
+from nte.training.checkpoint import CHECKPOINT, load_module, load_optimiser, module_state, optimiser_state
 from nte.training.config import OptimiserConfig, TrainConfig
 from nte.training.data import TrainingSteps, open_clips, training_loader
 from nte.training.losses import SequenceLoss
-from nte.training.run import CHECKPOINT, RunFolder, load_module, load_optimiser, module_state, optimiser_state
+from nte.training.run import RunFolder
 from nte.training.validation import validate
 
 REFERENCE = "reference"

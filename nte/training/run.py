@@ -8,6 +8,7 @@ events.out.tfevents.*   the same for TensorBoard, with pictures
 """
 
 import json
+import math
 import platform
 import shutil
 from collections.abc import Mapping
@@ -17,18 +18,15 @@ from pathlib import Path
 from typing import Any
 
 import torch
-from safetensors import SafetensorError, safe_open
-from safetensors.torch import save_file
-from torch import Tensor, nn
-from torch.optim import Optimizer
+from torch import Tensor
 
 from nte.config import load_config, to_yaml
 from nte.errors import NteError
-from nte.frames.exr import make_folder, write_whole
+from nte.files import make_folder, write_whole
 from nte.models.temporal import TemporalDenoiser
+from nte.training.checkpoint import CHECKPOINT, load_module, read_checkpoint, write_checkpoint
 from nte.training.config import TrainConfig
 
-CHECKPOINT = "checkpoint.safetensors"
 _LEFTOVERS = ".*.tmp"  # of files that a killed process was writing
 _OURS = ("config.yaml", "versions.json", CHECKPOINT, "metrics.jsonl", "events.out.tfevents.*", _LEFTOVERS)
 _HOW_IT_RUNS = (
@@ -74,15 +72,7 @@ class RunFolder:
 
     def save(self, step: int, state: Mapping[str, Tensor]) -> None:
         """Replace the checkpoint by the state after `step` steps."""
-        tensors = {name: tensor.detach().contiguous() for name, tensor in state.items()}
-
-        def write(path: Path) -> None:
-            try:
-                save_file(tensors, path, metadata={"step": str(step)})
-            except SafetensorError as error:  # no space left
-                raise OSError(str(error)) from error
-
-        write_whole(self.folder / CHECKPOINT, write)
+        write_checkpoint(self.folder, step, state)
 
     def load(self) -> tuple[int, dict[str, Tensor]] | None:
         """(step, state) of the checkpoint, or None where there is none yet."""
@@ -93,8 +83,8 @@ class RunFolder:
         log = self.folder / "metrics.jsonl"
         if log.is_file():
             # The last line may be half-written: the process was killed.
-            lines = [line for line in log.read_text(encoding="utf-8").splitlines(keepends=True) if line.endswith("}\n")]
-            kept = "".join(line for line in lines if json.loads(line)["step"] <= step)
+            lines = log.read_text(encoding="utf-8", errors="replace").splitlines(keepends=True)
+            kept = "".join(line for line in lines if _step_of(line) <= step)
             write_whole(log, lambda path: path.write_text(kept, encoding="utf-8"))
 
     def _check_same(self, config: TrainConfig) -> None:
@@ -116,18 +106,6 @@ class RunFolder:
         shutil.rmtree(self.folder)
 
 
-def read_checkpoint(folder: Path) -> tuple[int, dict[str, Tensor]]:
-    """(step, tensors) of a run's checkpoint; raises NteError if it is missing or damaged."""
-    path = folder / CHECKPOINT
-    if not path.is_file():
-        raise NteError(f"{path}: missing: the run has not reached its first checkpoint")
-    try:
-        with safe_open(path, framework="pt") as file:
-            return int(file.metadata()["step"]), {name: file.get_tensor(name) for name in file.keys()}  # noqa: SIM118
-    except (SafetensorError, OSError, KeyError, TypeError, ValueError) as error:
-        raise NteError(f"{path}: not a checkpoint of ours, or damaged: {error}") from error
-
-
 def load_run(folder: Path, device: str = "cpu") -> TemporalDenoiser:
     """The denoiser that a run has trained so far: the moving average of its weights where it keeps one."""
     if not (folder / "config.yaml").is_file():
@@ -140,43 +118,13 @@ def load_run(folder: Path, device: str = "cpu") -> TemporalDenoiser:
     return denoiser.to(device).eval().requires_grad_(False)
 
 
-def module_state(prefix: str, module: nn.Module) -> dict[str, Tensor]:
-    """A module's parameters and buffers under a prefix."""
-    return {prefix + name: tensor for name, tensor in module.state_dict().items()}
-
-
-def load_module(module: nn.Module, state: Mapping[str, Tensor], prefix: str, source: Path) -> None:
-    """Fill a module from prefixed tensors; raises NteError for the first that is missing or does not fit."""
-    own = {name[len(prefix) :]: tensor for name, tensor in state.items() if name.startswith(prefix)}
-    for name, tensor in module.state_dict().items():
-        found = tuple(own[name].shape) if name in own else "nothing"
-        if found != tuple(tensor.shape):
-            expected = tuple(tensor.shape)
-            raise NteError(f"{source}: does not fit the configuration: '{name}' is {found}, expected {expected}")
-    surplus = sorted(own.keys() - module.state_dict().keys())
-    if surplus:
-        raise NteError(f"{source}: does not fit the configuration: '{surplus[0]}' has no place in the network")
-    module.load_state_dict(own)
-
-
-def optimiser_state(optimiser: Optimizer) -> dict[str, Tensor]:
-    """The optimiser's tensors, named by parameter index and quantity."""
-    states = optimiser.state_dict()["state"]
-    return {f"optimiser.{i}.{key}": value for i, state in states.items() for key, value in state.items()}
-
-
-def load_optimiser(optimiser: Optimizer, state: Mapping[str, Tensor], source: Path) -> None:
-    """Fill an optimiser from `optimiser_state`'s tensors; raises NteError for one whose state is missing."""
-    states: dict[int, dict[str, Tensor]] = {}
-    for name, tensor in state.items():
-        if name.startswith("optimiser."):
-            _, index, key = name.split(".", 2)
-            states.setdefault(int(index), {})[key] = tensor
-    groups = optimiser.state_dict()["param_groups"]
-    missing = {index for group in groups for index in group["params"]} - states.keys()
-    if missing:
-        raise NteError(f"{source}: does not fit the configuration: no optimiser state of parameter {min(missing)}")
-    optimiser.load_state_dict({"state": states, "param_groups": groups})
+def _step_of(line: str) -> float:
+    """The step that a line of metrics.jsonl belongs to; infinite for one that is torn."""
+    try:
+        step = json.loads(line)["step"] if line.endswith("\n") else math.inf
+    except (ValueError, TypeError, KeyError, RecursionError):
+        return math.inf
+    return step if type(step) is int else math.inf
 
 
 def _choices(config: TrainConfig) -> dict[str, Any]:

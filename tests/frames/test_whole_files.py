@@ -12,8 +12,9 @@ import numpy as np
 import pytest
 
 from nte.errors import NteError
+from nte.files import write_whole
 from nte.frames.clip import write_clip_info, write_frame
-from nte.frames.exr import read_exr, write_exr, write_whole
+from nte.frames.exr import read_exr, write_exr
 from tests.synthetic import disc_frame
 
 

@@ -55,6 +55,30 @@ def test_another_recipe_is_refused_unless_forced(tmp_path: Path):
     assert "second" in (tmp_path / "recipe.yaml").read_text()
 
 
+@pytest.mark.parametrize("place", ["train", "train/rooms_000", "train/rooms_000/frame_0000.exr", "recipe.yaml"])
+def test_nothing_is_written_or_deleted_through_a_link(tmp_path: Path, place: str):
+    out, outside = tmp_path / "out", tmp_path / "outside"
+    claim(out, FIRST, force=False)
+    (outside / "rooms_000").mkdir(parents=True)
+    for name in ("rooms_000/frame_0000.exr", "rooms_000/clip.json", "frame_0000.exr", "clip.json"):
+        (outside / name).write_text("mine")
+    link = out / place
+    link.unlink(missing_ok=True)
+    link.parent.mkdir(parents=True, exist_ok=True)
+    link.symlink_to(outside / "clip.json" if link.suffix else outside)
+    for recipe in (FIRST, SECOND):
+        with pytest.raises(NteError, match=r"is a link to .*outside.*: nothing is written through links"):
+            claim(out, recipe, force=True)
+    assert all(path.read_text() == "mine" for path in outside.rglob("*") if path.is_file())
+    assert sum(path.is_file() for path in outside.rglob("*")) == 4
+
+
+def test_what_was_killed_before_it_had_begun_is_taken_up_again(tmp_path: Path):
+    (tmp_path / ".recipe.yaml.0a1b2c3d_99_01234567.tmp").write_text("name: fi")
+    claim(tmp_path, FIRST, force=False)
+    assert "first" in (tmp_path / "recipe.yaml").read_text()
+
+
 def test_the_same_recipe_keeps_its_clips_even_if_forced(tmp_path: Path):
     claim(tmp_path, FIRST, force=False)
     frame = tmp_path / "train" / "rooms_000" / "frame_0000.exr"

@@ -19,6 +19,7 @@ from nte.models.temporal import TemporalDenoiser
 from nte.motion import geometric
 from nte.registry import load_denoiser
 from nte.runtime import session
+from nte.runtime.description import UNSEALED, seal
 from nte.runtime.session import OnnxDenoiser
 from tests.synthetic import random_channels, random_frames
 
@@ -177,6 +178,26 @@ def test_scalars_extras_and_providers_that_are_wrong(exported: OnnxDenoiser, mod
     assert isinstance(load_denoiser(str(model)), OnnxDenoiser)
 
 
+@pytest.mark.parametrize(
+    ("key", "value"),
+    [
+        ("target", "nope"), ("target", None), ("target", ["color"]), ("needs", "color"), ("needs", [1]),
+        ("needs", ["colour"]), ("optional", None), ("smallest", "16"), ("smallest", -1), ("smallest", True),
+        ("state", {}), ("state", []), ("state", {"history": "nowhere"}), ("state", {"history": 3}),
+        ("state", {"history": "image", "more": "image"}), ("version", 1), ("conventions", []), ("sha256", None),
+    ],
+)  # fmt: skip
+def test_a_description_that_cannot_be_is_refused(model: Path, tmp_path: Path, key: str, value: object) -> None:
+    said = onnx.load(model)
+    described = json.loads({p.key: p.value for p in said.metadata_props}["nte"])
+    onnx.helper.set_model_props(said, {"nte": json.dumps(described | {"sha256": UNSEALED, key: value})})
+    onnx.save(said, tmp_path / "said.onnx")
+    seal(tmp_path / "said.onnx")
+    with pytest.raises(NteError, match=rf"said\.onnx: '{key}' in the model's metadata is ") as error:
+        OnnxDenoiser(tmp_path / "said.onnx")
+    assert "\n" not in str(error.value)
+
+
 def test_files_that_are_no_model_of_ours(model: Path, tmp_path: Path) -> None:
     foreign = onnx.load(model)
     for metadata in ({}, {"nte": "not JSON"}, {"nte": "[1]"}, {"nte": json.dumps({"format": "nte-onnx/9"})}):
@@ -184,9 +205,12 @@ def test_files_that_are_no_model_of_ours(model: Path, tmp_path: Path) -> None:
         onnx.save(foreign, tmp_path / "foreign.onnx")
         with pytest.raises(NteError, match=r"foreign\.onnx: .* in the model's metadata, expected 'nte-onnx/1'"):
             OnnxDenoiser(tmp_path / "foreign.onnx")
-    for content in (b"", b"no model", model.read_bytes()[:-500]):
+    whole = model.read_bytes()
+    flipped = bytearray(whole)
+    flipped[len(whole) // 2] ^= 1  # in the weights: a model that runs, and denoises otherwise
+    for content in (b"", b"no model", whole[:-500], whole[:-100], bytes(flipped)):
         (tmp_path / "damaged.onnx").write_bytes(content)
-        with pytest.raises(NteError, match=r"damaged\.onnx: not a readable ONNX model") as error:
+        with pytest.raises(NteError, match=r"damaged\.onnx: (not a readable ONNX model|damaged: its check)") as error:
             OnnxDenoiser(tmp_path / "damaged.onnx")
         assert "\n" not in str(error.value)
     with pytest.raises(NteError, match=r"nowhere\.onnx: does not exist"):

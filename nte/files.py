@@ -1,0 +1,124 @@
+"""Files that are whole or absent, folders that one process writes to, and what killed processes leave behind."""
+
+import glob
+import os
+import re
+import secrets
+import shutil
+import socket
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager, suppress
+from hashlib import sha256
+from pathlib import Path
+
+from nte.errors import NteError
+
+_HERE = sha256(socket.gethostname().encode()).hexdigest()[:8]
+_OWNER = re.compile(r"\.(?P<host>[0-9a-f]{8})_(?P<process>\d+)_[0-9a-f]{8}\.tmp$")
+
+
+def temporary_name(path: Path) -> Path:
+    """A hidden name beside `path` that tells who is writing: .NAME.HOST_PROCESS_TOKEN.tmp."""
+    return path.with_name(f".{path.name}.{_HERE}_{os.getpid()}_{secrets.token_hex(4)}.tmp")
+
+
+def write_whole(path: Path, write: Callable[[Path], object]) -> None:
+    """Call `write` with a temporary name beside `path`, then rename: the file is whole or absent.
+
+    What a process that was killed has left of this file is removed. Raises NteError, with the temporary file removed,
+    where writing fails (no space left, no permission).
+    """
+    path = Path(path)
+    sweep(path.parent, path.name)
+    temporary = temporary_name(path)
+    try:
+        write(temporary)
+        with temporary.open("rb") as file:
+            os.fsync(file.fileno())
+        temporary.replace(path)
+    except (OSError, RuntimeError) as error:
+        reason = getattr(error, "strerror", None) or error
+        raise NteError(f"{path}: cannot be written: {reason}") from error
+    finally:
+        with suppress(OSError):  # of a folder that cannot be written to: the error above says it
+            temporary.unlink(missing_ok=True)
+
+
+def sweep(folder: Path, name: str = "*") -> None:
+    """Delete the temporary files and folders of `name` in a folder whose writer was killed on this machine."""
+    with suppress(OSError):
+        for path in folder.glob(f".{glob.escape(name) if name != '*' else name}.*.tmp"):
+            if not is_abandoned(path):
+                continue
+            if path.is_dir() and not path.is_symlink():
+                shutil.rmtree(path, ignore_errors=True)
+            else:
+                path.unlink(missing_ok=True)
+
+
+def is_abandoned(path: Path) -> bool:
+    """Whether a temporary file's writer ran on this machine and is dead. One on another machine may be alive."""
+    found = _OWNER.search(path.name)
+    if found is None or found["host"] != _HERE or int(found["process"]) == os.getpid():
+        return False
+    try:
+        os.kill(int(found["process"]), 0)
+    except ProcessLookupError:
+        return True
+    except (OSError, OverflowError):  # somebody else's process is alive as well
+        return False
+    return False
+
+
+def make_folder(folder: Path) -> None:
+    """Make a folder and those above it; raises NteError where a file is in the way or it is not permitted."""
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        raise NteError(f"{folder}: cannot be made a folder: {error.strerror}") from error
+
+
+@contextmanager
+def only_writer(folder: Path) -> Iterator[None]:
+    """Make `folder`, and write to it alone: raises NteError where another process is inside such a block.
+
+    What killed processes have left in it is removed first, and a folder that stays empty does not stay. The system
+    forgets the lock with the process, and there is no lock file. Windows has no such locks: there nothing is refused.
+    """
+    was_there = folder.is_dir()
+    make_folder(folder)
+    descriptor = _locked(folder)
+    try:
+        sweep(folder)
+        yield
+    finally:
+        with suppress(OSError):
+            if not was_there:
+                folder.rmdir()  # only if it is empty
+        if descriptor is not None:
+            os.close(descriptor)
+
+
+def _locked(folder: Path) -> int | None:
+    """An open descriptor that holds the lock of a folder; None where the system or the file system has no locks."""
+    try:
+        import fcntl
+    except ImportError:
+        return None
+    descriptor = os.open(folder, os.O_RDONLY)
+    try:
+        fcntl.flock(descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)
+    except BlockingIOError as error:
+        os.close(descriptor)
+        raise NteError(f"{folder}: another process is writing to it: wait for it, or choose another folder") from error
+    except OSError:
+        os.close(descriptor)
+        return None
+    return descriptor
+
+
+def refuse_links(folder: Path) -> None:
+    """Raise NteError for a symbolic link below `folder`: what it points to would be written to, or deleted."""
+    for path in folder.rglob("*"):  # does not descend into links
+        if path.is_symlink():
+            raise NteError(f"{path}: is a link to {os.readlink(path)}: nothing is written through links; remove it")

@@ -1,0 +1,41 @@
+"""Is an OpenEXR file's header believable? Asked before pixels are allocated: one flipped bit may ask for gigabytes."""
+
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+import OpenEXR
+
+# OpenEXR compression → (scan lines in a chunk, most bytes of pixels that one byte of the file can stand for). Deflate
+# reaches 1032; run lengths 64; the others encode a constant image in a few bits per block.
+_CHUNKS = {
+    OpenEXR.NO_COMPRESSION: (1, 1), OpenEXR.RLE_COMPRESSION: (1, 64), OpenEXR.ZIPS_COMPRESSION: (1, 1032),
+    OpenEXR.ZIP_COMPRESSION: (16, 1032), OpenEXR.PXR24_COMPRESSION: (16, 2064), OpenEXR.PIZ_COMPRESSION: (32, 20_000),
+    OpenEXR.B44_COMPRESSION: (32, 16), OpenEXR.B44A_COMPRESSION: (32, 16),
+}  # fmt: skip
+_OTHERS = (256, 20_000)  # DWA, HTJ2K and whatever comes
+_OFFSET = 8  # bytes of a chunk's place in the file's table
+_SMALL = 1 << 24  # bytes: what is never too much to ask for
+_LARGEST = 1 << 26  # pixels: of a display window around a smaller picture, 8192×8192
+
+
+def unbelievable(headers: Sequence[Mapping[str, Any]], file_size: int) -> str | None:
+    """Say why a file of `file_size` bytes cannot hold the pixels that its parts' headers promise; None if it can."""
+    for header in headers:
+        data, display = window_size(header["dataWindow"]), window_size(header["displayWindow"])
+        if min(*data, *display) < 1:
+            return f"its windows are {data[1]}x{data[0]} and {display[1]}x{display[0]}"
+        lines, ratio = _CHUNKS.get(header.get("compression"), _OTHERS)
+        pixels = data[0] * data[1]
+        least = 2 * pixels * max(1, len(header.get("channels", ())))  # bytes: no type is smaller than half
+        chunks = 0 if "tiles" in header else -(-data[0] // lines)
+        if chunks * _OFFSET > file_size or least > max(ratio * file_size, _SMALL):
+            return f"{file_size} bytes cannot hold the {data[1]}x{data[0]} pixels that its header promises"
+        if display[0] * display[1] > max(pixels, _LARGEST):
+            return f"its display window is {display[1]}x{display[0]} around {data[1]}x{data[0]} pixels"
+    return None
+
+
+def window_size(corners: Any) -> tuple[int, int]:
+    """(height, width) of a window: its inclusive corners, x first."""
+    (left, top), (right, bottom) = corners
+    return int(bottom) - int(top) + 1, int(right) - int(left) + 1

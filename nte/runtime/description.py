@@ -1,0 +1,73 @@
+"""What an exported model says of itself: JSON in its metadata, checked once on loading, and the file's checksum."""
+
+import json
+import re
+from collections.abc import Collection
+from hashlib import sha256
+from pathlib import Path
+from typing import Any
+
+from nte.errors import NteError
+from nte.frames.channels import CHANNELS
+
+FORMAT = "nte-onnx/1"
+METADATA_KEY = "nte"
+STATE = {"history": 3, "previous_depth": 1}  # recurrent inputs, which start at 0: channels of each
+UNSEALED = "0" * 64  # stands in the metadata where the checksum is to be
+_SEAL = re.compile(rb'"sha256": "([0-9a-f]{64})"')
+
+
+def seal(path: Path) -> None:
+    """Write the checksum of a model's file into its metadata, which says UNSEALED as `sha256`."""
+    content = path.read_bytes()
+    path.write_bytes(_with(content, sha256(content).hexdigest()))
+
+
+def check_seal(path: Path) -> None:
+    """Raise NteError for a model whose checksum does not fit; one without a checksum passes here."""
+    content = path.read_bytes()
+    found = _SEAL.search(content)
+    if found and sha256(_with(content, UNSEALED)).hexdigest() != found[1].decode():
+        raise NteError(f"{path}: damaged: its checksum does not fit: copy or export it again")
+
+
+def read_description(path: Path, text: str | None, outputs: Collection[str]) -> dict[str, Any]:
+    """Return the description of the model at `path`, whose graph has these outputs. (Inputs may be fewer than it says:
+    the exporter drops those that a network does not use.)
+
+    Raises NteError where it is missing, of another format, or says what cannot be.
+    """
+    try:
+        info = json.loads(text) if text else {}
+    except (ValueError, RecursionError):
+        info = {}
+    found = info.get("format") if isinstance(info, dict) else None
+    if found != FORMAT:
+        what = f"{found or 'no description of ours'!s:.40}"
+        raise NteError(f"{path}: {what} in the model's metadata, expected '{FORMAT}': use nte export")
+    state = info.get("state")
+    known = {
+        "version": isinstance(info.get("version"), str),
+        "needs": _are_channels(info.get("needs")),
+        "optional": _are_channels(info.get("optional")),
+        "target": _are_channels([info.get("target")]),
+        "smallest": type(info.get("smallest")) is int and 0 < info["smallest"] < 2**16,
+        "conventions": isinstance(info.get("conventions"), dict),
+        "sha256": isinstance(info.get("sha256"), str),
+        "state": isinstance(state, dict) and "history" in state and state.keys() <= STATE.keys() and all(
+            isinstance(source, str) and (source in outputs or source in CHANNELS) for source in state.values()
+        ),
+    }  # fmt: skip
+    if wrong := next((key for key, fits in known.items() if not fits), None):
+        raise NteError(f"{path}: '{wrong}' in the model's metadata is {info.get(wrong)!r:.60}: export it again")
+    if "image" not in outputs:
+        raise NteError(f"{path}: the graph has no output 'image': export it again")
+    return dict(info)
+
+
+def _are_channels(names: Any) -> bool:
+    return isinstance(names, list) and all(isinstance(name, str) and name in CHANNELS for name in names)
+
+
+def _with(content: bytes, checksum: str) -> bytes:
+    return _SEAL.sub(f'"sha256": "{checksum}"'.encode(), content, count=1)

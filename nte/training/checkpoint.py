@@ -1,0 +1,106 @@
+"""Checkpoints: named tensors with a step and a checksum, in safetensors; nothing in them is pickled."""
+
+from collections.abc import Mapping
+from hashlib import sha256
+from pathlib import Path
+
+from safetensors import SafetensorError, safe_open
+from safetensors.torch import save_file
+from torch import Tensor, nn, uint8
+from torch.optim import Optimizer
+
+from nte.errors import NteError
+from nte.files import write_whole
+
+CHECKPOINT = "checkpoint.safetensors"
+
+
+def write_checkpoint(folder: Path, step: int, state: Mapping[str, Tensor]) -> None:
+    """Replace a run's checkpoint by the state after `step` steps."""
+    tensors = {name: tensor.detach().cpu().contiguous() for name, tensor in state.items()}
+
+    def write(path: Path) -> None:
+        try:
+            save_file(tensors, path, metadata={"step": str(step), "sha256": checksum_of(step, tensors)})
+        except SafetensorError as error:  # no space left
+            raise OSError(str(error)) from error
+
+    write_whole(folder / CHECKPOINT, write)
+
+
+def read_checkpoint(folder: Path) -> tuple[int, dict[str, Tensor]]:
+    """(step, tensors) of a run's checkpoint; raises NteError if it is missing or damaged.
+
+    Damaged is also a file of which a bit was flipped: its checksum does not fit.
+    """
+    path = folder / CHECKPOINT
+    if not path.is_file():
+        raise NteError(f"{path}: missing: the run has not reached its first checkpoint")
+    try:
+        with safe_open(path, framework="pt") as file:
+            step, checksum = int(file.metadata()["step"]), file.metadata()["sha256"]
+            tensors = {name: file.get_tensor(name) for name in file.keys()}  # noqa: SIM118
+    except (SafetensorError, OSError, KeyError, TypeError, ValueError) as error:
+        raise NteError(f"{path}: not a checkpoint of ours, or damaged: {error}") from error
+    if step < 0 or checksum_of(step, tensors) != checksum:
+        raise NteError(f"{path}: damaged: its checksum does not fit: restore a copy, or train again")
+    return step, tensors
+
+
+def checksum_of(step: int, tensors: Mapping[str, Tensor]) -> str:
+    """SHA-256 of a step and of tensors: names, types, shapes and bytes."""
+    digest = sha256(str(step).encode())
+    for name, tensor in sorted(tensors.items()):
+        digest.update(f"{name} {_kind(tensor)}".encode())
+        digest.update(tensor.contiguous().flatten().view(uint8).numpy().tobytes())
+    return digest.hexdigest()
+
+
+def module_state(prefix: str, module: nn.Module) -> dict[str, Tensor]:
+    """A module's parameters and buffers under a prefix."""
+    return {prefix + name: tensor for name, tensor in module.state_dict().items()}
+
+
+def load_module(module: nn.Module, state: Mapping[str, Tensor], prefix: str, source: Path) -> None:
+    """Fill a module from prefixed tensors; raises NteError for the first that is missing, unfit or not finite."""
+    own = {name[len(prefix) :]: tensor for name, tensor in state.items() if name.startswith(prefix)}
+    for name, tensor in module.state_dict().items():
+        found, expected = (_kind(t) for t in (own.get(name), tensor))
+        if found != expected:
+            raise NteError(f"{source}: does not fit the configuration: '{name}' is {found}, expected {expected}")
+        if not own[name].isfinite().all():
+            raise NteError(f"{source}: '{name}' has values that are not finite: the run has diverged, train it again")
+    surplus = sorted(own.keys() - module.state_dict().keys())
+    if surplus:
+        raise NteError(f"{source}: does not fit the configuration: '{surplus[0]}' has no place in the network")
+    module.load_state_dict(own)
+
+
+def optimiser_state(optimiser: Optimizer) -> dict[str, Tensor]:
+    """The optimiser's tensors, named by parameter index and quantity."""
+    states = optimiser.state_dict()["state"]
+    return {f"optimiser.{i}.{key}": value for i, state in states.items() for key, value in state.items()}
+
+
+def load_optimiser(optimiser: Optimizer, state: Mapping[str, Tensor], source: Path) -> None:
+    """Fill an optimiser from `optimiser_state`'s tensors; raises NteError for one whose state is missing."""
+    states: dict[int, dict[str, Tensor]] = {}
+    for name, tensor in state.items():
+        if name.startswith("optimiser."):
+            _, index, key = name.split(".", 2)
+            states.setdefault(int(index), {})[key] = tensor
+    groups = optimiser.state_dict()["param_groups"]
+    parameters = [parameter for group in optimiser.param_groups for parameter in group["params"]]
+    for number, parameter in enumerate(parameters):
+        if number not in states:
+            raise NteError(f"{source}: does not fit the configuration: no optimiser state of parameter {number}")
+        for key, tensor in states[number].items():
+            if (tensor.ndim and _kind(tensor) != _kind(parameter)) or not tensor.isfinite().all():
+                what = f"'{key}' of parameter {number} is {_kind(tensor)}, expected finite {_kind(parameter)}"
+                raise NteError(f"{source}: does not fit the configuration: {what}")
+    optimiser.load_state_dict({"state": states, "param_groups": groups})
+
+
+def _kind(tensor: Tensor | None) -> str:
+    """Type and shape in words, such as float32 (32, 16)."""
+    return "nothing" if tensor is None else f"{str(tensor.dtype).removeprefix('torch.')} {tuple(tensor.shape)}"

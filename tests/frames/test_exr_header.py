@@ -1,0 +1,65 @@
+"""What a header promises is believed as far as the file can hold it, and the check costs neither time nor memory."""
+
+import resource
+import struct
+import time
+from pathlib import Path
+
+import numpy as np
+import OpenEXR
+import pytest
+
+from nte.errors import NteError
+from nte.frames.clip import Clip, frame_path, write_frame
+from nte.frames.exr import read_layers, write_exr
+from tests.synthetic import disc_clip, disc_frame
+
+COMPRESSIONS = [
+    getattr(OpenEXR, name) for name in dir(OpenEXR)
+    if name.endswith("_COMPRESSION") and not name.startswith(("LJ2K", "ZSTD"))
+]  # fmt: skip
+
+
+def promising(path: Path, attribute: bytes, width: int, height: int) -> Path:
+    """The file with a window of another size written over the one it has."""
+    content = bytearray(path.read_bytes())
+    place = content.index(attribute + b"\0box2i\0") + len(attribute) + 7 + 4
+    content[place : place + 16] = struct.pack("<4i", 0, 0, width - 1, height - 1)
+    path.write_bytes(content)
+    return path
+
+
+@pytest.mark.parametrize("compression", COMPRESSIONS, ids=str)
+@pytest.mark.parametrize("value", ["black", "noise"])
+def test_what_the_library_writes_is_believed(tmp_path: Path, compression: object, value: str) -> None:
+    size = (2048, 3000)  # black, the smallest that a file of that size can be
+    pixels = np.zeros(size, np.float16) if value == "black" else np.random.default_rng(0).random((70, 90), np.float32)
+    path = tmp_path / "a.exr"
+    header = {"compression": compression, "type": OpenEXR.scanlineimage}
+    OpenEXR.File(header, {"a.R": pixels, "a.G": pixels.copy()}).write(str(path))
+    assert read_layers(path)["a.R"].shape == pixels.shape
+
+
+@pytest.mark.parametrize(("width", "height"), [(16384, 16384), (128, 536870944), (2**30, 2**30), (128, -5)])
+@pytest.mark.parametrize("attribute", [b"dataWindow", b"displayWindow"])
+def test_a_window_that_the_file_cannot_hold_asks_for_no_memory(
+    tmp_path: Path, attribute: bytes, width: int, height: int
+) -> None:
+    path = tmp_path / "a.exr"
+    rng = np.random.default_rng(0)
+    write_exr(path, {f"color.{c}": rng.random((96, 128), np.float32).astype(np.float16) for c in "RGB"})
+    promising(path, attribute, width, height)
+    before, start = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss, time.monotonic()
+    with pytest.raises(NteError, match=r"a\.exr: the OpenEXR file is (damaged|truncated)") as error:
+        read_layers(path)
+    assert "\n" not in str(error.value)
+    assert time.monotonic() - start < 2
+    assert resource.getrusage(resource.RUSAGE_SELF).ru_maxrss - before < 100 * 1024  # KiB
+
+
+def test_a_frame_of_another_size_than_its_clip_is_refused_before_it_is_read(tmp_path: Path) -> None:
+    clip = Clip(disc_clip(tmp_path / "clip", frames=2, seed=1))
+    write_frame(frame_path(clip.folder, 1), disc_frame(1, (12, 18)))
+    promising(frame_path(clip.folder, 1), b"displayWindow", 4000, 3000)  # a picture in a corner of a large one
+    with pytest.raises(NteError, match=r"frame_0001\.exr: is 4000x3000, clip\.json says"):
+        clip.frame(1)

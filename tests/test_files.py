@@ -1,0 +1,104 @@
+"""Files stay whole and folders have one writer, also when processes are killed or the disk is read-only."""
+
+import os
+import signal
+import subprocess
+import sys
+from collections.abc import Iterator
+from pathlib import Path
+
+import pytest
+
+from nte.errors import NteError
+from nte.files import is_abandoned, only_writer, refuse_links, sweep, temporary_name, write_whole
+
+
+def killed(code: str, *arguments: object) -> None:
+    """Run Python until it prints a line, then kill it."""
+    command = [sys.executable, "-c", code + "; print(flush=True); import time; time.sleep(60)", *map(str, arguments)]
+    with subprocess.Popen(command, stdout=subprocess.PIPE, text=True) as process:
+        assert process.stdout is not None
+        assert process.stdout.readline() == "\n"
+        process.send_signal(signal.SIGKILL)
+
+
+@pytest.mark.slow
+def test_what_a_killed_writer_left_is_gone_after_the_next_write(tmp_path: Path) -> None:
+    name = "a[1] ü.txt"
+    begin = "import sys; from pathlib import Path; from nte.files import temporary_name as name; "
+    killed(begin + "p = Path(sys.argv[1]); name(p).write_text('half'); name(p).mkdir()", tmp_path / name)
+    killed(begin + "name(Path(sys.argv[1])).write_text('half')", tmp_path / "other.txt")
+    (left,) = tmp_path.glob(".other.txt.*")
+    assert len(list(tmp_path.iterdir())) == 3
+    assert is_abandoned(left)
+    mine, elsewhere = temporary_name(tmp_path / name), tmp_path / f".{name}.00000000_1_00000000.tmp"
+    for path in (mine, elsewhere, tmp_path / f".{name}.tmp", tmp_path / f".{name}.mine.tmp"):
+        path.write_text("somebody is writing, or nobody knows")
+    write_whole(tmp_path / name, lambda path: path.write_text("whole"))
+    assert {path.name for path in tmp_path.iterdir()} == {
+        name, left.name, mine.name, elsewhere.name, f".{name}.tmp", f".{name}.mine.tmp"
+    }  # fmt: skip
+    sweep(tmp_path)
+    assert not left.exists()
+    assert mine.exists()
+
+
+@pytest.mark.slow
+def test_a_folder_has_one_writer_and_its_death_frees_it(tmp_path: Path) -> None:
+    folder = tmp_path / "out"
+    code = "import sys; from pathlib import Path; from nte.files import only_writer as w; c = w(Path(sys.argv[1])); "
+    command = [sys.executable, "-c", code + "c.__enter__(); print(flush=True); sys.stdin.read()", str(folder)]
+    with subprocess.Popen(command, stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True) as process:
+        assert process.stdout is not None
+        assert process.stdout.readline() == "\n"
+        with pytest.raises(NteError, match=r"out: another process is writing to it"), only_writer(folder):
+            pass
+        process.kill()
+        process.wait()
+    with only_writer(folder):
+        (folder / "mine").touch()
+    assert [path.name for path in folder.iterdir()] == ["mine"]  # no file holds the lock
+
+
+def test_a_folder_that_stays_empty_does_not_stay_but_one_that_was_there_does(tmp_path: Path) -> None:
+    for made in (False, True):
+        folder = tmp_path / str(made)
+        if made:
+            folder.mkdir()
+        with pytest.raises(NteError, match="wrong input"), only_writer(folder):
+            raise NteError("wrong input")
+        assert folder.exists() == made
+
+
+def test_links_are_refused_at_any_depth_and_not_followed(tmp_path: Path) -> None:
+    outside, out = tmp_path / "outside", tmp_path / "out"
+    (out / "train" / "rooms_000").mkdir(parents=True)
+    outside.mkdir()
+    refuse_links(out)
+    refuse_links(tmp_path / "nowhere")
+    os.symlink(out, outside / "out")
+    os.symlink(outside, out / "train" / "rooms_001")
+    with pytest.raises(NteError, match=r"rooms_001: is a link to .*outside: nothing is written through links"):
+        refuse_links(out)
+    refuse_links(outside / "out" / "train" / "rooms_000")  # the folder itself may be reached by a link
+
+
+@pytest.fixture
+def read_only(tmp_path: Path) -> Iterator[Path]:
+    """A folder on a read-only file system, with a clip-like file in it."""
+    folder = tmp_path / "read-only"
+    folder.mkdir()
+    mount = ["mount", "-t", "tmpfs", "-o", "ro", "tmpfs", str(folder)]
+    if subprocess.run(mount, capture_output=True, check=False).returncode:
+        pytest.skip("this machine lets us mount nothing")
+    yield folder
+    subprocess.run(["umount", str(folder)], check=True)
+
+
+def test_a_read_only_folder_is_one_line(read_only: Path) -> None:
+    with pytest.raises(NteError, match=r"a.txt: cannot be written: Read-only file system"):
+        write_whole(read_only / "a.txt", lambda path: path.write_text("x"))
+    with pytest.raises(NteError, match=r"new: cannot be made a folder: Read-only file system"), only_writer(
+        read_only / "new"
+    ):
+        pass
