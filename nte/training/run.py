@@ -23,7 +23,7 @@ from torch import Tensor, nn
 from torch.optim import Optimizer
 
 from nte.config import load_config, to_yaml
-from nte.errors import NteError
+from nte.errors import DISTRIBUTION, NteError
 from nte.frames.exr import make_folder, write_whole
 from nte.models.temporal import TemporalDenoiser
 from nte.training.config import TrainConfig
@@ -195,7 +195,7 @@ def _choices(config: TrainConfig) -> dict[str, Any]:
 
 
 def _versions() -> str:
-    packages = ("nte", "torch", "numpy", "lightning-fabric", "safetensors", "omegaconf", "OpenEXR")
+    packages = (DISTRIBUTION, "torch", "numpy", "lightning-fabric", "safetensors", "omegaconf", "OpenEXR")
     found: dict[str, Any] = {"python": platform.python_version(), "machine": platform.machine()}
     for package in packages:
         try:
