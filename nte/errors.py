@@ -9,6 +9,9 @@ class NteError(Exception):
     """
 
 
+DISTRIBUTION = "nte-denoiser"  # its name on PyPI; `nte` is somebody else's package there
+
+
 def needs_extra(extra: str, what: str, cause: ImportError) -> NteError:
     """The error for a missing optional dependency: names the extra that brings it."""
-    return NteError(f"{what} needs the package '{cause.name}': pip install 'nte[{extra}]'")
+    return NteError(f"{what} needs the package '{cause.name}': pip install '{DISTRIBUTION}[{extra}]'")

@@ -65,12 +65,12 @@ def evaluate(
         _check(label, clip, denoisers, first)
     prepare_folder(out, force)
     with only_writer(out):
-        return _evaluated(opened, denoisers, out, first_frame, device, progress)
+        return _evaluated(opened, denoisers, out, first, lights, device, progress)
 
 
 def _evaluated(
-    opened: Mapping[str, Clip], denoisers: Mapping[str, Denoiser], out: Path, first_frame: bool, device: str,
-    progress: Progress | None,
+    opened: Mapping[str, Clip], denoisers: Mapping[str, Denoiser], out: Path, first: int,
+    lights: Sequence[str] | None, device: str, progress: Progress | None,
 ) -> Evaluation:  # fmt: skip
     """Run, score and write, of what `evaluate` has checked."""
     total, done = sum(map(len, opened.values())), 0

@@ -21,7 +21,7 @@ import torch
 from torch import Tensor
 
 from nte.config import load_config, to_yaml
-from nte.errors import NteError
+from nte.errors import DISTRIBUTION, NteError
 from nte.files import make_folder, write_whole
 from nte.models.temporal import TemporalDenoiser
 from nte.training.checkpoint import CHECKPOINT, load_module, read_checkpoint, write_checkpoint
@@ -143,7 +143,7 @@ def _choices(config: TrainConfig) -> dict[str, Any]:
 
 
 def _versions() -> str:
-    packages = ("nte", "torch", "numpy", "lightning-fabric", "safetensors", "omegaconf", "OpenEXR")
+    packages = (DISTRIBUTION, "torch", "numpy", "lightning-fabric", "safetensors", "omegaconf", "OpenEXR")
     found: dict[str, Any] = {"python": platform.python_version(), "machine": platform.machine()}
     for package in packages:
         try:

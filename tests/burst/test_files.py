@@ -175,4 +175,4 @@ def test_the_name_of_the_result_is_checked_first(told: Told, out: str, message: 
 
 def test_a_missing_rawpy_is_told_with_its_extra(told: Told, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setitem(sys.modules, "rawpy", None)
-    assert "pip install 'nte[burst]'" in told("a.dng", "b.dng", "--out", "out.exr")
+    assert "pip install 'nte-denoiser[burst]'" in told("a.dng", "b.dng", "--out", "out.exr")

@@ -98,4 +98,4 @@ def test_an_unknown_quality_names_the_choices() -> None:
 
 def test_a_missing_pyoidn_names_the_extra(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setitem(sys.modules, "pyoidn", None)
-    raises(r"pip install 'nte\[compare\]'", Oidn)
+    raises(r"pip install 'nte-denoiser\[compare\]'", Oidn)

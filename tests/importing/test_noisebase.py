@@ -151,7 +151,7 @@ def test_without_zarr_the_extra_is_named(
     source = sequence(tmp_path / "a.zip", 2)
     monkeypatch.setitem(__import__("sys").modules, "zarr", None)
     assert run(source, tmp_path / "clip") == 2
-    assert "noisebase data needs the package 'zarr': pip install 'nte[import]'" in capsys.readouterr().err
+    assert "noisebase data needs the package 'zarr': pip install 'nte-denoiser[import]'" in capsys.readouterr().err
 
 
 def test_a_wrong_direction_of_motion_is_noticed(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:

@@ -117,7 +117,7 @@ def test_a_killed_worker_changes_nothing(address: str, rendered: Path, recipe: P
 
 def test_without_dask_the_extra_is_named(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
     monkeypatch.setitem(sys.modules, "dask", None)
-    with pytest.raises(NteError, match=r"--scheduler needs the package 'dask': pip install 'nte\[cluster\]'"):
+    with pytest.raises(NteError, match=r"--scheduler needs the package 'dask': pip install 'nte-denoiser\[cluster\]'"):
         jobs.on_cluster(lambda unit, out: None, [], tmp_path, "tcp://127.0.0.1:1", lambda unit: None)
 
 

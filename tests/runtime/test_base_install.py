@@ -71,8 +71,8 @@ def test_what_needs_an_extra_says_which_in_one_line(noisy_disc: Path, tmp_path: 
         done = nte_without_extras(*arguments)
         assert done.returncode == 2, done.stderr
         assert len(done.stderr.splitlines()) == 1, done.stderr
-        assert f"pip install 'nte[{extra}]'" in done.stderr
+        assert f"pip install 'nte-denoiser[{extra}]'" in done.stderr
     done = nte_without_extras("denoise", noisy_disc, "--denoiser", tmp_path / "run", "--out", tmp_path / "out")
     assert done.returncode == 2
-    assert "pip install 'nte[train]'" in done.stderr
+    assert "pip install 'nte-denoiser[train]'" in done.stderr
     assert not (tmp_path / "out").exists()
