@@ -9,7 +9,7 @@ from typing import Any
 import nte
 from nte.errors import NteError
 from nte.frames.clip import Clip, Pixels, frame_path, write_clip_info, write_frame
-from nte.importing.channel_map import Camera
+from nte.importing.cameras import Camera
 from nte.progress import Progress
 
 
