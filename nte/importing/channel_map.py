@@ -104,6 +104,7 @@ class ChannelMap:
     part: str = ""
     view: str = ""
     optional: bool = False  # channels but color may be missing, if they are missing from every frame
+    still: bool = False  # nothing moves but the camera: motion and depth that are missing are made from position
     motion: Vectors = field(default_factory=Vectors)
     forward_motion: Vectors = field(default_factory=Vectors)
     shutter_motion: ShutterVectors = field(default_factory=ShutterVectors)

@@ -19,6 +19,7 @@ from nte.importing.files import files_of_pattern, numbered_files
 from nte.importing.ids import Ids
 from nte.importing.layers import Found, choose, find, find_prefix, missing, partly_there, read
 from nte.importing.sky import with_sky_motion
+from nte.importing.still import with_still_geometry
 from nte.importing.write import refuse_existing, write_imported
 
 
@@ -65,7 +66,8 @@ def import_exr(
     count = len(inputs[0].files)
     cameras = load_cameras(_beside(path, how.cameras), count) if how.cameras else []
     reader = _Reader(inputs, how, cameras)
-    frames = with_motion(map(fill_unknown, with_sky_motion(reader.frames(), cameras)))
+    frames = with_still_geometry(reader.frames(), cameras) if how.still else reader.frames()
+    frames = with_motion(map(fill_unknown, with_sky_motion(frames, cameras)))
     about: dict[str, Any] = {"shutter": how.shutter} if how.shutter != 1 else {}
     write_imported(out, frames, count, how.producer, cameras, **about)
     called = {name: f"'{' '.join(s.layer)}'" for name, s in how.channels.items() if s.layer}
