@@ -193,8 +193,13 @@ class _Reader:
 
     def notes(self) -> Iterable[str]:
         """What a user should hear of: which layer became what, bad pixels, unknown vectors, renumbered ids."""
-        taken = ", ".join(f"{name} from {found.called}" for name, (_, found) in self.first.items() if found)
-        yield f"read {taken}"
+        own_files = {channel.name for channel in self.inputs if channel.source.file}
+        taken = (
+            f"{name} from {found.called}{f' of {path.name}' if name in own_files or name == 'reference' else ''}"
+            for name, (path, found) in self.first.items()
+            if found
+        )
+        yield f"read {', '.join(taken)}"
         for name, number in self.bad.items():
             where = f"{number} pixels of {name}, first in {self.bad_in[name]}"
             if name in VECTORS:

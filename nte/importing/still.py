@@ -43,7 +43,8 @@ def _hit(frame: dict[str, Pixels]) -> Mask:
     if "depth" in frame:
         return np.asarray(frame["depth"] > 0)
     there = np.isfinite(frame["position"]).all(0) & frame["position"].any(0)
-    return np.asarray((there & frame.get("normal", frame["position"]).any(0))[None])
+    facing = np.asarray(frame.get("normal", frame["position"])).any(0)
+    return np.asarray(there & facing)[np.newaxis]
 
 
 def _motion(position: Pixels, hit: Mask, now: Floats | None, before: Floats | None, first: bool) -> Pixels:
