@@ -11,6 +11,7 @@ from typing import Any
 
 from omegaconf import MISSING, OmegaConf
 from omegaconf.errors import OmegaConfBaseException
+from yaml import YAMLError
 
 from nte.config import load_config
 from nte.errors import NteError
@@ -129,9 +130,14 @@ def find_map(name: str | Path) -> Path:
 
 
 def load_channel_map(path: Path, overrides: Sequence[str] = ()) -> ChannelMap:
-    """Read and check a channel map, with `key=value` overrides; raises NteError that names the file and the key."""
-    found = load_config(ChannelMap, path, overrides)
-    found.channels = {name: _source(path, name, given, found) for name, given in found.channels.items()}
+    """Read and check a channel map, with `key=value` overrides; raises NteError that names the file and the key.
+
+    `channels.depth=Z` replaces what the map says of a channel, `channels.depth.file=z.#.exr` changes one key of it.
+    """
+    of_channels = [item for item in overrides if item.startswith("channels.")]
+    found = load_config(ChannelMap, path, [item for item in overrides if item not in of_channels])
+    given = _override(found.channels, of_channels)
+    found.channels = {name: _source(path, name, entry, found) for name, entry in given.items()}
     if "color" not in found.channels:
         raise NteError(f"{path}: 'channels.color' is missing: name the layer with the noisy image")
     for group in ("motion", "forward_motion", "shutter_motion", "normal", "depth"):
@@ -157,6 +163,25 @@ def needs_camera(how: ChannelMap, name: str) -> str:
     if name == "depth" and how.depth.along == "ray" and not (how.cameras or how.vertical_fov):
         return "'depth.along' is ray: give 'vertical_fov' in degrees, or 'cameras'"
     return ""
+
+
+def _override(channels: dict[str, Any], overrides: Sequence[str]) -> dict[str, Any]:
+    """The entries of `channels` with some of their keys replaced; a layer alone counts as the key `layer`."""
+    found = dict(channels)
+    for item in overrides:
+        key, equals, text = item.removeprefix("channels.").partition("=")
+        name, _, part = key.partition(".")
+        if not equals or "${" in text:
+            raise NteError(f"'{item}': expected key=value, with the value itself")
+        try:
+            value = OmegaConf.to_container(OmegaConf.from_dotlist([f"value={text}"]))["value"]  # type: ignore[index,call-overload]
+        except YAMLError as error:
+            raise NteError(f"'{item}': not readable as YAML: {getattr(error, 'problem', None) or error}") from error
+        if part:
+            entry = found.get(name, {})
+            value = {**(entry if isinstance(entry, dict) else {"layer": entry}), part: value}
+        found[name] = value
+    return found
 
 
 def _source(path: Path, name: str, given: Any, how: ChannelMap) -> Source:

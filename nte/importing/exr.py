@@ -66,7 +66,10 @@ def import_exr(
     count = len(inputs[0].files)
     cameras = load_cameras(_beside(path, how.cameras), count) if how.cameras else []
     reader = _Reader(inputs, how, cameras)
-    frames = with_still_geometry(reader.frames(), cameras) if how.still else reader.frames()
+    frames = reader.frames()
+    if how.still:
+        positions = [channel.files for channel in inputs if channel.name == "position"] or [inputs[0].files]
+        frames = with_still_geometry(frames, positions[0], cameras)
     frames = with_motion(map(fill_unknown, with_sky_motion(frames, cameras)))
     about: dict[str, Any] = {"shutter": how.shutter} if how.shutter != 1 else {}
     write_imported(out, frames, count, how.producer, cameras, **about)
@@ -207,4 +210,4 @@ class _Reader:
             else:
                 yield f"bad: {where}: NaN, infinite or negative"
         if self.ids.renumbered:
-            yield f"{len(self.ids.renumbered)} ids of instance are renumbered: float32 does not tell them apart"
+            yield f"renumbered: {len(self.ids.renumbered)} ids of instance, which are no small whole numbers"

@@ -14,7 +14,8 @@ def numbered_files(source: Path, suffix: str) -> dict[int, Path]:
     Raises NteError where nothing is found, and where the numbering has a gap or is not that of one sequence.
     """
     if source.is_dir():
-        paths = sorted(path for path in source.iterdir() if path.suffix.lower() == suffix and path.name[0] != ".")
+        shown = (path for path in source.iterdir() if path.name[0] != "." and path.is_file())
+        paths = sorted(path for path in shown if path.suffix.lower() == suffix)
     elif source.exists():  # its name may have characters that mean something in a pattern
         paths = [source]
     else:
@@ -38,7 +39,8 @@ def files_of_pattern(folder: Path, pattern: str) -> dict[int, Path]:
     expression = re.compile("".join(kinds.get(part[:1], re.escape(part)) for part in parts if part))
     if expression.groups > 1:
         raise NteError(f"{folder}: the pattern '{pattern}' has # more than once: expected one frame number")
-    names = ((path.relative_to(folder).as_posix(), path) for path in sorted(folder.rglob("*")) if path.is_file())
+    files = (path for path in sorted(folder.rglob("*")) if path.name[0] != "." and path.is_file())
+    names = ((path.relative_to(folder).as_posix(), path) for path in files)
     fitting = [(match, path) for name, path in names if (match := expression.fullmatch(name))]
     if not expression.groups:
         return by_number(path for _, path in fitting) if fitting else {}

@@ -32,8 +32,7 @@ class Found:
     @property
     def called(self) -> str:
         """What a user would call it: the layers, or the channel names where there is no layer."""
-        layers = [_common_layer(names) for names in self.names]
-        return " + ".join(layers)
+        return " + ".join(map(_common_layer, self.names))
 
 
 def choose(path: Path, parts: Sequence[Part], source: Source) -> Stored:
@@ -165,5 +164,7 @@ def _below(stored: Stored, layer: str) -> dict[str, str]:
 
 
 def _common_layer(names: Sequence[str]) -> str:
+    if len(names) == 1:
+        return names[0]
     layers = {name.rpartition(".")[0] for name in names}
     return layers.pop() if len(layers) == 1 and layers != {""} else " ".join(names)

@@ -1,10 +1,12 @@
 """Motion and depth of scenes in which nothing moves but the camera, from the world position of every pixel."""
 
 from collections.abc import Iterable, Iterator, Sequence
+from pathlib import Path
 
 import numpy as np
 import numpy.typing as npt
 
+from nte.errors import NteError
 from nte.frames.clip import Pixels
 from nte.importing.cameras import Camera
 from nte.importing.sky import OUTSIDE, Floats, recover_camera
@@ -13,27 +15,31 @@ Mask = npt.NDArray[np.bool_]
 
 
 def with_still_geometry(
-    frames: Iterable[dict[str, Pixels]], cameras: Sequence[Camera] = ()
+    frames: Iterable[dict[str, Pixels]], files: Sequence[Path], cameras: Sequence[Camera] = ()
 ) -> Iterator[dict[str, Pixels]]:
     """Frames that have `position` with the `motion` and `depth` that they lack; others as they are.
 
-    cameras: one per frame; without, they are recovered from the positions. A pixel without a position and a normal is
+    files: those that hold `position`, for errors. cameras: one per frame; without, they are recovered from the
+    positions, and NteError is raised where that cannot be done. A pixel without a position and a normal is
     a miss, whose motion is unknown (NaN). The first frame has no history, so its motion is 0. Motion is measured from
     where the position is seen now, not from the pixel's centre: a sample's jitter is not in it.
     """
     before: Floats | None = None
     for index, frame in enumerate(frames):
         if "position" in frame:
-            now, hit = None, _hit(frame)
-            if cameras:
-                now = cameras[index].to_pixels(hit.shape[1:])
-            elif (recovered := recover_camera(frame["position"], hit[0])) is not None:
-                now = recovered / np.linalg.norm(recovered[2, :3])  # so that what divides is the depth
-            if now is not None and "depth" not in frame:
+            hit = _hit(frame)
+            now = cameras[index].to_pixels(hit.shape[1:]) if cameras else recover_camera(frame["position"], hit[0])
+            if now is None:
+                raise NteError(
+                    f"{files[index]}: 'position' does not say where the camera is (too few points, all in one plane, or "
+                    "no perspective): give 'cameras'"
+                )
+            now = now / np.linalg.norm(now[2, :3])  # so that what divides is the depth
+            if "depth" not in frame:
                 seen = np.tensordot(now[2, :3], frame["position"], 1) + now[2, 3]
                 frame = {**frame, "depth": np.where(hit, seen[None], 0).astype(np.float32)}
             if "motion" not in frame:
-                frame = {**frame, "motion": _motion(frame["position"], hit, now, before, first=index == 0)}
+                frame = {**frame, "motion": _motion(frame["position"], hit, now, before)}
             before = now
         yield frame
 
@@ -47,13 +53,11 @@ def _hit(frame: dict[str, Pixels]) -> Mask:
     return np.asarray(there & facing)[np.newaxis]
 
 
-def _motion(position: Pixels, hit: Mask, now: Floats | None, before: Floats | None, first: bool) -> Pixels:
-    if first:
-        return np.zeros((2, *position.shape[1:]), np.float32)
-    if now is None or before is None:
-        return np.full((2, *position.shape[1:]), np.nan, np.float32)
-    outside = OUTSIDE * max(position.shape[1:])
-    then = np.nan_to_num(_seen(position, before), nan=outside)
+def _motion(position: Pixels, hit: Mask, now: Floats, before: Floats | None) -> Pixels:
+    size = position.shape[1:]
+    if before is None:
+        return np.zeros((2, *size), np.float32)
+    then = np.nan_to_num(_seen(position, before), nan=OUTSIDE * max(size))
     return np.where(hit, then - _seen(position, now), np.nan).astype(np.float32)
 
 

@@ -44,8 +44,13 @@ def write_imported(
     try:
         working.mkdir(parents=True)
         height = width = 0
+        names: list[str] = []
         with Progress("import", count, "frame") as progress:
             for index, channels in enumerate(frames):
+                names = names or sorted(channels)
+                if sorted(channels) != names:
+                    has, had = ", ".join(sorted(channels)), ", ".join(names)
+                    raise NteError(f"{out}: frame {index} has {has}, the first one {had}: expected the same in each")
                 height, width = channels["color"].shape[1:]
                 write_frame(frame_path(working, index), channels)
                 progress.advance(1)

@@ -370,9 +370,22 @@ def test_faulty_maps_are_refused_by_key(
 
 def test_keys_on_the_command_line(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     source = write(tmp_path / "shots", [image("R", "G", "B", "Z")] * 2)
+    write(source / "more", [image("Z")] * 2, "z")
+    (source / "b.7.exr").mkdir()  # no file, whatever it is called
+    (source / ".shot.1.exr").write_bytes(b"")
     about = {"channels": COLOR}
-    clip = imported(tmp_path, source, about, "channels.depth=Z", "depth.scale=10", "shutter=0.5")
-    assert 1 < clip.frame(0)["depth"].max() <= 10
+    depth = ("channels.depth=Z", "channels.depth.scale=10", "depth.scale=0.5")
+    clip = imported(tmp_path, source, about, *depth, "shutter=0.5", "channels.color.scale=3")
+    assert 1 < clip.frame(0)["depth"].max() <= 5
+    assert 1 < clip.frame(0)["color"].max() <= 3
     assert clip.info["shutter"] == 0.5
-    said = refused(tmp_path / "shots", source, about, capsys, "depth.scales=10")
-    assert "scales" in said
+    files = ("channels.color.file=shot.#.exr", "channels.depth.file=more/z.#.exr", "--force")
+    assert "depth" in imported(tmp_path, source, about, *files).channels
+    for change, said in (
+        ("depth.scales=10", "scales"),
+        ("channels.depth.scales=10", "'channels.depth.scales'"),
+        ("channels.deep=Z", "'channels.deep': no such channel"),
+        ("channels.color=${oc.env:HOME}", "expected key=value, with the value itself"),
+        ("channels.color=[R", "not readable as YAML"),
+    ):
+        assert said in refused(tmp_path / "shots", source, about, capsys, change)

@@ -151,7 +151,7 @@ def test_ids_of_32_bits_stay_apart(tmp_path: Path, capsys: pytest.CaptureFixture
     frames = scene(2)
     source, _ = arnold(tmp_path, frames)
     assert run(source, "arnold", tmp_path / "clip") == 0
-    assert "2 ids of instance are renumbered" in capsys.readouterr().out
+    assert "renumbered: 2 ids of instance" in capsys.readouterr().out
     for index, frame in enumerate(frames):
         found = Clip(tmp_path / "clip").frame(index)["instance"][0]
         assert len(np.unique(found)) == 3  # the sky, the wall, the disc
@@ -219,6 +219,19 @@ def test_bmfrs_data_get_motion_and_depth_from_positions(tmp_path: Path, capsys: 
         np.testing.assert_allclose(found["motion"][0][:, ~sky], motion[:, ~sky], atol=0.01)
         assert not found["depth"][0, 0][sky].any()
         assert np.isfinite(found["motion"]).all()
+
+
+def test_positions_that_do_not_tell_the_camera_are_refused(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    for i in range(3):
+        for name, values in corner(i)[0].items():
+            flat = np.zeros_like(values) if (name, i) == ("world_position", 1) else values
+            layers = {c: np.ascontiguousarray(v, np.float32) for c, v in zip("RGB", flat, strict=True)}
+            write_exr(tmp_path / "inputs" / f"{name}{i}.exr", layers)
+    assert run(tmp_path / "inputs", "bmfr", tmp_path / "clip") == 2
+    assert "world_position1.exr: 'position' does not say where the camera is" in capsys.readouterr().err
+    assert not (tmp_path / "clip").exists()
 
 
 def blender_parts(path: Path, frame: dict[str, Pixels], views: Sequence[str], denoised: Pixels) -> None:
