@@ -23,7 +23,7 @@ def main(argv: Sequence[str] | None = None) -> int:
     """Run the command line; returns the exit status."""
     parser = _parser()
     options, rest = parser.parse_known_args(argv)
-    if options.command == "train" and all("=" in item and item[0] != "-" for item in rest):
+    if hasattr(options, "overrides") and all("=" in item and item[0] != "-" for item in rest):
         options.overrides += rest  # argparse takes no more positionals after an option; users mix them
     elif rest:
         parser.error(f"unrecognised arguments: {' '.join(rest)}")

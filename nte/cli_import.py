@@ -2,7 +2,10 @@
 
 import argparse
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
+
+if TYPE_CHECKING:
+    from nte.importing.exr import Imported
 
 
 def add_import(commands: Any) -> None:
@@ -12,10 +15,12 @@ def add_import(commands: Any) -> None:
     kinds = parser.add_subparsers(dest="kind", metavar="KIND", required=True)
 
     exr = _kind(kinds, "exr", _exr, "any EXR sequence, described by a channel map (datasets/IMPORT.md)")
-    exr.add_argument("--map", type=Path, required=True, metavar="MAP.yaml", help="which layers are what")
+    text = "which layers are what: a YAML file, or the name of a map that ships, such as vray"
+    exr.add_argument("--map", required=True, metavar="MAP", help=text)
     blender = _kind(kinds, "blender", _blender, "multi-layer EXR of Blender's Cycles")
     for each in (exr, blender):
         each.add_argument("--reference", type=Path, metavar="SOURCE", help="the same frames without noise")
+        each.add_argument("overrides", nargs="*", metavar="key=value", help="changes to the map, such as view=left")
     noisebase = _kind(kinds, "noisebase", _noisebase, "noisebase: a sequence's zip, or a folder with a zip per frame")
     noisebase.add_argument("--spp", type=int, default=1, help="stored samples that color is the mean of (default: 1)")
 
@@ -30,21 +35,27 @@ def _kind(kinds: Any, name: str, run: Any, text: str) -> argparse.ArgumentParser
 
 
 def _exr(options: argparse.Namespace) -> int:
-    from nte.importing.check import tell
     from nte.importing.exr import import_exr
 
-    return tell(import_exr(options.source, options.map, options.out, options.reference, options.force))
+    arguments = options.source, options.map, options.out, options.reference, options.force, options.overrides
+    return _tell(import_exr(*arguments))
 
 
 def _blender(options: argparse.Namespace) -> int:
     from nte.importing.blender import import_blender
-    from nte.importing.check import tell
 
-    return tell(import_blender(options.source, options.out, options.reference, options.force))
+    return _tell(import_blender(options.source, options.out, options.reference, options.force, options.overrides))
 
 
 def _noisebase(options: argparse.Namespace) -> int:
-    from nte.importing.check import tell
     from nte.importing.noisebase import import_noisebase
 
-    return tell(import_noisebase(options.source, options.out, options.spp, options.force))
+    return _tell(import_noisebase(options.source, options.out, options.spp, options.force))
+
+
+def _tell(imported: "Imported") -> int:
+    from nte.importing.check import tell
+
+    for note in imported.notes:
+        print(f"  {note}")
+    return tell(imported)

@@ -137,13 +137,13 @@ def test_what_does_not_fit_is_named(noisy_disc: Path, tmp_path: Path) -> None:
     paths = engine_frames(tmp_path / "in", count=4)
     out = tmp_path / "out"
     other = engine_frames(tmp_path / "other", count=1)
-    write_exr(tmp_path / "big.0008.exr", {f"color.{c}": np.ones((9, 9), np.float32) for c in "RGB"})
+    write_exr(tmp_path / "shot.0008.exr", {f"color.{c}": np.ones((9, 9), np.float32) for c in "RGB"})
     write_exr(tmp_path / "strange.exr", {"mist.V": np.ones((9, 9), np.float32)})
     for sources, exposure, message in (
         ([paths[0], paths[2]], None, r"frame 8 is missing: after shot\.0007\.exr comes shot\.0009\.exr"),
         ([paths[0], paths[0]], None, r"frame 7 is there twice \(shot\.0007\.exr"),
         ([*paths[:1], *other], None, "frame 7 is there twice"),
-        ([paths[0], tmp_path / "big.0008.exr"], None, r"big\.0008\.exr: 9x9 after 9x8: frames must have one size"),
+        ([paths[0], tmp_path / "shot.0008.exr"], None, r"shot\.0008\.exr: 9x9 after 9x8: frames must have one size"),
         ([tmp_path / "strange.exr"], None, r"strange\.exr: has no channel of ours"),
         ([tmp_path / "nowhere.exr"], None, r"nowhere\.exr: cannot be read: No such file"),
         ([tmp_path], None, "no clip.json: the clip is not finished; expected a folder"),

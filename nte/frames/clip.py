@@ -33,15 +33,32 @@ def write_frame(path: Path, channels: Mapping[str, Pixels]) -> None:
 def as_layers(channels: Mapping[str, Pixels]) -> dict[str, npt.NDArray[np.floating[Any]]]:
     """Channels, each (C, H, W), as the layers that are stored: full layered name → (H, W).
 
-    Half floats where the table says so, except for a channel that holds a value beyond 65504.
+    Half floats where the table says so and the values survive them (see half_keeps).
     """
     layers: dict[str, npt.NDArray[np.floating[Any]]] = {}
     for name, values in channels.items():
         row = CHANNELS[name]
-        half = row.storage == "half" and not (np.abs(values) > HALF_MAX).any()
+        half = row.storage == "half" and half_keeps(values, dark_counts=row.kind == "radiance")
         for component, plane in zip(row.components, values, strict=True):
             layers[f"{name}.{component}"] = plane.astype(np.float16 if half else np.float32)
     return layers
+
+
+def half_keeps(values: Pixels, dark_counts: bool) -> bool:
+    """Whether half floats hold the values: none beyond 65504 and, where dark ones count, none lost.
+
+    Half floats keep a value to 5e-4 of itself from 6e-5 on; below that to 3e-8, and nothing under 3e-8. In an image
+    whose geometric mean is m, each is to be kept to 1e-3 of itself or 1e-6 m, whichever is more: a path-traced
+    frame always has a few pixels that are a millionth of it, which nobody will see.
+    """
+    sizes = np.abs(values[np.isfinite(values)], dtype=np.float64)
+    if (sizes > HALF_MAX).any():
+        return False
+    lit = sizes[sizes > 0]
+    if not dark_counts or not lit.size:
+        return True
+    lost = np.abs(lit.astype(np.float16) - lit)
+    return bool((lost <= 1e-3 * np.maximum(lit, 1e-3 * np.exp(np.log(lit).mean()))).all())
 
 
 def write_clip_info(folder: Path, info: Mapping[str, Any]) -> None:

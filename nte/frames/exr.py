@@ -3,11 +3,11 @@
 import ctypes
 import os
 import threading
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager, redirect_stderr, redirect_stdout
 from io import StringIO
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 import numpy.typing as npt
@@ -28,14 +28,29 @@ def read_exr(path: Path, size: tuple[int, int] | None = None) -> dict[str, npt.N
     return {name: np.asarray(pixels, np.float32) for name, pixels in read_layers(path, size).items()}
 
 
+class Part(NamedTuple):
+    """One part of a file, or one view of a part that holds several."""
+
+    name: str  # empty where the file has only one part
+    view: str  # of a stereo image, such as left; empty where the file does not say
+    layers: dict[str, npt.NDArray[Any]]  # channel name → (H, W), as stored
+    views: tuple[str, ...] = ()  # of a part that holds several, the default one first
+
+
 def read_layers(path: Path, size: tuple[int, int] | None = None) -> dict[str, npt.NDArray[Any]]:
     """Read every channel of an OpenEXR file: full layered name → array (H, W), float16, float32 or uint32 as stored.
 
     The arrays have the size of the display window; pixels outside the data window are 0. Parts of a
     multi-part file are merged; the part's name is the layer of a channel that names none itself. size: (height,
     width) that is expected. Raises NteError for a file that is missing, not OpenEXR, truncated, deep, or subsampled,
-    has another size, or promises more pixels than it can hold; before memory is asked for.
+    has another size, or promises more pixels than it can hold, before memory is asked for; and where two parts have a
+    channel of the same name, as the two eyes of a stereo image do.
     """
+    return merge_parts(path, read_parts(path, size))
+
+
+def read_parts(path: Path, size: tuple[int, int] | None = None) -> list[Part]:
+    """Read the parts of an OpenEXR file, each by itself, as `read_layers` reads all of them."""
     path = Path(path)
     try:
         with path.open("rb") as file:
@@ -49,12 +64,12 @@ def read_layers(path: Path, size: tuple[int, int] | None = None) -> dict[str, np
             headers = [dict(part.header) for part in file.parts]  # closing the file empties them
         _check_headers(path, headers, size)
         with _quiet(), OpenEXR.File(str(path), separate_channels=True) as file:
-            channels = _merge_parts(path, file.parts)
+            parts = [_read_part(path, part, len(file.parts) > 1) for part in file.parts]
     except (RuntimeError, ValueError, OSError) as error:
         raise NteError(f"{path}: the OpenEXR file is truncated or damaged: render or copy it again") from error
-    if not channels:  # how the library reports some truncated files
+    if not any(part.layers for part in parts):  # how the library reports some truncated files
         raise NteError(f"{path}: the OpenEXR file is truncated or empty: render or copy it again")
-    return channels
+    return parts
 
 
 def write_exr(path: Path, channels: Mapping[str, npt.NDArray[Any]]) -> None:
@@ -85,17 +100,47 @@ def _check_headers(path: Path, headers: Sequence[Mapping[str, Any]], size: tuple
             raise NteError(f"{path}: is {found[1]}x{found[0]}, clip.json says {size[1]}x{size[0]}")
 
 
-def _merge_parts(path: Path, parts: list[OpenEXR.Part]) -> dict[str, npt.NDArray[Any]]:
+def merge_parts(path: Path, parts: Sequence[Part]) -> dict[str, npt.NDArray[Any]]:
+    """The channels of several parts under their full layered names; raises NteError for a name that comes twice."""
     merged: dict[str, npt.NDArray[Any]] = {}
+    first: dict[str, Part] = {}
     for part in parts:
-        if part.header["type"] in (OpenEXR.deepscanline, OpenEXR.deeptile):
-            raise NteError(f"{path}: deep OpenEXR files are not supported: flatten it first")
-        for name, channel in part.channels.items():
-            if channel.xSampling != 1 or channel.ySampling != 1:
-                raise NteError(f"{path}: channel '{name}' is subsampled: expected one value per pixel")
-            prefix = f"{part.header.get('name', '')}." if len(parts) > 1 else ""
-            merged[name if "." in name else prefix + name] = _to_display_window(part.header, channel.pixels)
+        for channel, pixels in part.layers.items():
+            name = f"{part.name}.{channel}" if part.name and "." not in channel else channel
+            if name in merged:
+                both = " and ".join(f"'{p.view or p.name}'" for p in (first[name], part))
+                kind = "views" if part.view else "parts"
+                raise NteError(f"{path}: the {kind} {both} both have a channel '{name}': choose one of them")
+            merged[name], first[name] = pixels, part
     return merged
+
+
+def split_views(parts: Iterable[Part]) -> list[Part]:
+    """The parts, with those that hold several views (the attribute multiView) cut into one part for each.
+
+    In their channels' names the view is the last word but one, which is left out; the first view may go without.
+    """
+    cut: list[Part] = []
+    for part in parts:
+        views: dict[str, dict[str, npt.NDArray[Any]]] = {view: {} for view in part.views}
+        for name, pixels in part.layers.items() if views else ():
+            *words, component = name.split(".")
+            view = words.pop() if words and words[-1] in views else part.views[0]
+            views[view][".".join([*words, component])] = pixels
+        cut += [Part(part.name, view, layers) for view, layers in views.items() if layers] or [part]
+    return cut
+
+
+def _read_part(path: Path, part: OpenEXR.Part, one_of_several: bool) -> Part:
+    if part.header["type"] in (OpenEXR.deepscanline, OpenEXR.deeptile):
+        raise NteError(f"{path}: deep OpenEXR files are not supported: flatten it first")
+    for name, channel in part.channels.items():
+        if channel.xSampling != 1 or channel.ySampling != 1:
+            chroma = " (luminance and chroma: save it as RGB)" if name[-2:] in ("RY", "BY") else ""
+            raise NteError(f"{path}: channel '{name}' is subsampled: expected one value per pixel{chroma}")
+    layers = {name: _to_display_window(part.header, channel.pixels) for name, channel in part.channels.items()}
+    name = str(part.header.get("name", "")) if one_of_several else ""
+    return Part(name, str(part.header.get("view", "")), layers, tuple(part.header.get("multiView", ())))
 
 
 def _to_display_window(header: dict[str, object], pixels: npt.NDArray[Any]) -> npt.NDArray[Any]:

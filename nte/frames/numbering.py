@@ -1,38 +1,96 @@
-"""The order of a sequence's files: by the numbers in their names, without gaps."""
+"""The order of a sequence's files: by the frame number in their names, without gaps."""
 
 import re
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping, Sequence
 from itertools import pairwise
 from pathlib import Path
+from typing import NamedTuple
 
 from nte.errors import NteError
 
+# A minus is a sign at the start of a name and after a separator; «shot-0005» and «take2-0005» have none.
+_NUMBER = re.compile(r"(?:(?<![^._\s-])-)?\d+")
+_VERSION = re.compile(r"(?<![A-Za-z])[vV]$")  # what comes before the digits of v002
+
+
+class _Name(NamedTuple):
+    """A file's name cut at its numbers: len(texts) = len(numbers) + 1."""
+
+    path: Path
+    texts: tuple[str, ...]
+    numbers: tuple[int, ...]
+
+    @property
+    def shape(self) -> str:
+        return "#".join(self.texts)
+
 
 def by_number(paths: Iterable[Path]) -> dict[int, Path]:
-    """Frame number → file, in order; the number is the last one in a file's name.
+    """Frame number → file, in order. The frame number is the one that differs from name to name.
 
-    A single file needs no number. Raises NteError for a number that is missing or there twice, and for a
-    name without one among several files.
+    A version (v002) is no frame number where the name has another one; a minus after a separator is a sign. A
+    single file needs no number; with several, the last one counts. Raises NteError for a number that is missing
+    or there twice, for a name without one among several files, for two sequences side by side, and where two
+    numbers of the names differ.
     """
-    listed = list(paths)
-    if len(listed) == 1:
-        return {_number(listed[0]) or 0: listed[0]}
+    names = [_parse(path) for path in paths]
+    if len(names) == 1:
+        return {(names[0].numbers or (0,))[-1]: names[0].path}
+    for name in names:
+        if not name.numbers:
+            raise NteError(f"{name.path}: has no frame number in its name: choose the frames by a pattern")
+    _refuse_two_sequences(names)
+    place = _varying(names)
+    return in_sequence((name.numbers[place], name.path) for name in names)
+
+
+def in_sequence(numbered: Iterable[tuple[int, Path]]) -> dict[int, Path]:
+    """Frame number → file, in order; raises NteError for a number that is missing or there twice."""
     found: dict[int, Path] = {}
-    for path in listed:
-        number = _number(path)
-        if number is None:
-            raise NteError(f"{path}: has no frame number in its name: choose the frames by a pattern")
+    for number, path in numbered:
         if number in found:
-            names = f"{found[number].name} and {path.name}"
-            raise NteError(f"{path.parent}: frame {number} is there twice ({names}): choose one sequence by a pattern")
+            both = f"{found[number].name} and {path.name}"
+            raise NteError(f"{path.parent}: frame {number} is there twice ({both}): choose one sequence by a pattern")
         found[number] = path
     for before, after in pairwise(sorted(found)):
         if after != before + 1:
-            names = f"after {found[before].name} comes {found[after].name}"
-            raise NteError(f"{found[after].parent}: frame {before + 1} is missing: {names}")
+            both = f"after {found[before].name} comes {found[after].name}"
+            raise NteError(f"{found[after].parent}: frame {before + 1} is missing: {both}")
     return dict(sorted(found.items()))
 
 
-def _number(path: Path) -> int | None:
-    digits = re.findall(r"\d+", path.stem)
-    return int(digits[-1]) if digits else None
+def _parse(path: Path) -> _Name:
+    matches = list(_NUMBER.finditer(path.stem))
+    frames = [m for m in matches if not _VERSION.search(path.stem[: m.start()])]
+    matches = frames or matches
+    cuts = [0, *(cut for m in matches for cut in m.span()), len(path.stem)]
+    texts = tuple(path.stem[a:b] for a, b in zip(cuts[::2], cuts[1::2], strict=True))
+    return _Name(path, texts, tuple(int(m.group()) for m in matches))
+
+
+def _refuse_two_sequences(names: Sequence[_Name]) -> None:
+    shapes: dict[str, list[Path]] = {}
+    for name in names:
+        shapes.setdefault(name.shape, []).append(name.path)
+    if len(shapes) > 1:
+        listed = " and ".join(_example(shapes, shape) for shape in sorted(shapes)[:2])
+        more = f" and {len(shapes) - 2} more" if len(shapes) > 2 else ""
+        raise NteError(
+            f"{names[0].path.parent}: holds {len(shapes)} sequences, {listed}{more}: choose one by a pattern"
+        )
+
+
+def _example(shapes: Mapping[str, Sequence[Path]], shape: str) -> str:
+    paths = shapes[shape]
+    return f"{paths[0].name} ({len(paths)} file{'s' if len(paths) > 1 else ''})"
+
+
+def _varying(names: Sequence[_Name]) -> int:
+    """Which of the numbers in the names differs; of several that are always equal, the last."""
+    columns = list(zip(*(name.numbers for name in names), strict=True))
+    differing = [i for i, column in enumerate(columns) if len(set(column)) > 1]
+    if len({columns[i] for i in differing}) > 1:
+        first = names[0].path
+        both = f"such as {first.name} and {next(n.path.name for n in names if n.path != first)}"
+        raise NteError(f"{first.parent}: {len(differing)} numbers differ in the names, {both}: choose by a pattern")
+    return differing[-1] if differing else len(columns) - 1

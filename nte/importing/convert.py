@@ -8,39 +8,47 @@ import numpy.typing as npt
 import torch
 
 from nte.frames.clip import Pixels
-from nte.importing.channel_map import Camera, ChannelMap
+from nte.importing.cameras import Camera, camera_of_fov
+from nte.importing.channel_map import SKY, ChannelMap
+from nte.importing.ids import UNNAMED
 from nte.motion.camera import points_from_depth
 from nte.motion.conventions import Convention
 from nte.motion.geometric import scatter_forward_motion
 
-UNNAMED = 2.0**24 - 1  # instance of a surface without an id of its own (0), since 0 means a miss
+VECTORS = ("motion", "forward_motion", "shutter_motion")
 
 
 def to_ours(given: Mapping[str, Pixels], how: ChannelMap, camera: Camera | None = None) -> dict[str, Pixels]:
-    """Channels (C, H, W) as a producer stores them → nte's channels of the same names.
+    """Channels (C, H, W), decoded, in a producer's conventions → nte's channels of the same names.
 
     camera: needed for normals in camera space, and for depth along the ray where the map has no field of
-    view. Misses get depth, normal, position and instance 0. Radiance is left as it is.
+    view. Misses get depth, normal, position and instance 0. Radiance is left as it is; vectors that are unknown
+    are NaN.
     """
     ours = {name: np.asarray(values, np.float32) for name, values in given.items()}
     if "albedo" in ours:
         ours["albedo"] = np.clip(ours["albedo"], 0, 1)
     if "normal" in ours:
+        normal = 2 * ours["normal"] - 1 if how.normal.encoded else ours["normal"]
         rotation = camera.view[:3, :3].T if camera and how.normal.space == "camera" else np.eye(3)
-        ours["normal"] = unit(np.einsum("ij,jhw->ihw", rotation, ours["normal"])).astype(np.float32)
-    if "motion" in ours:
-        ours["motion"] = convert_vectors(ours["motion"], how.motion.convention())
-    if "forward_motion" in ours:
-        ours["forward_motion"] = convert_vectors(ours["forward_motion"], how.forward_motion.convention())
+        ours["normal"] = unit(np.einsum("ij,jhw->ihw", rotation, normal)).astype(np.float32)
+    for name in VECTORS:
+        if name in ours:
+            ours[name] = convert_vectors(ours[name], getattr(how, name).convention())
+    if "shutter_motion" in ours and how.shutter_motion.over == "frame":
+        ours["shutter_motion"] = ours["shutter_motion"] * np.float32(how.shutter)
     if "depth" in ours:
-        stored = ours["depth"]
+        stored = ours["depth"] * np.float32(np.sign(how.depth.scale))
         hit = (stored > 0) & (stored < how.depth.sky)  # false for NaN
         if how.depth.along == "ray":
             stored = stored * cosine_to_axis(camera or camera_of_fov(how.vertical_fov, stored.shape[1:]), stored)
-        ours["depth"] = np.where(hit, stored * np.float32(how.depth.scale), 0).astype(np.float32)
+        ours["depth"] = np.where(hit, stored * np.float32(abs(how.depth.scale)), 0).astype(np.float32)
         ours |= {name: np.where(hit, ours[name], 0) for name in ("normal", "position", "instance") if name in ours}
         if "instance" in ours:
             ours["instance"] = np.where(hit & (ours["instance"] == 0), np.float32(UNNAMED), ours["instance"])
+        for name in VECTORS:
+            if name in ours and SKY in how.channels[name].unknown:
+                ours[name] = np.where(hit, ours[name], np.nan)
     return ours
 
 
@@ -72,21 +80,6 @@ def cosine_to_axis(camera: Camera, like: Pixels) -> Pixels:
     return np.asarray(np.abs(along)[None] / np.linalg.norm(rays, axis=0), np.float32)
 
 
-def camera_of_fov(vertical_fov: float, size: tuple[int, ...]) -> Camera:
-    """A centred perspective camera at the origin that looks along +z; degrees; size (height, width)."""
-    near, far = 0.1, 100.0
-    focal = 0.5 / np.tan(np.radians(vertical_fov) / 2)
-    projection = np.array(
-        [
-            [focal * size[0] / size[1], 0, 0.5, 0],
-            [0, -focal, 0.5, 0],
-            [0, 0, far / (far - near), -near * far / (far - near)],
-            [0, 0, 1, 0],
-        ]
-    )
-    return Camera(np.diag([1.0, 1.0, 1.0, 1.0]), projection)
-
-
 def with_motion(frames: Iterable[dict[str, Pixels]]) -> Iterator[dict[str, Pixels]]:
     """Frames that have only forward_motion, with `motion` made from it; other frames as they are.
 
@@ -108,6 +101,20 @@ def with_motion(frames: Iterable[dict[str, Pixels]]) -> Iterator[dict[str, Pixel
             before = frame
             frame = {**frame, "motion": motion}
         yield frame
+
+
+def fill_unknown(frame: Mapping[str, Pixels]) -> dict[str, Pixels]:
+    """A frame whose unknown (NaN) vectors are those of neighbours, the nearest in depth first; 0 where none is known.
+
+    The sky counts as behind everything, so that it moves as sky does, or else as what is furthest away.
+    """
+    filled = dict(frame)
+    for name in VECTORS:
+        if name in frame and np.isnan(frame[name]).any():
+            depth = frame.get("depth", np.zeros_like(frame[name][:1]))
+            behind = np.float32(2 * depth.max() + 1)
+            filled[name] = _fill(frame[name], np.where(depth > 0, depth, behind))
+    return filled
 
 
 def _fill(motion: Pixels, depth: Pixels) -> Pixels:

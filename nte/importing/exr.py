@@ -1,22 +1,26 @@
 """`nte import exr`: EXR sequences of any engine, described by a channel map."""
 
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections import Counter
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
 from nte.errors import NteError
 from nte.frames.channels import CHANNELS
 from nte.frames.clip import Pixels
-from nte.frames.exr import read_exr
-from nte.importing.channel_map import Camera, ChannelMap, Vectors, load_cameras, load_channel_map
-from nte.importing.convert import to_ours, with_motion
-from nte.importing.files import numbered_files
+from nte.frames.exr import Part, read_parts
+from nte.importing.cameras import Camera, load_cameras
+from nte.importing.channel_map import MAPS, ChannelMap, Source, Vectors, find_map, load_channel_map, needs_camera
+from nte.importing.convert import VECTORS, fill_unknown, to_ours, with_motion
+from nte.importing.files import files_of_pattern, numbered_files
+from nte.importing.ids import Ids
+from nte.importing.layers import Found, choose, find, find_prefix, missing, partly_there, read
+from nte.importing.sky import with_sky_motion
+from nte.importing.still import with_still_geometry
 from nte.importing.write import refuse_existing, write_imported
-
-Layers = Mapping[str, Pixels]
-_SUFFIXES = {1: ("",), 2: ("xy", "rg", "uv"), 3: ("rgb", "xyz")}  # of a layer's components, in their order
 
 
 @dataclass(frozen=True)
@@ -27,94 +31,183 @@ class Imported:
     vectors: Vectors  # how `motion` was read
     map: Path | None = None  # the channel map, where there is one to correct
     called: Mapping[str, str] = field(default_factory=dict)  # channel → what its source is called there
+    notes: Sequence[str] = ()  # which layer was taken for what, and what had to be done with the values
 
 
-def import_exr(source: Path, map_path: Path, out: Path, reference: Path | None = None, force: bool = False) -> Imported:
+@dataclass(frozen=True)
+class Input:
+    """A channel that is read: what the map says of it, and the file of each frame."""
+
+    name: str
+    source: Source
+    files: Sequence[Path]
+
+
+def import_exr(
+    source: Path,
+    map_name: Path | str,
+    out: Path,
+    reference: Path | None = None,
+    force: bool = False,
+    overrides: Sequence[str] = (),
+) -> Imported:
     """Import numbered EXR frames as the clip `out`; returns when the clip is whole.
 
-    source, reference: a folder, a file or a glob pattern. The reference image is the `reference` of the map,
-    or its `color`, in the files of `reference`. Raises NteError, with nothing left behind, for a faulty map,
-    layers that are missing, sequences that do not match, and an `out` that exists (see refuse_existing).
+    source, reference: a folder, a file or a glob pattern. map_name: a channel map, or the name of one that ships;
+    overrides: `key=value` for it. The reference image is the `reference` of the map, or its `color`, in the files of
+    `reference`. Raises NteError, with nothing left behind, for a faulty map, layers that are missing, sequences that
+    do not match, and an `out` that exists (see refuse_existing).
     """
     refuse_existing(out, force)
-    how = load_channel_map(map_path)
-    files, references = matching_files(source, reference)
-    cameras = load_cameras(map_path.parent / how.cameras, len(files)) if how.cameras else []
-    of_reference = {"reference": how.channels.get("reference", how.channels["color"])} if reference else {}
-    of_source = {name: names for name, names in how.channels.items() if name not in of_reference}
+    path = find_map(map_name)
+    how = load_channel_map(path, overrides)
+    notes = [f"{name} is left out: {needs_camera(how, name)}" for name in how.channels if needs_camera(how, name)]
+    inputs = plan(source, reference, how)
+    count = len(inputs[0].files)
+    cameras = load_cameras(_beside(path, how.cameras), count) if how.cameras else []
+    reader = _Reader(inputs, how, cameras)
+    frames = reader.frames()
+    if how.still:
+        positions = [channel.files for channel in inputs if channel.name == "position"] or [inputs[0].files]
+        frames = with_still_geometry(frames, positions[0], cameras)
+    frames = with_motion(map(fill_unknown, with_sky_motion(frames, cameras)))
+    about: dict[str, Any] = {"shutter": how.shutter} if how.shutter != 1 else {}
+    write_imported(out, frames, count, how.producer, cameras, **about)
+    called = {name: f"'{' '.join(s.layer)}'" for name, s in how.channels.items() if s.layer}
+    return Imported(out, how.motion, path if path.parent != MAPS else None, called, [*reader.notes(), *notes])
 
-    def pick(path: Path, layers: Layers) -> dict[str, Pixels]:
-        return {name: find(path, layers, name, names) for name, names in of_source.items()}
 
-    def pick_reference(path: Path, layers: Layers) -> dict[str, Pixels]:
-        return {name: find(path, layers, name, names) for name, names in of_reference.items()}
+def plan(source: Path, reference: Path | None, how: ChannelMap) -> list[Input]:
+    """The channels to read, color first, with their files; raises NteError where sequences do not match.
 
-    frames = read_frames(files, references, pick, pick_reference, how, cameras)
-    write_imported(out, frames, len(files), "OpenEXR files", cameras)
-    return Imported(out, how.motion, map_path)
+    Of an optional map, channels whose pattern fits no file are left out, as are those that lack a camera.
+    """
+    wanted = {name: (source, s) for name, s in how.channels.items() if not needs_camera(how, name)}
+    if reference is not None:
+        wanted["reference"] = (reference, how.channels.get("reference", how.channels["color"]))
+    inputs: dict[str, tuple[Source, dict[int, Path]]] = {}
+    known: dict[tuple[Path, str], dict[int, Path]] = {}
+    for name in sorted(wanted, key=lambda name: name != "color"):
+        where, s = wanted[name]
+        if (where, s.file) not in known:
+            known[where, s.file] = _files(where, s.file)
+        files = known[where, s.file]
+        if files:
+            inputs[name] = s, files
+        elif name == "color" or not how.optional:
+            raise NteError(f"{where}: no file fits '{s.file}', where 'channels.{name}.file' expects the frames")
+    expected = inputs["color"][1]
+    for name, (s, files) in inputs.items():
+        if list(files) != list(expected) and not len(files) == len(expected) == 1:
+            where = wanted[name][0] / s.file if s.file else wanted[name][0]
+            first, second = (f"{min(f)} to {max(f)}" for f in (files, expected))
+            raise NteError(
+                f"{where}: '{name}' has {len(files)} frames ({first}), 'color' has {len(expected)} ({second}): "
+                "expected the same frame numbers"
+            )
+    return [Input(name, s, list(files.values())) for name, (s, files) in inputs.items()]
 
 
-def matching_files(source: Path, reference: Path | None) -> tuple[list[Path], list[Path]]:
-    """The frames of the noisy sequence and of its reference (empty without one), which have the same numbers."""
-    files = numbered_files(source, ".exr")
-    if reference is None:
-        return list(files.values()), []
-    references = numbered_files(reference, ".exr")
-    if list(files) != list(references):
-        first, second = (f"{min(f)} to {max(f)}" for f in (files, references))
-        raise NteError(
-            f"{reference}: has {len(references)} frames ({second}), {source} has {len(files)} ({first}): "
-            "expected the same frame numbers"
+def _files(where: Path, pattern: str) -> dict[int, Path]:
+    if not pattern:
+        return numbered_files(where, ".exr")
+    if not where.is_dir():
+        raise NteError(f"{where}: expected a folder, as the channel map names files in it ('{pattern}')")
+    return files_of_pattern(where, pattern)
+
+
+def _beside(map_path: Path, name: str) -> Path:
+    """A file that the map names: beside the map or, as the command line says it, where the user is."""
+    beside = map_path.parent / name
+    return beside if beside.is_file() or not Path(name).is_file() else Path(name)
+
+
+class _Reader:
+    """Reads the frames of a sequence; what is read of the first frame is read of all."""
+
+    def __init__(self, inputs: Sequence[Input], how: ChannelMap, cameras: Sequence[Camera]) -> None:
+        self.inputs, self.how, self.cameras = inputs, how, cameras
+        self.ids = Ids()
+        self.first: dict[str, tuple[Path, Found | None]] = {}
+        self.bad: Counter[str] = Counter()
+        self.bad_in: dict[str, Path] = {}
+
+    def frames(self) -> Iterator[dict[str, Pixels]]:
+        """The channels of every frame in nte's conventions; unknown vectors are NaN.
+
+        Raises NteError for a size that differs from the first frame's, and for a channel that not every frame has.
+        """
+        size: tuple[int, ...] | None = None
+        for index in range(len(self.inputs[0].files)):
+            parts: dict[Path, list[Part]] = {}
+            given: dict[str, Pixels] = {}
+            for channel in self.inputs:
+                path = channel.files[index]
+                if path not in parts:
+                    parts[path] = read_parts(path)
+                values = self._read(channel, path, parts[path])
+                if values is None:
+                    continue
+                size = size or values.shape[1:]
+                if values.shape[1:] != size:
+                    found, expected = (f"{s[1]}x{s[0]}" for s in (values.shape[1:], size))
+                    first = self.inputs[0].files[0]
+                    raise NteError(f"{path}: '{channel.name}' is {found}, expected {expected} like {first}")
+                given[channel.name] = values
+            ours = to_ours(given, self.how, self.cameras[index] if self.cameras else None)
+            self._count_bad(ours, index)
+            yield ours
+
+    def _read(self, channel: Input, path: Path, parts: Sequence[Part]) -> Any:
+        name, source = channel.name, channel.source
+        stored = choose(path, parts, source)
+        prefix = self.how.prefix
+        if prefix == "*":
+            prefix = find_prefix(path, stored, "color", self.how.channels["color"], self.how.prefix_not)
+        found = find(stored, name, source, prefix)
+        may_lack = self.how.optional and name not in ("color", "reference")
+        if found is None and (not may_lack or partly_there(stored, source, prefix)):
+            raise missing(path, stored, name, source)
+        first_path, first = self.first.setdefault(name, (path, found))
+        if found != first:
+            self._refuse_change(name, (first_path, first), (path, found))
+        if found is None:
+            return None
+        values = read(stored, name, source, found)
+        return self.ids.keep(values) if CHANNELS[name].kind == "id" else values
+
+    def _refuse_change(self, name: str, *ends: tuple[Path, Found | None]) -> None:
+        """Raise NteError for a channel that the first file (ends[0]) and another one have in different places."""
+        (has, found), (lacks, instead) = ends if ends[0][1] else ends[::-1]
+        called = found.called if found else ""
+        there = f"there is {instead.called} instead" if instead else "there is none"
+        raise NteError(f"{lacks}: '{name}': {there}, where {has.name} has {called}: expected the same passes in each")
+
+    def _count_bad(self, ours: Mapping[str, Pixels], index: int) -> None:
+        files = {channel.name: channel.files[index] for channel in self.inputs}
+        for name, values in ours.items():
+            if CHANNELS[name].kind in ("radiance", "reflectance"):
+                bad = int((~(np.isfinite(values) & (values >= 0))).any(0).sum())
+            else:
+                bad = int((~np.isfinite(values)).any(0).sum())
+            if bad:
+                self.bad[name] += bad
+                self.bad_in.setdefault(name, files[name])
+
+    def notes(self) -> Iterable[str]:
+        """What a user should hear of: which layer became what, bad pixels, unknown vectors, renumbered ids."""
+        own_files = {channel.name for channel in self.inputs if channel.source.file}
+        taken = (
+            f"{name} from {found.called}{f' of {path.name}' if name in own_files or name == 'reference' else ''}"
+            for name, (path, found) in self.first.items()
+            if found
         )
-    return list(files.values()), list(references.values())
-
-
-def read_frames(
-    files: Sequence[Path],
-    references: Sequence[Path],
-    pick: Callable[[Path, Layers], dict[str, Pixels]],
-    pick_reference: Callable[[Path, Layers], dict[str, Pixels]],
-    how: ChannelMap,
-    cameras: Sequence[Camera] = (),
-) -> Iterator[dict[str, Pixels]]:
-    """The channels of every frame in nte's conventions; `pick` takes a producer's channels from a file's layers.
-
-    Raises NteError for a size that differs from the first frame's.
-    """
-
-    def read() -> Iterator[dict[str, Pixels]]:
-        first: tuple[int, ...] | None = None
-        for index, path in enumerate(files):
-            given = pick(path, layers := read_exr(path))
-            sizes = {path: next(iter(layers.values())).shape}
-            if references:
-                other = read_exr(references[index])
-                given |= pick_reference(references[index], other)
-                sizes[references[index]] = next(iter(other.values())).shape
-            for name, size in sizes.items():
-                first = first or size
-                if size != first:
-                    found, expected = f"{size[1]}x{size[0]}", f"{first[1]}x{first[0]}"
-                    raise NteError(f"{name}: is {found}, expected {expected} like {files[0]}")
-            yield to_ours(given, how, cameras[index] if cameras else None)
-
-    return with_motion(read())
-
-
-def find(path: Path, layers: Layers, name: str, names: Sequence[str]) -> Pixels:
-    """Channel `name` (C, H, W) from a file's layers: its components by name, or one layer that holds them.
-
-    Raises NteError that lists what the file has.
-    """
-    count = len(CHANNELS[name].components)
-    if len(names) == count and all(n in layers for n in names):
-        return np.stack([layers[n] for n in names])
-    if len(names) == 1:
-        below = {key[len(names[0]) + 1 :].lower(): key for key in layers if key.startswith(f"{names[0]}.")}
-        if count == 1 and len(below) == 1:
-            return np.stack([layers[key] for key in below.values()])
-        for suffixes in _SUFFIXES.get(count, ()):
-            if suffixes and set(suffixes) <= set(below):
-                return np.stack([layers[below[s]] for s in suffixes])
-    have = ", ".join(sorted(layers))
-    raise NteError(f"{path}: no {' '.join(names)} for '{name}' ({count} components); the file has {have}")
+        yield f"read {', '.join(taken)}"
+        for name, number in self.bad.items():
+            where = f"{number} pixels of {name}, first in {self.bad_in[name]}"
+            if name in VECTORS:
+                yield f"unknown: {where}; they move as the camera turns or as their neighbours"
+            else:
+                yield f"bad: {where}: NaN, infinite or negative"
+        if self.ids.renumbered:
+            yield f"renumbered: {len(self.ids.renumbered)} ids of instance, which are no small whole numbers"

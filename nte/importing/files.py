@@ -1,22 +1,47 @@
 """Finding the files of a sequence, in the order of their numbers."""
 
 import glob
+import re
 from pathlib import Path
 
 from nte.errors import NteError
-from nte.frames.numbering import by_number
+from nte.frames.numbering import by_number, in_sequence
 
 
 def numbered_files(source: Path, suffix: str) -> dict[int, Path]:
     """Frame number → file, in order, for a folder, a glob pattern or one file; suffix is ".exr" or ".zip".
 
-    Raises NteError where nothing is found, and where the numbering has a gap.
+    Raises NteError where nothing is found, and where the numbering has a gap or is not that of one sequence.
     """
     if source.is_dir():
-        paths = sorted(path for path in source.iterdir() if path.suffix.lower() == suffix and path.name[0] != ".")
+        shown = (path for path in source.iterdir() if path.name[0] != "." and path.is_file())
+        paths = sorted(path for path in shown if path.suffix.lower() == suffix)
+    elif source.exists():  # its name may have characters that mean something in a pattern
+        paths = [source]
     else:
-        paths = sorted(map(Path, glob.glob(str(source))))
+        folder = glob.escape(str(source.parent)) if source.parent.is_dir() else str(source.parent)
+        paths = sorted(path for path in map(Path, glob.glob(f"{folder}/{source.name}")) if path.is_file())
     if not paths:
         what = f"no {suffix} file in it" if source.is_dir() else "does not exist"
         raise NteError(f"{source}: {what}: expected a folder, a file or a quoted pattern of {suffix} frames")
     return by_number(paths)
+
+
+def files_of_pattern(folder: Path, pattern: str) -> dict[int, Path]:
+    """Frame number → file below `folder`, in order, for the names that fit a pattern; nothing where none does.
+
+    In a pattern # (or ####) is the frame number, with as many digits as there are, and * any part of a name; all
+    else stands for itself. Raises NteError for a gap, and where more than one sequence fits.
+    """
+    number = r"((?:(?<![^._\s/-])-)?\d+)"  # a minus after a separator is a sign, as in nte.frames.numbering
+    parts = re.split(r"(#+|\*)", Path(pattern).as_posix())
+    kinds = {"#": number, "*": "[^/]*"}
+    expression = re.compile("".join(kinds.get(part[:1], re.escape(part)) for part in parts if part))
+    if expression.groups > 1:
+        raise NteError(f"{folder}: the pattern '{pattern}' has # more than once: expected one frame number")
+    files = (path for path in sorted(folder.rglob("*")) if path.name[0] != "." and path.is_file())
+    names = ((path.relative_to(folder).as_posix(), path) for path in files)
+    fitting = [(match, path) for name, path in names if (match := expression.fullmatch(name))]
+    if not expression.groups:
+        return by_number(path for _, path in fitting) if fitting else {}
+    return in_sequence((int(match[1]), path) for match, path in fitting)

@@ -14,7 +14,8 @@ import numpy.typing as npt
 
 from nte.errors import NteError
 from nte.frames.clip import Pixels
-from nte.importing.channel_map import Camera, Vectors
+from nte.importing.cameras import Camera
+from nte.importing.channel_map import Vectors
 from nte.importing.convert import unit
 from nte.importing.exr import Imported
 from nte.importing.noisebase_files import NoisebaseSequence
@@ -116,21 +117,16 @@ def _motion(surface: Surface, camera: Camera, previous: Camera | None) -> Pixels
         return np.zeros((2, *size), np.float32)
     then = project(surface.before, previous, size)
     motion = np.where(np.isnan(then), OUTSIDE * max(size), then - project(surface.position, camera, size))
-    sky = motion_at_infinity(_to_pixels(camera, size), _to_pixels(previous, size), size)
+    sky = motion_at_infinity(camera.to_pixels(size), previous.to_pixels(size), size)
     return np.where(surface.hit, motion, sky).astype(np.float32)
 
 
 def project(points: Floats, camera: Camera, size: tuple[int, ...]) -> Floats:
     """Pixel positions (2, H, W), x first, of world points (3, H, W); NaN behind the camera."""
-    matrix = _to_pixels(camera, size)
+    matrix = camera.to_pixels(size)
     with np.errstate(invalid="ignore", over="ignore"):  # a miss may be anything, infinity included
         x, y, w = np.tensordot(matrix[:, :3], points, 1) + matrix[:, 3].reshape(3, 1, 1)
         return np.stack([x, y]) / np.where(w > 0, w, np.nan)
-
-
-def _to_pixels(camera: Camera, size: tuple[int, ...]) -> Floats:
-    """(3, 4): world points to homogeneous pixels."""
-    return np.asarray(np.diag([size[1], size[0], 1.0]) @ (camera.projection @ camera.view)[[0, 1, 3]])
 
 
 def _cameras(sequence: NoisebaseSequence) -> list[Camera]:

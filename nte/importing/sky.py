@@ -3,12 +3,13 @@
 A camera is (3, 4) here: world points to homogeneous pixels, x and y and the depth that divides them.
 """
 
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable, Iterator, Sequence
 
 import numpy as np
 import numpy.typing as npt
 
 from nte.frames.clip import Pixels
+from nte.importing.cameras import Camera
 
 Floats = npt.NDArray[np.float64]
 OUTSIDE = -2.0  # image sizes: where a point behind the camera counts as seen, so that vectors are finite
@@ -55,16 +56,19 @@ def recover_camera(position: Pixels, hit: npt.NDArray[np.bool_]) -> Floats | Non
     return np.asarray(np.diag([size, size, 1.0]) @ found @ to_near)
 
 
-def with_sky_motion(frames: Iterable[dict[str, Pixels]]) -> Iterator[dict[str, Pixels]]:
-    """Frames whose `motion` and `forward_motion` at misses are those of the camera's rotation.
+def with_sky_motion(frames: Iterable[dict[str, Pixels]], cameras: Sequence[Camera] = ()) -> Iterator[dict[str, Pixels]]:
+    """Frames whose unknown (NaN) `motion` and `forward_motion` at misses are those of the camera's rotation.
 
-    The cameras are recovered from `position`; frames without it, and those at a loose end, stay as they are.
+    cameras: one per frame; without, they are recovered from `position`. Frames without either, and those at a loose
+    end, stay as they are.
     """
     before: Floats | None = None
     waiting: dict[str, Pixels] | None = None
-    for frame in frames:
+    for index, frame in enumerate(frames):
         now = None
-        if {"position", "depth"} <= set(frame):
+        if cameras:
+            now = cameras[index].to_pixels(frame["color"].shape[1:])
+        elif {"position", "depth"} <= set(frame):
             now = recover_camera(frame["position"], frame["depth"][0] > 0)
         if waiting is not None:
             _set_sky(waiting, "forward_motion", before, now)
@@ -76,9 +80,10 @@ def with_sky_motion(frames: Iterable[dict[str, Pixels]]) -> Iterator[dict[str, P
 
 
 def _set_sky(frame: dict[str, Pixels], name: str, camera: Floats | None, other: Floats | None) -> None:
-    if name in frame and camera is not None and other is not None:
-        hit = frame["depth"] > 0
-        frame[name] = np.where(hit, frame[name], motion_at_infinity(camera, other, hit.shape[1:]))
+    if {name, "depth"} <= set(frame) and camera is not None and other is not None:
+        unknown = np.isnan(frame[name]) & (frame["depth"] <= 0)
+        if unknown.any():
+            frame[name] = np.where(unknown, motion_at_infinity(camera, other, unknown.shape[1:]), frame[name])
 
 
 def pixel_centres(size: tuple[int, ...]) -> Floats:

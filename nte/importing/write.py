@@ -9,7 +9,7 @@ from typing import Any
 import nte
 from nte.errors import NteError
 from nte.frames.clip import Clip, Pixels, frame_path, write_clip_info, write_frame
-from nte.importing.channel_map import Camera
+from nte.importing.cameras import Camera
 from nte.progress import Progress
 
 
@@ -44,8 +44,13 @@ def write_imported(
     try:
         working.mkdir(parents=True)
         height = width = 0
+        names: list[str] = []
         with Progress("import", count, "frame") as progress:
             for index, channels in enumerate(frames):
+                names = names or sorted(channels)
+                if sorted(channels) != names:
+                    has, had = ", ".join(sorted(channels)), ", ".join(names)
+                    raise NteError(f"{out}: frame {index} has {has}, the first one {had}: expected the same in each")
                 height, width = channels["color"].shape[1:]
                 write_frame(frame_path(working, index), channels)
                 progress.advance(1)

@@ -40,6 +40,21 @@ def test_radiance_beyond_half_floats_survives(tmp_path: Path, bright: float) -> 
     np.testing.assert_allclose(read_frame(tmp_path / "a.exr")["color"], color, rtol=1e-3)
 
 
+@pytest.mark.parametrize("level", [1e-3, 1e-6, 1e-7, 1e-8, 1e-30])
+def test_radiance_of_any_unit_survives(tmp_path: Path, level: float) -> None:
+    color = (level * np.random.default_rng(0).exponential(size=(3, 9, 11))).astype(np.float32)
+    color[0, 0, :3] = [1e3, 0, np.nan]  # a light in the dark, and what says nothing of it
+    write_frame(tmp_path / "a.exr", {"color": color})
+    np.testing.assert_allclose(read_frame(tmp_path / "a.exr")["color"], color, rtol=1e-3, atol=1e-6 * level)
+
+
+def test_half_floats_stay_where_a_few_pixels_are_nearly_black(tmp_path: Path) -> None:
+    color = np.random.default_rng(0).exponential(0.1, (3, 32, 32)).astype(np.float32)
+    color[:, ::5, ::7] = 1e-9  # as at one sample per pixel
+    write_frame(tmp_path / "a.exr", {"color": color, "albedo": color.clip(0, 1)})
+    assert {plane.dtype for plane in read_layers(tmp_path / "a.exr").values()} == {np.dtype(np.float16)}
+
+
 def test_bad_pixels_survive_for_the_denoiser_to_see(tmp_path: Path) -> None:
     color = np.array([np.nan, np.inf, -1], np.float32).reshape(3, 1, 1)
     write_frame(tmp_path / "a.exr", {"color": color})

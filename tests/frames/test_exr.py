@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 
 from nte.errors import NteError
-from nte.frames.exr import read_exr, read_layers, write_exr
+from nte.frames.exr import read_exr, read_layers, read_parts, split_views, write_exr
 
 Planes = dict[str, npt.NDArray[np.float32]]
 
@@ -111,6 +111,50 @@ def test_parts_are_merged_under_their_names(tmp_path: Path) -> None:
     found = read_exr(tmp_path / "a.exr")
     assert found.keys() == {"color.R", "depth.Z", "albedo.R"}
     np.testing.assert_array_equal(found["depth.Z"], channels["Z"])
+
+
+def parts_of(path: Path, *parts: tuple[str, str, Planes]) -> Path:
+    """A file of several parts: (name, view, channels)."""
+    made = [
+        OpenEXR.Part({"type": OpenEXR.scanlineimage} | ({"view": view} if view else {}), dict(layers), name)
+        for name, view, layers in parts
+    ]
+    with OpenEXR.File(made) as file:
+        file.write(str(path))
+    return path
+
+
+@pytest.mark.parametrize(
+    ("views", "told"), [(("left", "right"), "views 'left' and 'right'"), (("", ""), "parts 'a' and 'b'")]
+)
+def test_two_parts_with_a_channel_of_one_name_are_not_mixed(tmp_path: Path, views: tuple[str, str], told: str) -> None:
+    left, right = planes(1, names=("beauty.R",)), planes(2, names=("beauty.R",))
+    path = parts_of(tmp_path / "a.exr", ("a", views[0], left), ("b", views[1], right))
+    with pytest.raises(NteError, match=f"a.exr: the {told} both have a channel 'beauty.R': choose one of them"):
+        read_layers(path)
+    found = read_parts(path)
+    assert [(part.name, part.view) for part in found] == [("a", views[0]), ("b", views[1])]
+    np.testing.assert_array_equal(found[1].layers["beauty.R"], right["beauty.R"])
+
+
+def test_parts_that_name_their_own_layer_are_told_apart_by_it(tmp_path: Path) -> None:
+    left, right = planes(1, names=("R", "Z")), planes(2, names=("R", "Z"))
+    found = read_layers(parts_of(tmp_path / "a.exr", ("left", "left", left), ("right", "right", right)))
+    assert found.keys() == {"left.R", "left.Z", "right.R", "right.Z"}
+    np.testing.assert_array_equal(found["right.Z"], right["Z"])
+
+
+def test_views_within_a_part_are_cut_apart(tmp_path: Path) -> None:
+    names = ("R", "right.R", "diffuse.R", "diffuse.right.R", "left.Z")
+    channels = planes(names=names)
+    header = {"type": OpenEXR.scanlineimage, "multiView": ["left", "right"]}
+    with OpenEXR.File(header, dict(channels)) as file:
+        file.write(str(tmp_path / "a.exr"))
+    assert read_layers(tmp_path / "a.exr").keys() == set(names)
+    left, right = split_views(read_parts(tmp_path / "a.exr"))
+    assert (left.view, set(left.layers)) == ("left", {"R", "diffuse.R", "Z"})
+    assert (right.view, set(right.layers)) == ("right", {"R", "diffuse.R"})
+    np.testing.assert_array_equal(right.layers["diffuse.R"], channels["diffuse.right.R"])
 
 
 def test_deep_files_are_refused(tmp_path: Path) -> None:

@@ -47,17 +47,17 @@ def test_only_the_combined_pass_is_needed(tmp_path: Path, capsys: pytest.Capture
     layers = {f"ViewLayer.Combined.{c}": np.ones((8, 8)) for c in "RGBA"}
     assert run(write_layers(tmp_path / "shots", [layers] * 2), tmp_path / "clip") == 0
     said = capsys.readouterr().out
-    assert "without motion (the Vector pass): no history" in said
-    assert "without albedo (the Diffuse Color pass)" in said
+    assert "without motion ('Vector.X Vector.Y'): no history" in said
+    assert "without albedo ('Diffuse Color | DiffCol')" in said
     assert "not checked" in said
 
 
 @pytest.mark.parametrize(
     ("layers", "said"),
     [
-        (["R", "G", "B"], "no Combined pass: expected Blender's OpenEXR MultiLayer output; the file has B, G, R"),
-        (["A.Combined.R", "B.Combined.R"], "has the view layers A, B"),
-        ([*(f"A.Combined.{c}" for c in "RGB"), "A.Vector.X"], "no A.Vector.X A.Vector.Y for 'motion'"),
+        (["R", "G", "B"], "no Noisy Image | Combined for 'color' (3 components); the file has B, G, R"),
+        ([f"{a}.Combined.{c}" for a in "AB" for c in "RGB"], "has the layers A, B: choose one with prefix=NAME"),
+        ([*(f"A.Combined.{c}" for c in "RGB"), "A.Vector.X"], "no Vector.X Vector.Y for 'motion'"),
     ],
 )
 def test_other_files_are_refused(

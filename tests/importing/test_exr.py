@@ -42,7 +42,7 @@ def test_the_documented_map_is_valid(tmp_path: Path) -> None:
     page = (Path(__file__).parents[2] / "datasets" / "IMPORT.md").read_text(encoding="utf-8")
     map_path = tmp_path / "map.yaml"
     map_path.write_text(page.split("```yaml\n")[1].split("```")[0])
-    assert load_channel_map(map_path).channels["color"] == ["beauty"]
+    assert load_channel_map(map_path).channels["color"].layer == ["beauty"]
 
 
 def test_a_field_of_view_is_enough_for_ray_lengths(tmp_path: Path) -> None:
@@ -167,13 +167,17 @@ def set_map(**groups: Any) -> Callable[[Path, Path], object]:
     ),
     layer_missing=(set_map(channels={"albedo": "diffuse"}), "no diffuse for 'albedo' (3 components); the file has"),
     gap=(lambda s, m: (s / "shot.1003.exr").unlink(), "frame 1003 is missing: after shot.1002.exr comes shot.1004.exr"),
-    twice=(lambda s, m: (s / "b.1003.exr").write_bytes(b""), "frame 1003 is there twice"),
+    twice=(lambda s, m: (s / "shot.01003.exr").write_bytes(b""), "frame 1003 is there twice (shot.01003.exr and shot."),
+    two=(
+        lambda s, m: (s / "b.1003.exr").write_bytes(b""),
+        "holds 2 sequences, b.1003.exr (1 file) and shot.1001.exr (4 files): choose one by a pattern",
+    ),
     unnumbered=(lambda s, m: (s / "b.exr").write_bytes(b""), "b.exr: has no frame number"),
     no_exr=(lambda s, m: [p.rename(p.with_suffix(".png")) for p in s.iterdir()], "no .exr file in it"),
     not_exr=(lambda s, m: (s / "shot.1002.exr").write_text("text"), "shot.1002.exr: not an OpenEXR file"),
     other_size=(
         lambda s, m: write_layers(s, [{n: np.ones((8, 8)) for n in LAYERS}], first=1002),
-        "shot.1002.exr: is 8x8, expected 64x48 like",
+        "shot.1002.exr: 'color' is 8x8, expected 64x48 like",
     ),
 )
 def test_bad_input_is_one_line_and_leaves_nothing(

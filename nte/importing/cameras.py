@@ -1,0 +1,54 @@
+"""Cameras of an imported sequence: read from JSON, or made of a field of view."""
+
+import json
+from pathlib import Path
+from typing import NamedTuple
+
+import numpy as np
+import numpy.typing as npt
+
+from nte.errors import NteError
+
+
+class Camera(NamedTuple):
+    """Matrices (4, 4) for column vectors: world → view, view → homogeneous [0, 1]² with y down."""
+
+    view: npt.NDArray[np.float64]
+    projection: npt.NDArray[np.float64]
+
+    def to_pixels(self, size: tuple[int, ...]) -> npt.NDArray[np.float64]:
+        """(3, 4): world points to homogeneous pixels of an image of `size` (height, width)."""
+        return np.asarray(np.diag([size[1], size[0], 1.0]) @ (self.projection @ self.view)[[0, 1, 3]])
+
+
+def load_cameras(path: Path, frames: int) -> list[Camera]:
+    """The cameras of a JSON file, one per frame; raises NteError for anything else in it."""
+    try:
+        listed = json.loads(path.read_text(encoding="utf-8"))
+        found = [Camera(*(np.array(c[key], np.float64) for key in Camera._fields)) for c in listed]
+    except OSError as error:
+        raise NteError(f"{path}: cannot be read: {error.strerror}") from error
+    except (ValueError, TypeError, KeyError) as error:
+        raise NteError(f"{path}: expected a JSON list of view and projection matrices: {error}") from error
+    if len(found) != frames:
+        raise NteError(f"{path}: {len(found)} cameras for {frames} frames")
+    for i, camera in enumerate(found):
+        for key, matrix in camera._asdict().items():
+            if matrix.shape != (4, 4) or not np.isfinite(matrix).all() or np.linalg.det(matrix) == 0:
+                raise NteError(f"{path}: camera {i}: '{key}' is not an invertible 4×4 matrix")
+    return found
+
+
+def camera_of_fov(vertical_fov: float, size: tuple[int, ...]) -> Camera:
+    """A centred perspective camera at the origin that looks along +z; degrees; size (height, width)."""
+    near, far = 0.1, 100.0
+    focal = 0.5 / np.tan(np.radians(vertical_fov) / 2)
+    projection = np.array(
+        [
+            [focal * size[0] / size[1], 0, 0.5, 0],
+            [0, -focal, 0.5, 0],
+            [0, 0, far / (far - near), -near * far / (far - near)],
+            [0, 0, 1, 0],
+        ]
+    )
+    return Camera(np.diag([1.0, 1.0, 1.0, 1.0]), projection)

@@ -1,0 +1,39 @@
+"""Object ids of any kind, renumbered where float32 would not tell them apart."""
+
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+from nte.errors import NteError
+from nte.frames.clip import Pixels
+
+UNNAMED = 2.0**24 - 1  # instance of a surface without an id of its own (0), since 0 means a miss
+_FIRST_NEW = 2**23  # whole numbers below this stay as they are
+_ROOM = int(UNNAMED) - _FIRST_NEW
+
+
+class Ids:
+    """Ids of a sequence. Small whole numbers stay; all others get a new one in the order in which they come.
+
+    Others are numbers of 32 bits that float32 would round together, negative ones, and hashes (Cryptomatte).
+    """
+
+    def __init__(self) -> None:
+        self.renumbered: dict[float, int] = {}
+
+    def keep(self, ids: npt.NDArray[Any]) -> Pixels:
+        """Ids as stored, of any type → the sequence's float32 numbers, same shape; non-finite ones become 0.
+
+        Raises NteError where there are more than eight million to renumber.
+        """
+        values = np.nan_to_num(ids.astype(np.float64), nan=0, posinf=0, neginf=0)
+        odd = (values < 0) | (values >= _FIRST_NEW) | (values != np.floor(values))
+        unique, place = np.unique(values[odd], return_inverse=True)
+        for value in unique.tolist():
+            self.renumbered.setdefault(value, _FIRST_NEW + len(self.renumbered))
+        if len(self.renumbered) >= _ROOM:
+            raise NteError(f"'instance' has more than {_ROOM} ids that are no small whole numbers: expected ids")
+        new = np.array([self.renumbered[value] for value in unique.tolist()], np.float64)
+        values[odd] = new[place] if unique.size else values[odd]
+        return values.astype(np.float32)

@@ -1,0 +1,170 @@
+"""Finding a channel's layers in a file of somebody else, and decoding what is stored there."""
+
+import re
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+from nte.errors import NteError
+from nte.frames.channels import CHANNELS, Channel
+from nte.frames.clip import Pixels
+from nte.frames.exr import Part, merge_parts, split_views
+from nte.importing.channel_map import SKY, Source
+
+Stored = Mapping[str, npt.NDArray[Any]]  # full layered name → (H, W), float16, float32 or uint32
+_OWN = "."  # stands for the components that belong to no layer: R, G, B
+_SUFFIXES = {2: ("xy", "rg", "uv"), 3: ("rgb", "xyz")}  # of a layer's components, in their order
+_DARK = 1e-3  # a colour below this is that of a surface without such a lobe
+_LISTED = 40  # channels of a file that an error names
+
+
+@dataclass(frozen=True)
+class Found:
+    """Where a channel is in a file: for each component the full names whose values are summed."""
+
+    names: tuple[tuple[str, ...], ...]  # of the channel itself, then of `plus`, then of `where_dark`
+    dark_from: int  # those from here on are only added in dark pixels
+
+    @property
+    def called(self) -> str:
+        """What a user would call it: the layers, or the channel names where there is no layer."""
+        return " + ".join(map(_common_layer, self.names))
+
+
+def choose(path: Path, parts: Sequence[Part], source: Source) -> Stored:
+    """The channels of the part and view that `source` names, of all without; raises NteError where that is not one."""
+    chosen = split_views(parts) if source.view else list(parts)
+    if source.view:
+        views = sorted({part.view for part in chosen} - {""})
+        if source.view not in views:
+            raise NteError(f"{path}: no view '{source.view}'; the file has {', '.join(views) or 'no views'}")
+        chosen = [part for part in chosen if part.view in ("", source.view)]
+    if not source.part:
+        try:
+            return merge_parts(path, chosen)
+        except NteError as error:
+            key = "view=NAME" if any(part.view for part in chosen) else "part=NAME"
+            raise NteError(f"{error} in the channel map, or with {key}") from error
+    names = [part.name for part in chosen]
+    if source.part in names:
+        chosen = [part for part in chosen if part.name == source.part]
+    elif source.part.isdecimal() and int(source.part) < len(chosen):
+        chosen = [chosen[int(source.part)]]
+    else:
+        raise NteError(f"{path}: no part '{source.part}'; the file has {', '.join(filter(None, names)) or 'one part'}")
+    return merge_parts(path, [part._replace(name="") for part in chosen])
+
+
+def find_prefix(path: Path, stored: Stored, name: str, source: Source, ignored: Sequence[str]) -> str:
+    """What stands before every layer's name in this file, by where `source` is found; empty where it is nowhere.
+
+    ignored: names that count only if there is no other. Raises NteError where several are left.
+    """
+    candidates = {""} | {key[: match.start()] for key in stored for match in re.finditer(r"\.", key)}
+    fitting = sorted(prefix for prefix in candidates if find(stored, name, source, prefix))
+    chosen = [prefix for prefix in fitting if prefix not in ignored] or fitting
+    if len(chosen) > 1:
+        raise NteError(f"{path}: has the layers {', '.join(chosen)}: choose one with prefix=NAME")
+    return chosen[0] if chosen else ""
+
+
+def find(stored: Stored, name: str, source: Source, prefix: str = "") -> Found | None:
+    """Where channel `name` is among the channels of a file, None where it is not."""
+    row = CHANNELS[name]
+    own = _of_layers(stored, row, source.layer or [_OWN], prefix)
+    plus = [_of_layers(stored, row, [layer], prefix) for layer in source.plus]
+    dark = [_of_layers(stored, row, [layer], prefix) for layer in source.where_dark]
+    everywhere = [names for names in (own, *plus) if names]
+    if not everywhere:
+        return None
+    return Found((*everywhere, *filter(None, dark)), len(everywhere))
+
+
+def partly_there(stored: Stored, source: Source, prefix: str) -> bool:
+    """Whether a file has some of what `source` names, so that a channel that is not found is a fault."""
+    names = [n.strip() for layer in (*source.layer, *source.plus) for n in layer.split(" | ") if n.strip() != _OWN]
+    full = [f"{prefix}.{name}" if prefix else name for name in names]
+    return any(name in stored or _below(stored, name) for name in full)
+
+
+def read(stored: Stored, name: str, source: Source, found: Found) -> npt.NDArray[Any]:
+    """Channel `name` (C, H, W), decoded: summed, scaled and shifted; unknown vectors are NaN. Ids stay as stored."""
+    if CHANNELS[name].kind == "id":
+        return np.stack([stored[n] for n in found.names[0]])
+    layers = [np.stack([np.asarray(stored[n], np.float32) for n in names]) for names in found.names]
+    values: Pixels = np.sum(layers[: found.dark_from], axis=0)
+    if rest := layers[found.dark_from :]:
+        values = np.where(values.max(0) < _DARK, np.sum([values, *rest], axis=0), values)
+    unknown = [float(value) for value in source.unknown if value != SKY]
+    if CHANNELS[name].kind == "motion" and not CHANNELS[name].nan_means:
+        values = np.where(np.isfinite(values).all(0), values, np.nan)
+    for value in unknown:
+        values = np.where((values == np.float32(value)).all(0), np.nan, values)
+    scale, offset = (np.reshape(np.array(n, np.float64), (-1, 1, 1)) for n in (source.scale, source.offset))
+    return np.asarray(values * scale + offset, np.float32) if (source.scale, source.offset) != ([1], [0]) else values
+
+
+def missing(path: Path, stored: Stored, name: str, source: Source) -> NteError:
+    """The error for a channel that `find` did not find."""
+    count = len(CHANNELS[name].components)
+    wanted = " ".join(source.layer) if source.layer not in ([], [_OWN]) else "components without a layer"
+    have = sorted(stored)
+    more = f" … ({len(have)} in all)" if len(have) > _LISTED else ""
+    listed = ", ".join(have[:_LISTED]) + more
+    hint = ""
+    if count == 1 and len(source.layer) == 1 and len(_below(stored, source.layer[0])) > 1:
+        hint = ", of which the map may name one by its full name"
+    parts = f"{count} components" if count > 1 else "1 component"
+    return NteError(f"{path}: no {wanted} for '{name}' ({parts}); the file has {listed}{hint}")
+
+
+def _of_layers(stored: Stored, row: Channel, layer: Sequence[str], prefix: str) -> tuple[str, ...]:
+    """Full names of a channel's components: as listed one by one, or of the first of the alternatives «A | B»."""
+    count = len(row.components)
+
+    def full(name: str) -> str:
+        return f"{prefix}.{name}" if prefix and name != _OWN else prefix or name
+
+    if len(layer) == count and all(full(name) in stored for name in layer):
+        return tuple(full(name) for name in layer)
+    for name in layer[0].split(" | ") if len(layer) == 1 else ():
+        if count == 1 and full(name.strip()) in stored:
+            return (full(name.strip()),)
+        if names := _components(stored, row, full(name.strip())):
+            return names
+    return ()
+
+
+def _components(stored: Stored, row: Channel, layer: str) -> tuple[str, ...]:
+    below = _below(stored, layer)
+    count = len(row.components)
+    if count == 1:
+        if len(below) == 1:
+            return tuple(below.values())
+        grey = [stored[below[c]] for c in "rgb" if c in below]
+        if len(grey) == 3 and all(np.array_equal(grey[0], other, equal_nan=True) for other in grey[1:]):
+            return (below["r"],)
+    for suffixes in _SUFFIXES.get(count, ()):
+        if set(suffixes) <= set(below):
+            return tuple(below[s] for s in suffixes)
+    if row.kind in ("radiance", "reflectance") and set(below) - {"a"} == {"y"}:
+        return (below["y"],) * count  # a grey image
+    return ()
+
+
+def _below(stored: Stored, layer: str) -> dict[str, str]:
+    """Component in small letters → full name, of a layer, or of no layer."""
+    if layer == _OWN:
+        return {key.lower(): key for key in stored if "." not in key}
+    return {key[len(layer) + 1 :].lower(): key for key in stored if key.startswith(f"{layer}.")}
+
+
+def _common_layer(names: Sequence[str]) -> str:
+    if len(names) == 1:
+        return names[0]
+    layers = {name.rpartition(".")[0] for name in names}
+    return layers.pop() if len(layers) == 1 and layers != {""} else " ".join(names)

@@ -1,0 +1,391 @@
+"""What a channel map can say: where each channel is, how it is stored, and what counts as unknown."""
+
+import json
+from collections.abc import Callable, Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+import OpenEXR
+import pytest
+
+from nte.cli import main
+from nte.frames.clip import Clip
+from nte.frames.exr import write_exr
+from nte.importing.cameras import camera_of_fov
+from nte.importing.ids import UNNAMED, Ids
+from tests.importing.producers import SIZE, SKY_ROWS, named, rotation, scene, write_map
+from tests.synthetic import Pixels
+
+Layers = dict[str, npt.NDArray[Any]]
+COLOR = {"color": ["R", "G", "B"]}
+RNG = np.random.default_rng(7)
+SMALL = (6, 9)
+
+
+def image(*components: str, size: tuple[int, int] = SMALL, rng: np.random.Generator = RNG) -> Layers:
+    return {c: rng.random(size, np.float32) for c in components}
+
+
+def write(folder: Path, frames: Sequence[Layers], name: str = "shot", first: int = 1) -> Path:
+    """Numbered files whose layers keep their types."""
+    for i, layers in enumerate(frames, start=first):
+        write_exr(folder / f"{name}.{i}.exr", layers)
+    return folder
+
+
+def imported(folder: Path, source: Path, about: dict[str, Any], *more: str) -> Clip:
+    """The clip that a map makes of a source; whatever the check says of it."""
+    map_path = write_map(folder / "map.yaml", about)
+    status = main(["import", "exr", str(source), "--map", str(map_path), "--out", str(folder / "clip"), *more])
+    assert status in (0, 2)
+    assert (folder / "clip").is_dir()
+    return Clip(folder / "clip")
+
+
+def refused(folder: Path, source: Path, about: dict[str, Any], capsys: pytest.CaptureFixture[str], *more: str) -> str:
+    """The one line of an import that fails, which must leave nothing behind."""
+    map_path = write_map(folder / "map.yaml", about)
+    before = {path.name for path in folder.iterdir()}
+    assert main(["import", "exr", str(source), "--map", str(map_path), "--out", str(folder / "clip"), *more]) == 2
+    assert {path.name for path in folder.iterdir()} == before
+    error = capsys.readouterr().err.strip().splitlines()
+    errors = [line for line in error if line.startswith("nte: ")]
+    assert len(errors) == 1, error
+    return errors[0]
+
+
+UV = {"motion": {"unit": "uv"}}
+UNIT = np.array([[0.6, -0.8, 0.0], [0.0, 0.6, 0.8]], np.float32)
+
+
+@pytest.mark.parametrize(
+    ("channel", "stored", "entry", "groups", "expected"),
+    [
+        ("normal", UNIT / 2 + 0.5, {}, {"normal": {"encoded": True}}, UNIT),
+        ("normal", UNIT / 2 + 0.5, {"scale": 2, "offset": -1}, {}, UNIT),
+        ("normal", UNIT * [1, 1, -1], {"scale": [1, 1, -1]}, {}, UNIT),
+        ("normal", 255 * (UNIT / 2 + 0.5), {"scale": 1 / 255}, {"normal": {"encoded": True}}, UNIT),
+        ("depth", [[-3.0], [-7.0]], {}, {"depth": {"scale": -1}}, [[3], [7]]),
+        ("depth", [[-300.0], [0.0]], {}, {"depth": {"scale": -0.01}}, [[3], [0]]),
+        ("depth", [[300.0], [2e8]], {}, {"depth": {"scale": 0.01, "sky": 1e8}}, [[3], [0]]),
+        ("depth", [[0.25], [1.0]], {"scale": 40, "offset": 2}, {}, [[12], [42]]),
+        ("depth", [[np.inf], [np.nan]], {}, {}, [[0], [0]]),
+        ("albedo", [[51.0, 255, 0], [300, 102, 0]], {"scale": "0.00392156862745098"}, {}, [[0.2, 1, 0], [1, 0.4, 0]]),
+        ("roughness", [[0.25], [1.0]], {"scale": -1, "offset": 1}, {}, [[0.75], [0]]),
+        ("motion", [[3.0, -2], [0.5, 1]], {"scale": [-1, 1]}, {}, [[-3, -2], [-0.5, 1]]),
+        ("motion", [[0.75, 0.5], [0.5, 0]], {"scale": 2, "offset": -1}, UV, [[4.5, 0], [0, -6]]),
+        ("motion", [[3.0, -2], [0.5, 1]], {}, {"motion": {"points": "from", "y_axis": "up"}}, [[-3, -2], [-0.5, 1]]),
+        ("shutter_motion", [[3.0, -2], [1, 1]], {}, {"shutter_motion": {"points": "from"}}, [[-3, 2], [-1, -1]]),
+        (
+            "shutter_motion", [[0.5, -0.5], [0, 1]], {},
+            {"shutter_motion": {"unit": "ndc", "y_axis": "up", "axes": "yx"}}, [[-2.25, -1.5], [4.5, 0]],
+        ),
+        (
+            "shutter_motion", [[4.0, -2], [1, 1]], {}, {"shutter_motion": {"over": "frame"}, "shutter": 0.25},
+            [[1, -0.5], [0.25, 0.25]],
+        ),
+        ("time", [[-0.25], [0.25]], {"scale": 2, "offset": 0.5}, {"shutter": 0.5}, [[0], [1]]),
+    ],
+)  # fmt: skip
+def test_every_way_of_storing_a_channel(
+    tmp_path: Path, channel: str, stored: object, entry: dict[str, Any], groups: dict[str, Any], expected: object
+) -> None:
+    values = np.asarray(stored, np.float32)  # of the left and the right half of the image, by component
+    half = np.arange(SMALL[1]) >= SMALL[1] // 2
+    planes = np.where(half, values[1][:, None, None], values[0][:, None, None]) * np.ones((1, *SMALL), np.float32)
+    layers = image("R", "G", "B") | named("x", "RGB"[: len(planes)], np.float32(planes))
+    source = write(tmp_path / "shots", [layers] * 2)
+    clip = imported(tmp_path, source, {"channels": COLOR | {channel: {"layer": "x", **entry}}, **groups})
+    found = clip.frame(1)[channel][0]
+    np.testing.assert_allclose(found[:, 0, [0, -1]].T, expected, atol=1e-3)
+    np.testing.assert_array_equal(found[:, :, half], np.broadcast_to(found[:, :1, -1:], found[:, :, half].shape))
+    assert clip.info.get("shutter", 1) == groups.get("shutter", 1)
+
+
+def test_one_file_for_each_channel(tmp_path: Path) -> None:
+    folder = tmp_path / "shots [v2] für «alle» *"
+    frames = [{"color": image("R", "G", "B"), "alb": image("R", "G", "B"), "z": image("R")} for _ in range(3)]
+    for i, frame in enumerate(frames, start=-1):
+        for name, layers in frame.items():
+            write_exr(folder / f"beauty_{name}[a].{i}.exr", layers)
+        write_exr(folder / "depth" / f"{i:03d}.exr", image("Z"))
+    about = {
+        "channels": {
+            "color": {"file": "beauty_color[a].####.exr"},
+            "albedo": {"file": "*_alb*.#.exr"},
+            "depth": {"file": "beauty_z[a].#.exr"},
+        }
+    }
+    clip = imported(tmp_path, folder, about)
+    assert len(clip) == 3
+    for index, frame in enumerate(frames):
+        found = clip.frame(index)
+        np.testing.assert_allclose(found["color"][0], [frame["color"][c] for c in "RGB"], rtol=1e-3)
+        np.testing.assert_allclose(found["albedo"][0], [frame["alb"][c] for c in "RGB"], atol=1e-3)
+        np.testing.assert_array_equal(found["depth"][0, 0], frame["z"]["R"])
+
+
+def test_files_of_channels_that_do_not_match_are_named(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    folder = tmp_path / "shots"
+    write(folder, [image("R", "G", "B")] * 3, "color")
+    write(folder, [image("R", "G", "B")] * 2, "albedo")
+    about: dict[str, Any] = {"channels": {"color": {"file": "color.#.exr"}, "albedo": {"file": "albedo.#.exr"}}}
+    said = refused(tmp_path, folder, about, capsys)
+    assert "albedo.#.exr: 'albedo' has 2 frames (1 to 2), 'color' has 3 (1 to 3)" in said
+    about["channels"]["albedo"]["file"] = "kd.#.exr"
+    assert "shots: no file fits 'kd.#.exr', where 'channels.albedo.file'" in refused(tmp_path, folder, about, capsys)
+    (folder / "color.2.exr").unlink()
+    assert "frame 2 is missing: after color.1.exr comes color.3.exr" in refused(tmp_path, folder, about, capsys)
+    (folder / "color.02.exr").write_bytes(b"")
+    (folder / "color.2.exr").write_bytes(b"")
+    assert "frame 2 is there twice (color.02.exr and color.2.exr)" in refused(tmp_path, folder, about, capsys)
+    assert "expected a folder, as the channel map names" in refused(tmp_path, folder / "*.exr", about, capsys)
+
+
+@pytest.fixture
+def stereo(tmp_path: Path) -> Path:
+    """Two frames whose left eye is 0.25 everywhere, in parts of the same channels as the right one's 0.75."""
+    (tmp_path / "shots").mkdir()
+    for i in (1, 2):
+        parts = []
+        for view, value in (("left", 0.25), ("right", 0.75)):
+            layers = {f"beauty.{c}": np.full(SMALL, value, np.float32) for c in "RGB"}
+            header = {"type": OpenEXR.scanlineimage, "view": view}
+            parts.append(OpenEXR.Part(header, layers, f"rgb_{view}"))
+        layers = {"Z": np.full(SMALL, 4, np.float32)}
+        parts.append(OpenEXR.Part({"type": OpenEXR.scanlineimage}, layers, "depth"))
+        with OpenEXR.File(parts) as file:
+            file.write(str(tmp_path / "shots" / f"shot.{i}.exr"))
+    return tmp_path / "shots"
+
+
+@pytest.mark.parametrize("chosen", [{"part": "rgb_right"}, {"part": 1}, {"view": "right"}])
+def test_parts_and_views_are_chosen_by_name(tmp_path: Path, stereo: Path, chosen: dict[str, Any]) -> None:
+    about = {"channels": {"color": {"layer": "beauty", **chosen}, "depth": {"part": "depth"}}}
+    found = imported(tmp_path, stereo, about).frame(0)
+    assert (found["color"] == 0.75).all()
+    assert (found["depth"] == 4).all()
+    assert (
+        imported(tmp_path, stereo, about | {"channels": {"color": "beauty"}}, "--force", "view=left").frame(1)["color"]
+        == 0.25
+    ).all()
+
+
+def test_the_eyes_of_a_stereo_image_are_not_mixed(
+    tmp_path: Path, stereo: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    said = refused(tmp_path, stereo, {"channels": {"color": "beauty"}}, capsys)
+    assert "shot.1.exr: the views 'left' and 'right' both have a channel 'beauty." in said
+    assert "choose one of them in the channel map, or with view=NAME" in said
+    for key, value, have in (("view", "centre", "left, right"), ("part", "alpha", "rgb_left, rgb_right, depth")):
+        said = refused(tmp_path, stereo, {"channels": {"color": {"layer": "beauty", key: value}}}, capsys)
+        assert f"shot.1.exr: no {key} '{value}'; the file has {have}" in said
+
+
+@pytest.mark.parametrize(
+    ("ids", "kept"),
+    [
+        (np.array([0, 1, 5, 2**23 - 1], np.uint32), [0, 1, 5, 2**23 - 1]),
+        (np.array([0, 2**24 + 1, 2**24 + 2, 2**32 - 1], np.uint32), [0, 2**23, 2**23 + 1, 2**23 + 2]),
+        (np.array([3, 2**24, 7, 2**31], np.uint32), [3, 2**23, 7, 2**23 + 1]),
+        (np.array([0, 1e-30, -4.5e20, 0.5], np.float32), [0, 2**23 + 1, 2**23, 2**23 + 2]),  # hashes
+        (np.array([0, np.nan, np.inf, 2], np.float32), [0, 0, 0, 2]),
+    ],
+)
+def test_ids_survive_float32(tmp_path: Path, ids: npt.NDArray[Any], kept: list[int]) -> None:
+    plane = np.repeat(ids[None], SMALL[0], 0)
+    layers = image("R", "G", "B", size=plane.shape) | {"ID": plane}
+    later = {**layers, "ID": np.ascontiguousarray(plane[:, ::-1])}
+    clip = imported(tmp_path, write(tmp_path / "shots", [layers, later]), {"channels": COLOR | {"instance": "ID"}})
+    np.testing.assert_array_equal(clip.frame(0)["instance"][0, 0, 0], kept)
+    np.testing.assert_array_equal(clip.frame(1)["instance"][0, 0, 0], kept[::-1])
+
+
+def test_new_ids_never_meet_those_that_are_kept() -> None:
+    ids = Ids()
+    given = np.array([[2**23 - 1, 2**23, 2**24 - 1, 2**24, 2**25, 1]], np.float64)
+    found = np.concatenate([ids.keep(given), ids.keep(given + 2**26)])
+    assert len(np.unique(found)) == found.size
+    assert found.max() < UNNAMED
+
+
+def moving(unknown: Callable[[Pixels, dict[str, Pixels]], Pixels]) -> list[Layers]:
+    """The disc before a wall under a strip of sky, with vectors that `unknown` spoils."""
+    return [
+        dict(zip("RGB", f["color"], strict=True))
+        | named("v", "xy", unknown(f["motion"].copy(), f))
+        | {"z": f["depth"][0]}
+        for f in scene(3)
+    ]
+
+
+def holes(value: float) -> Callable[[Pixels, dict[str, Pixels]], Pixels]:
+    def spoil(motion: Pixels, frame: dict[str, Pixels]) -> Pixels:
+        motion[:, 10:20, 15:18] = value  # across the disc's rim in some frames
+        motion[:, 30, 40] = value
+        return motion
+
+    return spoil
+
+
+@pytest.mark.parametrize(
+    ("value", "unknown"), [(np.nan, []), (np.inf, []), (-1e10, "-1e10"), (1e10, [1e10, "sky"]), (-12345.0, -12345)]
+)
+def test_unknown_vectors_are_those_of_neighbours_at_their_depth(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], value: float, unknown: object
+) -> None:
+    source = write(tmp_path / "shots", moving(holes(value)))
+    channels = COLOR | {"motion": {"layer": "v", "unknown": unknown}, "depth": "z"}
+    clip = imported(tmp_path, source, {"channels": channels})
+    assert "unknown: " in capsys.readouterr().out
+    for index, frame in enumerate(scene(3)):
+        found = clip.frame(index)["motion"][0]
+        np.testing.assert_allclose(found[:, SKY_ROWS:], frame["motion"][:, SKY_ROWS:], atol=1e-5)
+
+
+def test_a_value_that_is_not_said_to_be_unknown_is_kept(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    source = write(tmp_path / "shots", moving(holes(0.0)))
+    clip = imported(tmp_path, source, {"channels": COLOR | {"motion": "v", "depth": "z"}})
+    assert (clip.frame(0)["motion"][0, :, 12, 16] == 0).all()
+    assert "unknown: " not in capsys.readouterr().out
+
+
+def test_the_skys_vectors_come_from_the_cameras(tmp_path: Path) -> None:
+    """A camera that turns to the left: the sky moves by the angle, whatever the file says of it."""
+
+    def spoil(motion: Pixels, frame: dict[str, Pixels]) -> Pixels:
+        motion[:, :SKY_ROWS] = 0
+        return motion
+
+    cameras = []
+    for i in range(3):
+        view = np.eye(4)
+        view[:3, :3] = rotation(0.02 * i)
+        cameras.append({"view": view.tolist(), "projection": camera_of_fov(50, SIZE).projection.tolist()})
+    (tmp_path / "cameras.json").write_text(json.dumps(cameras))
+    channels = COLOR | {"motion": {"layer": "v", "unknown": "sky"}, "depth": "z"}
+    about = {"channels": channels, "cameras": "cameras.json"}
+    found = imported(tmp_path, write(tmp_path / "shots", moving(spoil)), about).frame(2)["motion"][0]
+    focal = SIZE[0] / 2 / np.tan(np.radians(25))
+    assert np.abs(np.abs(found[0, :SKY_ROWS].mean()) - 0.02 * focal) < 0.1 * 0.02 * focal
+    np.testing.assert_array_equal(found[:, SKY_ROWS:], scene(3)[2]["motion"][:, SKY_ROWS:])
+
+
+def test_grey_images_and_scalars_stored_as_grey(tmp_path: Path) -> None:
+    grey, rough = image("Y", "A"), image("V")["V"]
+    layers = grey | {f"r.{c}": rough for c in "RGB"}
+    clip = imported(tmp_path, write(tmp_path / "shots", [layers] * 2), {"channels": {"color": ".", "roughness": "r"}})
+    np.testing.assert_allclose(clip.frame(0)["color"][0], np.stack([grey["Y"]] * 3), rtol=1e-3)
+    np.testing.assert_allclose(clip.frame(0)["roughness"][0, 0], rough, atol=1e-3)
+
+
+def test_sums_of_layers(tmp_path: Path) -> None:
+    layers = image("R", "G", "B") | named(
+        "d", "RGB", np.float32([[[0.0, 0.5]], [[0.0, 0.0]], [[0.0, 0.25]]]).repeat(3, 1)
+    )
+    layers = {name: plane[:3, :2].copy() for name, plane in layers.items()}
+    layers |= named("s", "RGB", np.full((3, 3, 2), 0.125, np.float32))
+    about = {
+        "channels": COLOR
+        | {"albedo": {"layer": "none | d", "where_dark": ["s", "t"]}, "emission": {"layer": "d", "plus": "s"}}
+    }
+    found = imported(tmp_path, write(tmp_path / "shots", [layers]), about).frame(0)
+    np.testing.assert_array_equal(found["albedo"][0, :, 0].T, [[0.125] * 3, [0.5, 0, 0.25]])
+    np.testing.assert_array_equal(found["emission"][0, :, 0].T, [[0.125] * 3, [0.625, 0.125, 0.375]])
+
+
+@pytest.mark.parametrize("frame", [0, 1, 3])
+@pytest.mark.parametrize("optional", [True, False])
+def test_a_pass_that_one_frame_lacks_is_named_with_its_file(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], frame: int, optional: bool
+) -> None:
+    frames = [image("R", "G", "B") | named("n", "XYZ", RNG.random((3, *SMALL), np.float32)) for _ in range(4)]
+    frames[frame] = {name: plane for name, plane in frames[frame].items() if not name.startswith("n.")}
+    source = write(tmp_path / "shots", frames)
+    about = {"channels": COLOR | {"normal": "n"}, "optional": optional}
+    said = refused(tmp_path, source, about, capsys)
+    assert f"{source}/shot.{frame + 1}.exr: " in said
+    assert "'normal'" in said
+
+
+def test_another_layer_in_a_later_frame_is_no_alternative(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    both = named("noisy", "RGB", np.ones((3, *SMALL), np.float32)) | named(
+        "final", "RGB", np.zeros((3, *SMALL), np.float32)
+    )
+    only = {name: plane for name, plane in both.items() if name.startswith("final")}
+    source = write(tmp_path / "shots", [both, both, only])
+    said = refused(tmp_path, source, {"channels": {"color": "noisy | final"}}, capsys)
+    assert "shot.3.exr: 'color': there is final instead, where shot.1.exr has noisy: expected the same passes" in said
+
+
+def test_half_a_pass_is_no_missing_pass(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    source = write(tmp_path / "shots", [image("R", "G", "B", "v.X")] * 2)
+    about = {"channels": COLOR | {"motion": "v", "albedo": "kd"}, "optional": True}
+    assert "shot.1.exr: no v for 'motion' (2 components); the file has B, G, R, v.X" in refused(
+        tmp_path, source, about, capsys
+    )
+
+
+@pytest.mark.parametrize("bad", [np.nan, np.inf, -20.0])
+def test_bad_pixels_of_the_reference_are_counted_and_named(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], bad: float
+) -> None:
+    frames = [image("R", "G", "B") | named("c", "RGB", RNG.random((3, *SMALL), np.float32)) for _ in range(3)]
+    frames[1]["c.G"][2, 3:5] = bad
+    frames[2]["c.R"][0, 0] = bad
+    source = write(tmp_path / "shots", frames)
+    imported(tmp_path, source, {"channels": COLOR | {"reference": "c"}})
+    assert f"bad: 3 pixels of reference, first in {source}/shot.2.exr" in capsys.readouterr().out
+
+
+@pytest.mark.parametrize(
+    ("about", "said"),
+    [
+        ({"channels": {"color": {"layr": "x"}}}, "'channels.color.layr'"),
+        ({"channels": {"color": {"scale": "bright"}}}, "'channels.color.scale[0]'"),
+        ({"channels": {"color": {"scale": [1, 2]}}}, "'scale' is [1.0, 2.0], expected a number, or 3"),
+        ({"channels": {"color": {"scale": 0}}}, "'scale' is [0.0]"),
+        ({"channels": {"color": {"offset": float("inf")}}}, "'offset' is [inf]"),
+        ({"channels": {"color": {"unknown": 0}}}, "'unknown' is for motion vectors"),
+        ({"channels": {"color": ".", "motion": {"unknown": "skye"}}}, "'unknown' has 'skye', expected stored values"),
+        ({"channels": {"color": 7.5, "depth": None}}, "'channels.depth'"),
+        ({"channels": {"color": "."}, "depth": {"scale": 0}}, "'depth.scale' is 0.0, expected a number that is not 0"),
+        ({"channels": {"color": "."}, "shutter": 1.5}, "'shutter' is 1.5, expected the open share"),
+        ({"channels": {"color": "."}, "shutter_motion": {"over": "second"}}, "'shutter_motion.over' is 'second'"),
+        ({"channels": {"color": "."}, "normal": {"encoded": "octahedral"}}, "normal.encoded"),
+        ({"channels": "beauty"}, "channels"),
+        ({"channels": ["beauty"]}, "list is not a subclass of Dict"),
+    ],
+)  # fmt: skip
+def test_faulty_maps_are_refused_by_key(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], about: dict[str, Any], said: str
+) -> None:
+    source = write(tmp_path / "shots", [image("R", "G", "B")])
+    error = refused(tmp_path, source, about, capsys)
+    assert "map.yaml: " in error
+    assert said in error
+
+
+def test_keys_on_the_command_line(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    source = write(tmp_path / "shots", [image("R", "G", "B", "Z")] * 2)
+    write(source / "more", [image("Z")] * 2, "z")
+    (source / "b.7.exr").mkdir()  # no file, whatever it is called
+    (source / ".shot.1.exr").write_bytes(b"")
+    about = {"channels": COLOR}
+    depth = ("channels.depth=Z", "channels.depth.scale=10", "depth.scale=0.5")
+    clip = imported(tmp_path, source, about, *depth, "shutter=0.5", "channels.color.scale=3")
+    assert 1 < clip.frame(0)["depth"].max() <= 5
+    assert 1 < clip.frame(0)["color"].max() <= 3
+    assert clip.info["shutter"] == 0.5
+    files = ("channels.color.file=shot.#.exr", "channels.depth.file=more/z.#.exr", "--force")
+    assert "depth" in imported(tmp_path, source, about, *files).channels
+    for change, said in (
+        ("depth.scales=10", "scales"),
+        ("channels.depth.scales=10", "'channels.depth.scales'"),
+        ("channels.deep=Z", "'channels.deep': no such channel"),
+        ("channels.color=${oc.env:HOME}", "expected key=value, with the value itself"),
+        ("channels.color=[R", "not readable as YAML"),
+    ):
+        assert said in refused(tmp_path / "shots", source, about, capsys, change)
