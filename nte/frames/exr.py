@@ -60,10 +60,10 @@ def read_parts(path: Path, size: tuple[int, int] | None = None) -> list[Part]:
     if magic != _MAGIC:
         raise NteError(f"{path}: not an OpenEXR file (it starts with {magic!r}): expected a .exr frame")
     try:
-        with _quiet(), OpenEXR.File(str(path), separate_channels=True, header_only=True) as file:
+        with quiet(), OpenEXR.File(str(path), separate_channels=True, header_only=True) as file:
             headers = [dict(part.header) for part in file.parts]  # closing the file empties them
         _check_headers(path, headers, size)
-        with _quiet(), OpenEXR.File(str(path), separate_channels=True) as file:
+        with quiet(), OpenEXR.File(str(path), separate_channels=True) as file:
             parts = [_read_part(path, part, len(file.parts) > 1) for part in file.parts]
     except (RuntimeError, ValueError, OSError) as error:
         raise NteError(f"{path}: the OpenEXR file is truncated or damaged: render or copy it again") from error
@@ -83,7 +83,7 @@ def write_exr(path: Path, channels: Mapping[str, npt.NDArray[Any]]) -> None:
     header = {"compression": OpenEXR.ZIP_COMPRESSION, "type": OpenEXR.scanlineimage}
 
     def write(temporary: Path) -> None:
-        with _quiet(), OpenEXR.File(header, pixels) as file:
+        with quiet(), OpenEXR.File(header, pixels) as file:
             file.write(str(temporary))
 
     make_folder(Path(path).parent)
@@ -161,7 +161,7 @@ def _to_display_window(header: dict[str, object], pixels: npt.NDArray[Any]) -> n
 
 
 @contextmanager
-def _quiet() -> Iterator[None]:
+def quiet() -> Iterator[None]:
     """Silence what the OpenEXR library itself prints of a damaged file: the error we raise says it."""
     with _quiet_lock, open(os.devnull, "wb") as nowhere:
         saved = {fd: os.dup(fd) for fd in (1, 2)}
