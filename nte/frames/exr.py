@@ -17,6 +17,7 @@ import OpenEXR
 from nte.errors import NteError
 
 HALF_MAX = 65504.0
+HALF_TINY = 2.0**-14  # below this, half floats have fewer digits
 _MAGIC = b"\x76\x2f\x31\x01"
 _quiet_lock = threading.Lock()
 _libc = ctypes.CDLL(None) if os.name == "posix" else ctypes.cdll.msvcrt

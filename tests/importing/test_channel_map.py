@@ -2,6 +2,7 @@
 
 import json
 from collections.abc import Callable, Sequence
+from dataclasses import fields
 from pathlib import Path
 from typing import Any
 
@@ -14,6 +15,7 @@ from nte.cli import main
 from nte.frames.clip import Clip
 from nte.frames.exr import write_exr
 from nte.importing.cameras import camera_of_fov
+from nte.importing.channel_map import MAPS, ChannelMap, Depths, Normals, ShutterVectors, Source, Vectors
 from nte.importing.ids import UNNAMED, Ids
 from tests.importing.producers import SIZE, SKY_ROWS, named, rotation, scene, write_map
 from tests.synthetic import Pixels
@@ -366,6 +368,20 @@ def test_faulty_maps_are_refused_by_key(
     error = refused(tmp_path, source, about, capsys)
     assert "map.yaml: " in error
     assert said in error
+
+
+def test_the_page_names_every_key() -> None:
+    page = (Path(__file__).parents[2] / "datasets" / "IMPORT.md").read_text(encoding="utf-8")
+    groups = {"motion": Vectors, "shutter_motion": ShutterVectors, "normal": Normals, "depth": Depths}
+    tables = page.split("## Any EXR files")[1].split("## Blender")[0]
+    own = {f.name for f in fields(ChannelMap)} - {"forward_motion", "producer", "channels", *groups}
+    for key in own | {f.name for f in fields(Source)}:
+        assert f"`{key}`" in tables, key
+    for group, schema in groups.items():
+        for key in (f.name for f in fields(schema)):
+            assert f"`{group}.{key}`" in tables or f"`.{key}` of the three" in tables, (group, key)
+    for name in (path.stem for path in MAPS.glob("*.yaml")):
+        assert f"| `{name}` |" in tables
 
 
 def test_keys_on_the_command_line(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
