@@ -28,10 +28,11 @@ class Imported:
     """A finished clip, and what is worth saying about how it came about."""
 
     folder: Path
-    vectors: Vectors  # how `motion` was read
+    vectors: Vectors  # how `motion` was read, or the forward motion that it was made from
     map: Path | None = None  # the channel map, where there is one to correct
     called: Mapping[str, str] = field(default_factory=dict)  # channel → what its source is called there
     notes: Sequence[str] = ()  # which layer was taken for what, and what had to be done with the values
+    group: str = "motion"  # of the map, where `vectors` stand
 
 
 @dataclass(frozen=True)
@@ -74,7 +75,9 @@ def import_exr(
     about: dict[str, Any] = {"shutter": how.shutter} if how.shutter != 1 else {}
     write_imported(out, frames, count, how.producer, cameras, **about)
     called = {name: f"'{' '.join(s.layer)}'" for name, s in how.channels.items() if s.layer}
-    return Imported(out, how.motion, path if path.parent != MAPS else None, called, [*reader.notes(), *notes])
+    own_map = path if path.parent != MAPS else None
+    group = "motion" if reader.has("motion") or not reader.has("forward_motion") else "forward_motion"
+    return Imported(out, getattr(how, group), own_map, called, [*reader.notes(), *notes], group)
 
 
 def plan(source: Path, reference: Path | None, how: ChannelMap) -> list[Input]:
@@ -145,7 +148,7 @@ class _Reader:
                 path = channel.files[index]
                 if path not in parts:
                     parts[path] = read_parts(path)
-                values = self._read(channel, path, parts[path])
+                values = self._read(channel, index, parts[path])
                 if values is None:
                     continue
                 size = size or values.shape[1:]
@@ -158,12 +161,13 @@ class _Reader:
             self._count_bad(ours, index)
             yield ours
 
-    def _read(self, channel: Input, path: Path, parts: Sequence[Part]) -> Any:
-        name, source = channel.name, channel.source
+    def _read(self, channel: Input, index: int, parts: Sequence[Part]) -> Any:
+        name, source, path = channel.name, channel.source, channel.files[index]
         stored = choose(path, parts, source)
         prefix = self.how.prefix
         if prefix == "*":
-            prefix = find_prefix(path, stored, "color", self.how.channels["color"], self.how.prefix_not)
+            lead = self.inputs[0] if path == self.inputs[0].files[index] else channel
+            prefix = find_prefix(path, stored, lead.name, lead.source, self.how.prefix_not)
         found = find(stored, name, source, prefix)
         may_lack = self.how.optional and name not in ("color", "reference")
         if found is None and (not may_lack or partly_there(stored, source, prefix)):
@@ -193,6 +197,10 @@ class _Reader:
             if bad:
                 self.bad[name] += bad
                 self.bad_in.setdefault(name, files[name])
+
+    def has(self, name: str) -> bool:
+        """Whether the files have a channel; known when they have been read."""
+        return self.first.get(name, (None, None))[1] is not None
 
     def notes(self) -> Iterable[str]:
         """What a user should hear of: which layer became what, bad pixels, unknown vectors, renumbered ids."""

@@ -52,6 +52,19 @@ def test_only_the_combined_pass_is_needed(tmp_path: Path, capsys: pytest.Capture
     assert "not checked" in said
 
 
+def test_what_the_compositor_made_counts_only_alone(tmp_path: Path) -> None:
+    def image(layer: str, value: float) -> dict[str, np.ndarray[tuple[int, int], np.dtype[np.float64]]]:
+        return {f"{layer}.Combined.{c}": np.full((8, 8), value) for c in "RGBA"}
+
+    both = write_layers(tmp_path / "both", [image("Composite", 0.25) | image("Scene.View", 0.5)])
+    alone = write_layers(tmp_path / "alone", [image("Composite", 0.25)])
+    for source, value in ((both, 0.5), (alone, 0.25)):
+        assert run(source, tmp_path / source.name / "clip") == 0
+        assert (Clip(source / "clip").frame(0)["color"] == value).all()
+    assert run(both, tmp_path / "chosen", "prefix=Composite") == 0
+    assert (Clip(tmp_path / "chosen").frame(0)["color"] == 0.25).all()
+
+
 @pytest.mark.parametrize(
     ("layers", "said"),
     [

@@ -11,7 +11,7 @@ import yaml
 
 from nte.cli import main
 from nte.frames.clip import Clip
-from nte.frames.exr import write_exr
+from nte.frames.exr import read_layers, write_exr
 from nte.importing.cameras import camera_of_fov
 from nte.importing.channel_map import MAPS, find_map, load_channel_map
 from tests.importing.producers import FOV, SIZE, SKY_ROWS, named, rays, rotation, scene, write_layers
@@ -279,6 +279,25 @@ def test_one_eye_of_a_stereo_image_is_chosen(tmp_path: Path, capsys: pytest.Capt
             np.testing.assert_allclose(found[name][0], factor * frame[name], rtol=1e-3, atol=1e-4)
     assert main([*command, "--force", "view=middle"]) == 2
     assert "no view 'middle'; the file has left, right" in capsys.readouterr().err
+
+
+def test_a_part_for_each_layer_is_read_like_one_part(tmp_path: Path) -> None:
+    frames = scene(2)
+    source, _ = arnold(tmp_path, frames)
+    for path in source.iterdir():
+        layers: dict[str, dict[str, Pixels]] = {}
+        for name, plane in read_layers(path).items():
+            layer, _, component = name.rpartition(".")
+            layers.setdefault(layer or {"Z": "Z", "ID": "ID"}.get(name, "RGBA"), {})[component] = plane
+        parts = [OpenEXR.Part({"type": OpenEXR.scanlineimage}, planes, name) for name, planes in layers.items()]
+        with OpenEXR.File(parts) as file:
+            file.write(str(path))
+    assert run(source, "arnold", tmp_path / "clip") == 0
+    found = Clip(tmp_path / "clip").frame(1)
+    for name in EVERY:
+        known = frames[1]["depth"] > 0
+        np.testing.assert_allclose(np.where(known, found[name][0], 0), np.where(known, frames[1][name], 0), atol=2e-3)
+    assert len(np.unique(found["instance"])) == 3
 
 
 def test_every_map_that_ships_can_be_loaded_and_names_its_source() -> None:
