@@ -1,12 +1,9 @@
 """`nte import exr`: EXR sequences of any engine, described by a channel map."""
 
-from collections import Counter
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
-
-import numpy as np
 
 from nte.errors import NteError
 from nte.frames.channels import CHANNELS
@@ -14,10 +11,11 @@ from nte.frames.clip import Pixels
 from nte.frames.exr import Part, read_parts
 from nte.importing.cameras import Camera, load_cameras
 from nte.importing.channel_map import MAPS, ChannelMap, Source, Vectors, find_map, load_channel_map, needs_camera
-from nte.importing.convert import VECTORS, fill_unknown, to_ours, with_motion
+from nte.importing.convert import fill_unknown, to_ours, with_motion
 from nte.importing.files import files_of_pattern, numbered_files
 from nte.importing.ids import Ids
 from nte.importing.layers import Found, choose, find, find_prefix, missing, partly_there, read
+from nte.importing.notes import OddValues
 from nte.importing.sky import with_sky_motion
 from nte.importing.still import with_still_geometry
 from nte.importing.write import refuse_existing, write_imported
@@ -132,8 +130,7 @@ class _Reader:
         self.inputs, self.how, self.cameras = inputs, how, cameras
         self.ids = Ids()
         self.first: dict[str, tuple[Path, Found | None]] = {}
-        self.bad: Counter[str] = Counter()
-        self.bad_in: dict[str, Path] = {}
+        self.odd = OddValues()
 
     def frames(self) -> Iterator[dict[str, Pixels]]:
         """The channels of every frame in nte's conventions; unknown vectors are NaN.
@@ -158,7 +155,7 @@ class _Reader:
                     raise NteError(f"{path}: '{channel.name}' is {found}, expected {expected} like {first}")
                 given[channel.name] = values
             ours = to_ours(given, self.how, self.cameras[index] if self.cameras else None)
-            self._count_bad(ours, index)
+            self.odd.look(ours, {channel.name: channel.files[index] for channel in self.inputs})
             yield ours
 
     def _read(self, channel: Input, index: int, parts: Sequence[Part]) -> Any:
@@ -187,23 +184,12 @@ class _Reader:
         there = f"there is {instead.called} instead" if instead else "there is none"
         raise NteError(f"{lacks}: '{name}': {there}, where {has.name} has {called}: expected the same passes in each")
 
-    def _count_bad(self, ours: Mapping[str, Pixels], index: int) -> None:
-        files = {channel.name: channel.files[index] for channel in self.inputs}
-        for name, values in ours.items():
-            if CHANNELS[name].kind in ("radiance", "reflectance"):
-                bad = int((~(np.isfinite(values) & (values >= 0))).any(0).sum())
-            else:
-                bad = int((~np.isfinite(values)).any(0).sum())
-            if bad:
-                self.bad[name] += bad
-                self.bad_in.setdefault(name, files[name])
-
     def has(self, name: str) -> bool:
         """Whether the files have a channel; known when they have been read."""
         return self.first.get(name, (None, None))[1] is not None
 
     def notes(self) -> Iterable[str]:
-        """What a user should hear of: which layer became what, bad pixels, unknown vectors, renumbered ids."""
+        """What a user should hear of: which layer became what, odd values, what was made, renumbered ids."""
         own_files = {channel.name for channel in self.inputs if channel.source.file}
         taken = (
             f"{name} from {found.called}{f' of {path.name}' if name in own_files or name == 'reference' else ''}"
@@ -211,11 +197,11 @@ class _Reader:
             if found
         )
         yield f"read {', '.join(taken)}"
-        for name, number in self.bad.items():
-            where = f"{number} pixels of {name}, first in {self.bad_in[name]}"
-            if name in VECTORS:
-                yield f"unknown: {where}; they move as the camera turns or as their neighbours"
-            else:
-                yield f"bad: {where}: NaN, infinite or negative"
+        yield from self.odd.notes()
+        if self.how.still and self.has("position"):
+            made = [name for name in ("depth", "motion") if not self.has(name)]
+            yield f"made from position, as if only the camera moves: {' and '.join(made) or 'nothing'}"
+        elif self.has("forward_motion") and not self.has("motion"):
+            yield "made from forward_motion: motion"
         if self.ids.renumbered:
             yield f"renumbered: {len(self.ids.renumbered)} ids of instance, which are no small whole numbers"

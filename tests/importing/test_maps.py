@@ -209,7 +209,9 @@ def test_bmfrs_data_get_motion_and_depth_from_positions(tmp_path: Path, capsys: 
             write_exr(tmp_path / "inputs" / f"{name}{i}.exr", layers)
     (tmp_path / "inputs" / "camera_matrices.h").write_text("float a[4];")
     assert run(tmp_path / "inputs", "bmfr", tmp_path / "clip") == 0
-    assert "clip: plausible" in capsys.readouterr().out
+    said = capsys.readouterr().out
+    assert "made from position, as if only the camera moves: depth and motion" in said
+    assert "clip: plausible" in said
     clip = Clip(tmp_path / "clip")
     assert len(clip) == 4
     for index in (1, 2, 3):
@@ -221,9 +223,7 @@ def test_bmfrs_data_get_motion_and_depth_from_positions(tmp_path: Path, capsys: 
         assert np.isfinite(found["motion"]).all()
 
 
-def test_positions_that_do_not_tell_the_camera_are_refused(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_positions_that_do_not_tell_the_camera_are_refused(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     for i in range(3):
         for name, values in corner(i)[0].items():
             flat = np.zeros_like(values) if (name, i) == ("world_position", 1) else values
