@@ -1,6 +1,7 @@
 """What a channel map can say: where each channel is, how it is stored, and what counts as unknown."""
 
 import json
+import time
 from collections.abc import Callable, Sequence
 from dataclasses import fields
 from pathlib import Path
@@ -74,6 +75,7 @@ UNIT = np.array([[0.6, -0.8, 0.0], [0.0, 0.6, 0.8]], np.float32)
         ("depth", [[300.0], [2e8]], {}, {"depth": {"scale": 0.01, "sky": 1e8}}, [[3], [0]]),
         ("depth", [[0.25], [1.0]], {"scale": 40, "offset": 2}, {}, [[12], [42]]),
         ("depth", [[np.inf], [np.nan]], {}, {}, [[0], [0]]),
+        ("shutter_depth", [[-300.0], [1e9]], {}, {"depth": {"scale": -0.01}}, [[3], [0]]),
         ("albedo", [[51.0, 255, 0], [300, 102, 0]], {"scale": "0.00392156862745098"}, {}, [[0.2, 1, 0], [1, 0.4, 0]]),
         ("roughness", [[0.25], [1.0]], {"scale": -1, "offset": 1}, {}, [[0.75], [0]]),
         ("motion", [[3.0, -2], [0.5, 1]], {"scale": [-1, 1]}, {}, [[-3, -2], [-0.5, 1]]),
@@ -245,6 +247,24 @@ def test_unknown_vectors_are_those_of_neighbours_at_their_depth(
     for index, frame in enumerate(scene(3)):
         found = clip.frame(index)["motion"][0]
         np.testing.assert_allclose(found[:, SKY_ROWS:], frame["motion"][:, SKY_ROWS:], atol=1e-5)
+
+
+def test_large_unknown_regions_move_like_what_is_around_them_and_do_not_take_long(tmp_path: Path) -> None:
+    y, x = np.mgrid[:300, :400].astype(np.float32)
+    motion = np.stack([3 + 0.01 * x, -2 + 0.01 * y])
+    depth = np.where(y < 200, 1e10, 5).astype(np.float32)
+    given = dict(zip("RGB", np.ones((3, 300, 400), np.float32), strict=True)) | {"z": depth}
+    given |= named("v", "xy", np.where(depth < 9, motion, 0).astype(np.float32))
+    channels = COLOR | {"motion": {"layer": "v", "unknown": "sky"}, "depth": "z"}
+    started = time.process_time()
+    found = imported(tmp_path, write(tmp_path / "shots", [given] * 2), {"channels": channels}).frame(1)["motion"][0]
+    assert time.process_time() - started < 5
+    np.testing.assert_array_equal(found[:, 200:], motion[:, 200:])
+    for component, sky in zip(motion[:, 200:], found[:, :200], strict=True):
+        assert component.min() - 1e-4 <= sky.min()
+        assert sky.max() <= component.max() + 1e-4
+    assert np.abs(found[1, :200] - motion[1, 200]).max() < 0.3  # nearer to the surfaces below than to their far end
+    assert np.abs(found[0, 195] - motion[0, 195]).max() < 0.2
 
 
 def test_a_value_that_is_not_said_to_be_unknown_is_kept(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
