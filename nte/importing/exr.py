@@ -72,7 +72,7 @@ def import_exr(
     frames = with_motion(map(fill_unknown, with_sky_motion(frames, cameras)))
     about: dict[str, Any] = {"shutter": how.shutter} if how.shutter != 1 else {}
     write_imported(out, frames, count, how.producer, cameras, **about)
-    called = {name: f"'{' '.join(s.layer)}'" for name, s in how.channels.items() if s.layer}
+    called = {name: f"'{' '.join(s.layer) or s.file}'" for name, s in how.channels.items() if s.layer or s.file}
     own_map = path if path.parent != MAPS else None
     group = "motion" if reader.has("motion") or not reader.has("forward_motion") else "forward_motion"
     return Imported(out, getattr(how, group), own_map, called, [*reader.notes(), *notes], group)
