@@ -40,6 +40,7 @@ class Input:
     name: str
     source: Source
     files: Sequence[Path]
+    needed: bool  # or every frame may lack it
 
 
 def import_exr(
@@ -86,6 +87,7 @@ def plan(source: Path, reference: Path | None, how: ChannelMap) -> list[Input]:
     wanted = {name: (source, s) for name, s in how.channels.items() if not needs_camera(how, name)}
     if reference is not None:
         wanted["reference"] = (reference, how.channels.get("reference", how.channels["color"]))
+    needed = set(wanted) if not how.optional else {"color", *(["reference"] if reference is not None else [])}
     inputs: dict[str, tuple[Source, dict[int, Path]]] = {}
     known: dict[tuple[Path, str], dict[int, Path]] = {}
     for name in sorted(wanted, key=lambda name: name != "color"):
@@ -95,7 +97,7 @@ def plan(source: Path, reference: Path | None, how: ChannelMap) -> list[Input]:
         files = known[where, s.file]
         if files:
             inputs[name] = s, files
-        elif name == "color" or not how.optional:
+        elif name in needed:
             raise NteError(f"{where}: no file fits '{s.file}', where 'channels.{name}.file' expects the frames")
     expected = inputs["color"][1]
     for name, (s, files) in inputs.items():
@@ -106,7 +108,7 @@ def plan(source: Path, reference: Path | None, how: ChannelMap) -> list[Input]:
                 f"{where}: '{name}' has {len(files)} frames ({first}), 'color' has {len(expected)} ({second}): "
                 "expected the same frame numbers"
             )
-    return [Input(name, s, list(files.values())) for name, (s, files) in inputs.items()]
+    return [Input(name, s, list(files.values()), name in needed) for name, (s, files) in inputs.items()]
 
 
 def _files(where: Path, pattern: str) -> dict[int, Path]:
@@ -166,8 +168,7 @@ class _Reader:
             lead = self.inputs[0] if path == self.inputs[0].files[index] else channel
             prefix = find_prefix(path, stored, lead.name, lead.source, self.how.prefix_not)
         found = find(stored, name, source, prefix)
-        may_lack = self.how.optional and name not in ("color", "reference")
-        if found is None and (not may_lack or partly_there(stored, source, prefix)):
+        if found is None and (channel.needed or partly_there(stored, source, prefix)):
             raise missing(path, stored, name, source)
         first_path, first = self.first.setdefault(name, (path, found))
         if found != first:

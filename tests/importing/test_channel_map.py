@@ -342,6 +342,14 @@ def test_another_layer_in_a_later_frame_is_no_alternative(tmp_path: Path, capsys
     assert "shot.3.exr: 'color': there is final instead, where shot.1.exr has noisy: expected the same passes" in said
 
 
+def test_a_reference_is_needed_where_one_is_given(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    source = write(tmp_path / "shots", [image("R", "G", "B")] * 2)
+    about = {"channels": COLOR | {"reference": "clean"}, "optional": True}
+    assert "reference" not in imported(tmp_path, source, about).channels
+    said = refused(tmp_path / "shots", source, about, capsys, "--reference", str(source))
+    assert "shot.1.exr: no clean for 'reference'" in said
+
+
 def test_half_a_pass_is_no_missing_pass(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     source = write(tmp_path / "shots", [image("R", "G", "B", "v.X")] * 2)
     about = {"channels": COLOR | {"motion": "v", "albedo": "kd"}, "optional": True}
