@@ -12,7 +12,7 @@ import numpy.typing as npt
 from nte.errors import NteError
 from nte.files import make_folder, write_whole
 from nte.frames.channels import CHANNELS
-from nte.frames.exr import HALF_MAX, read_exr, write_exr
+from nte.frames.exr import HALF_MAX, HALF_TINY, read_exr, write_exr
 from nte.frames.frame import Frame
 
 FORMAT = "nte-clip/1"
@@ -51,14 +51,16 @@ def half_keeps(values: Pixels, dark_counts: bool) -> bool:
     whose geometric mean is m, each is to be kept to 1e-3 of itself or 1e-6 m, whichever is more: a path-traced
     frame always has a few pixels that are a millionth of it, which nobody will see.
     """
-    sizes = np.abs(values[np.isfinite(values)], dtype=np.float64)
-    if (sizes > HALF_MAX).any():
+    sizes = np.abs(values)
+    finite = np.isfinite(sizes)
+    if (sizes[finite] > HALF_MAX).any():
         return False
-    lit = sizes[sizes > 0]
-    if not dark_counts or not lit.size:
+    dark = sizes[(sizes > 0) & (sizes < HALF_TINY)]
+    if not dark_counts or not dark.size:
         return True
-    lost = np.abs(lit.astype(np.float16) - lit)
-    return bool((lost <= 1e-3 * np.maximum(lit, 1e-3 * np.exp(np.log(lit).mean()))).all())
+    mean = np.exp(np.log(sizes[finite & (sizes > 0)], dtype=np.float64).mean())
+    lost = np.abs(dark.astype(np.float16) - dark)
+    return bool((lost <= 1e-3 * np.maximum(dark, 1e-3 * mean)).all())
 
 
 def write_clip_info(folder: Path, info: Mapping[str, Any]) -> None:

@@ -18,6 +18,7 @@ from nte.files import make_folder, write_whole
 from nte.frames.exr_header import unbelievable, window_size
 
 HALF_MAX = 65504.0
+HALF_TINY = 2.0**-14  # below this, half floats have fewer digits
 _MAGIC = b"\x76\x2f\x31\x01"
 _quiet_lock = threading.Lock()
 _libc = ctypes.CDLL(None) if os.name == "posix" else ctypes.cdll.msvcrt

@@ -8,8 +8,9 @@ from typing import NamedTuple
 
 from nte.errors import NteError
 
-# A minus is a sign at the start of a name and after a separator; «shot-0005» and «take2-0005» have none.
-_NUMBER = re.compile(r"(?:(?<![^._\s-])-)?\d+")
+# A minus is a sign at the start of a name and after a separator; «shot-0005», «take2-0005», «(2)-0005» have none.
+FRAME_NUMBER = r"(?:(?<![^\W_])(?<![)\]}])-)?\d+"
+_NUMBER = re.compile(FRAME_NUMBER)
 _VERSION = re.compile(r"(?<![A-Za-z])[vV]$")  # what comes before the digits of v002
 
 

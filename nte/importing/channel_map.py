@@ -146,6 +146,8 @@ def load_channel_map(path: Path, overrides: Sequence[str] = ()) -> ChannelMap:
                 raise NteError(f"{path}: '{group}.{key}' is '{value}', expected one of {', '.join(_CHOICES[key])}")
     if not found.depth.scale or not isfinite(found.depth.scale):
         raise NteError(f"{path}: 'depth.scale' is {found.depth.scale}, expected a number that is not 0")
+    if not found.depth.sky > 0:
+        raise NteError(f"{path}: 'depth.sky' is {found.depth.sky}, expected a size from which on there is no surface")
     if not 0 <= found.vertical_fov < 180:
         raise NteError(f"{path}: 'vertical_fov' is {found.vertical_fov}, expected degrees between 0 and 180")
     if not 0 < found.shutter <= 1:
@@ -208,8 +210,13 @@ def _source(path: Path, name: str, given: Any, how: ChannelMap) -> Source:
 
 def _check_source(where: str, row: Channel, given: Any, source: Source) -> None:
     count = len(row.components)
-    if len(source.layer) not in (0, 1, count):
-        raise NteError(f"{where}: {given!r}: expected a layer, or {_names(row)}")
+    # OmegaConf takes containers in a list of strings or numbers.
+    nested = [key for key in _LISTS if any(isinstance(value, dict | list) for value in getattr(source, key))]
+    unnamed = any(not part.strip() for name in source.layer if isinstance(name, str) for part in name.split("|"))
+    if nested or unnamed or len(source.layer) not in (0, 1, count):
+        key = f"{nested[0]}: " if nested and nested[0] != "layer" else ""
+        expected = "single values" if key else f"a layer, or {_names(row)}"
+        raise NteError(f"{where}: {key}{given!r}: expected {expected}")
     for key in ("scale", "offset"):
         numbers = getattr(source, key)
         if len(numbers) not in (1, count) or not all(map(isfinite, numbers)) or (key == "scale" and 0 in numbers):

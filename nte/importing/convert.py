@@ -16,6 +16,7 @@ from nte.motion.conventions import Convention
 from nte.motion.geometric import scatter_forward_motion
 
 VECTORS = ("motion", "forward_motion", "shutter_motion")
+_RINGS = 8  # px from the known ones within which unknown vectors follow depth
 
 
 def to_ours(given: Mapping[str, Pixels], how: ChannelMap, camera: Camera | None = None) -> dict[str, Pixels]:
@@ -37,12 +38,11 @@ def to_ours(given: Mapping[str, Pixels], how: ChannelMap, camera: Camera | None 
             ours[name] = convert_vectors(ours[name], getattr(how, name).convention())
     if "shutter_motion" in ours and how.shutter_motion.over == "frame":
         ours["shutter_motion"] = ours["shutter_motion"] * np.float32(how.shutter)
+    for name in ("depth", "shutter_depth"):
+        if name in ours:
+            ours[name] = _depth(ours[name], how, camera)
     if "depth" in ours:
-        stored = ours["depth"] * np.float32(np.sign(how.depth.scale))
-        hit = (stored > 0) & (stored < how.depth.sky)  # false for NaN
-        if how.depth.along == "ray":
-            stored = stored * cosine_to_axis(camera or camera_of_fov(how.vertical_fov, stored.shape[1:]), stored)
-        ours["depth"] = np.where(hit, stored * np.float32(abs(how.depth.scale)), 0).astype(np.float32)
+        hit = ours["depth"] > 0
         ours |= {name: np.where(hit, ours[name], 0) for name in ("normal", "position", "instance") if name in ours}
         if "instance" in ours:
             ours["instance"] = np.where(hit & (ours["instance"] == 0), np.float32(UNNAMED), ours["instance"])
@@ -50,6 +50,15 @@ def to_ours(given: Mapping[str, Pixels], how: ChannelMap, camera: Camera | None 
             if name in ours and SKY in how.channels[name].unknown:
                 ours[name] = np.where(hit, ours[name], np.nan)
     return ours
+
+
+def _depth(stored: Pixels, how: ChannelMap, camera: Camera | None) -> Pixels:
+    """Depth (1, H, W) along the view axis in scene units, 0 for misses."""
+    counted = stored * np.float32(np.sign(how.depth.scale))
+    hit = (counted > 0) & (counted < how.depth.sky)  # false for NaN
+    if how.depth.along == "ray":
+        counted = counted * cosine_to_axis(camera or camera_of_fov(how.vertical_fov, stored.shape[1:]), stored)
+    return np.where(hit, counted * np.float32(abs(how.depth.scale)), 0).astype(np.float32)
 
 
 def convert_vectors(vectors: Pixels, convention: Convention) -> Pixels:
@@ -118,19 +127,42 @@ def fill_unknown(frame: Mapping[str, Pixels]) -> dict[str, Pixels]:
 
 
 def _fill(motion: Pixels, depth: Pixels) -> Pixels:
-    """Motion (2, H, W) with its NaN pixels filled from known neighbours, nearest in depth (1, H, W) first."""
-    height, width = depth.shape[1:]
-    while np.isnan(motion).any():
-        best = np.full((1, height, width), np.inf, np.float32)
-        filled = motion.copy()
-        padded = np.pad(motion, ((0, 0), (1, 1), (1, 1)), constant_values=np.nan)
-        depths = np.pad(depth, ((0, 0), (1, 1), (1, 1)))
-        for dy, dx in product(range(3), range(3)):
-            window = slice(None), slice(dy, dy + height), slice(dx, dx + width)
-            apart = np.abs(depths[window] - depth)
-            better = np.isnan(motion[:1]) & ~np.isnan(padded[window][:1]) & (apart < best)
-            filled, best = np.where(better, padded[window], filled), np.where(better, apart, best)
-        if np.array_equal(np.isnan(filled), np.isnan(motion)):  # nothing is known in the whole frame
-            return np.zeros_like(motion)
-        motion = filled
-    return motion
+    """Motion (2, H, W) without NaN: rings of unknown pixels take that of a neighbour, nearest in depth (1, H, W) first.
+
+    What is further than some rings from anything known takes the mean of what is around it.
+    """
+    filled = motion.copy()
+    for _ in range(_RINGS):
+        _fill_ring(filled, depth[0])
+    return _fill_from_coarser(filled)
+
+
+def _fill_ring(motion: Pixels, depth: Pixels) -> None:
+    """Fill, in place, the unknown pixels of motion (2, H, W) that have a known neighbour; depth (H, W)."""
+    known = np.pad(~np.isnan(motion[0]), 1)
+    height, width = depth.shape
+    windows = [(slice(dy, dy + height), slice(dx, dx + width)) for dy, dx in product(range(3), range(3))]
+    y, x = np.nonzero(np.any([known[window] for window in windows], axis=0) & ~known[1:-1, 1:-1])
+    nearest, best = np.full(y.shape, np.inf), np.zeros((2, *y.shape), np.float32)
+    for dy, dx in product((-1, 0, 1), (-1, 0, 1)):
+        there = known[y + dy + 1, x + dx + 1]
+        row, column = (y + dy).clip(0, height - 1), (x + dx).clip(0, width - 1)
+        apart = np.where(there, np.abs(depth[row, column] - depth[y, x]), np.inf)
+        best = np.where(apart < nearest, motion[:, row, column], best)
+        nearest = np.minimum(nearest, apart)
+    motion[:, y, x] = best
+
+
+def _fill_from_coarser(motion: Pixels) -> Pixels:
+    """Motion (2, H, W) whose NaN pixels are those of the image at half the size, filled likewise; 0 if all are NaN."""
+    known = ~np.isnan(motion[:1])
+    if known.all() or not known.any():
+        return np.nan_to_num(motion, nan=0)
+    height, width = motion.shape[1:]
+    even = ((0, 0), (0, height % 2), (0, width % 2))
+    blocks = (-1, (height + 1) // 2, 2, (width + 1) // 2, 2)
+    total = np.pad(np.where(known, motion, 0), even).reshape(blocks).sum((2, 4))
+    count = np.pad(known, even).reshape(blocks).sum((2, 4))
+    coarse = np.where(count > 0, total / np.maximum(count, 1), np.nan).astype(np.float32)
+    spread = _fill_from_coarser(coarse).repeat(2, 1).repeat(2, 2)
+    return np.where(known, motion, spread[:, :height, :width])

@@ -1,12 +1,9 @@
 """`nte import exr`: EXR sequences of any engine, described by a channel map."""
 
-from collections import Counter
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
-
-import numpy as np
 
 from nte.errors import NteError
 from nte.frames.channels import CHANNELS
@@ -14,10 +11,11 @@ from nte.frames.clip import Pixels
 from nte.frames.exr import Part, read_parts
 from nte.importing.cameras import Camera, load_cameras
 from nte.importing.channel_map import MAPS, ChannelMap, Source, Vectors, find_map, load_channel_map, needs_camera
-from nte.importing.convert import VECTORS, fill_unknown, to_ours, with_motion
+from nte.importing.convert import fill_unknown, to_ours, with_motion
 from nte.importing.files import files_of_pattern, numbered_files
 from nte.importing.ids import Ids
 from nte.importing.layers import Found, choose, find, find_prefix, missing, partly_there, read
+from nte.importing.notes import OddValues
 from nte.importing.sky import with_sky_motion
 from nte.importing.still import with_still_geometry
 from nte.importing.write import refuse_existing, write_imported
@@ -28,10 +26,11 @@ class Imported:
     """A finished clip, and what is worth saying about how it came about."""
 
     folder: Path
-    vectors: Vectors  # how `motion` was read
+    vectors: Vectors  # how `motion` was read, or the forward motion that it was made from
     map: Path | None = None  # the channel map, where there is one to correct
     called: Mapping[str, str] = field(default_factory=dict)  # channel → what its source is called there
     notes: Sequence[str] = ()  # which layer was taken for what, and what had to be done with the values
+    group: str = "motion"  # of the map, where `vectors` stand
 
 
 @dataclass(frozen=True)
@@ -41,6 +40,7 @@ class Input:
     name: str
     source: Source
     files: Sequence[Path]
+    needed: bool  # or every frame may lack it
 
 
 def import_exr(
@@ -73,8 +73,10 @@ def import_exr(
     frames = with_motion(map(fill_unknown, with_sky_motion(frames, cameras)))
     about: dict[str, Any] = {"shutter": how.shutter} if how.shutter != 1 else {}
     write_imported(out, frames, count, how.producer, cameras, **about)
-    called = {name: f"'{' '.join(s.layer)}'" for name, s in how.channels.items() if s.layer}
-    return Imported(out, how.motion, path if path.parent != MAPS else None, called, [*reader.notes(), *notes])
+    called = {name: f"'{' '.join(s.layer) or s.file}'" for name, s in how.channels.items() if s.layer or s.file}
+    own_map = path if path.parent != MAPS else None
+    group = "motion" if reader.has("motion") or not reader.has("forward_motion") else "forward_motion"
+    return Imported(out, getattr(how, group), own_map, called, [*reader.notes(), *notes], group)
 
 
 def plan(source: Path, reference: Path | None, how: ChannelMap) -> list[Input]:
@@ -85,6 +87,7 @@ def plan(source: Path, reference: Path | None, how: ChannelMap) -> list[Input]:
     wanted = {name: (source, s) for name, s in how.channels.items() if not needs_camera(how, name)}
     if reference is not None:
         wanted["reference"] = (reference, how.channels.get("reference", how.channels["color"]))
+    needed = set(wanted) if not how.optional else {"color", *(["reference"] if reference is not None else [])}
     inputs: dict[str, tuple[Source, dict[int, Path]]] = {}
     known: dict[tuple[Path, str], dict[int, Path]] = {}
     for name in sorted(wanted, key=lambda name: name != "color"):
@@ -94,7 +97,7 @@ def plan(source: Path, reference: Path | None, how: ChannelMap) -> list[Input]:
         files = known[where, s.file]
         if files:
             inputs[name] = s, files
-        elif name == "color" or not how.optional:
+        elif name in needed:
             raise NteError(f"{where}: no file fits '{s.file}', where 'channels.{name}.file' expects the frames")
     expected = inputs["color"][1]
     for name, (s, files) in inputs.items():
@@ -105,7 +108,7 @@ def plan(source: Path, reference: Path | None, how: ChannelMap) -> list[Input]:
                 f"{where}: '{name}' has {len(files)} frames ({first}), 'color' has {len(expected)} ({second}): "
                 "expected the same frame numbers"
             )
-    return [Input(name, s, list(files.values())) for name, (s, files) in inputs.items()]
+    return [Input(name, s, list(files.values()), name in needed) for name, (s, files) in inputs.items()]
 
 
 def _files(where: Path, pattern: str) -> dict[int, Path]:
@@ -129,8 +132,7 @@ class _Reader:
         self.inputs, self.how, self.cameras = inputs, how, cameras
         self.ids = Ids()
         self.first: dict[str, tuple[Path, Found | None]] = {}
-        self.bad: Counter[str] = Counter()
-        self.bad_in: dict[str, Path] = {}
+        self.odd = OddValues()
 
     def frames(self) -> Iterator[dict[str, Pixels]]:
         """The channels of every frame in nte's conventions; unknown vectors are NaN.
@@ -145,7 +147,7 @@ class _Reader:
                 path = channel.files[index]
                 if path not in parts:
                     parts[path] = read_parts(path)
-                values = self._read(channel, path, parts[path])
+                values = self._read(channel, index, parts[path])
                 if values is None:
                     continue
                 size = size or values.shape[1:]
@@ -155,18 +157,18 @@ class _Reader:
                     raise NteError(f"{path}: '{channel.name}' is {found}, expected {expected} like {first}")
                 given[channel.name] = values
             ours = to_ours(given, self.how, self.cameras[index] if self.cameras else None)
-            self._count_bad(ours, index)
+            self.odd.look(ours, {channel.name: channel.files[index] for channel in self.inputs})
             yield ours
 
-    def _read(self, channel: Input, path: Path, parts: Sequence[Part]) -> Any:
-        name, source = channel.name, channel.source
+    def _read(self, channel: Input, index: int, parts: Sequence[Part]) -> Any:
+        name, source, path = channel.name, channel.source, channel.files[index]
         stored = choose(path, parts, source)
         prefix = self.how.prefix
         if prefix == "*":
-            prefix = find_prefix(path, stored, "color", self.how.channels["color"], self.how.prefix_not)
+            lead = self.inputs[0] if path == self.inputs[0].files[index] else channel
+            prefix = find_prefix(path, stored, lead.name, lead.source, self.how.prefix_not)
         found = find(stored, name, source, prefix)
-        may_lack = self.how.optional and name not in ("color", "reference")
-        if found is None and (not may_lack or partly_there(stored, source, prefix)):
+        if found is None and (channel.needed or partly_there(stored, source, prefix)):
             raise missing(path, stored, name, source)
         first_path, first = self.first.setdefault(name, (path, found))
         if found != first:
@@ -183,19 +185,12 @@ class _Reader:
         there = f"there is {instead.called} instead" if instead else "there is none"
         raise NteError(f"{lacks}: '{name}': {there}, where {has.name} has {called}: expected the same passes in each")
 
-    def _count_bad(self, ours: Mapping[str, Pixels], index: int) -> None:
-        files = {channel.name: channel.files[index] for channel in self.inputs}
-        for name, values in ours.items():
-            if CHANNELS[name].kind in ("radiance", "reflectance"):
-                bad = int((~(np.isfinite(values) & (values >= 0))).any(0).sum())
-            else:
-                bad = int((~np.isfinite(values)).any(0).sum())
-            if bad:
-                self.bad[name] += bad
-                self.bad_in.setdefault(name, files[name])
+    def has(self, name: str) -> bool:
+        """Whether the files have a channel; known when they have been read."""
+        return self.first.get(name, (None, None))[1] is not None
 
     def notes(self) -> Iterable[str]:
-        """What a user should hear of: which layer became what, bad pixels, unknown vectors, renumbered ids."""
+        """What a user should hear of: which layer became what, odd values, what was made, renumbered ids."""
         own_files = {channel.name for channel in self.inputs if channel.source.file}
         taken = (
             f"{name} from {found.called}{f' of {path.name}' if name in own_files or name == 'reference' else ''}"
@@ -203,11 +198,11 @@ class _Reader:
             if found
         )
         yield f"read {', '.join(taken)}"
-        for name, number in self.bad.items():
-            where = f"{number} pixels of {name}, first in {self.bad_in[name]}"
-            if name in VECTORS:
-                yield f"unknown: {where}; they move as the camera turns or as their neighbours"
-            else:
-                yield f"bad: {where}: NaN, infinite or negative"
+        yield from self.odd.notes()
+        if self.how.still and self.has("position"):
+            made = [name for name in ("depth", "motion") if not self.has(name)]
+            yield f"made from position, as if only the camera moves: {' and '.join(made) or 'nothing'}"
+        elif self.has("forward_motion") and not self.has("motion"):
+            yield "made from forward_motion: motion"
         if self.ids.renumbered:
             yield f"renumbered: {len(self.ids.renumbered)} ids of instance, which are no small whole numbers"

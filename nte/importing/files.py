@@ -5,7 +5,7 @@ import re
 from pathlib import Path
 
 from nte.errors import NteError
-from nte.frames.numbering import by_number, in_sequence
+from nte.frames.numbering import FRAME_NUMBER, by_number, in_sequence
 
 
 def numbered_files(source: Path, suffix: str) -> dict[int, Path]:
@@ -33,9 +33,8 @@ def files_of_pattern(folder: Path, pattern: str) -> dict[int, Path]:
     In a pattern # (or ####) is the frame number, with as many digits as there are, and * any part of a name; all
     else stands for itself. Raises NteError for a gap, and where more than one sequence fits.
     """
-    number = r"((?:(?<![^._\s/-])-)?\d+)"  # a minus after a separator is a sign, as in nte.frames.numbering
     parts = re.split(r"(#+|\*)", Path(pattern).as_posix())
-    kinds = {"#": number, "*": "[^/]*"}
+    kinds = {"#": f"({FRAME_NUMBER})", "*": "[^/]*"}
     expression = re.compile("".join(kinds.get(part[:1], re.escape(part)) for part in parts if part))
     if expression.groups > 1:
         raise NteError(f"{folder}: the pattern '{pattern}' has # more than once: expected one frame number")

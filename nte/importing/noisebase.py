@@ -19,6 +19,7 @@ from nte.importing.channel_map import Vectors
 from nte.importing.convert import unit
 from nte.importing.exr import Imported
 from nte.importing.noisebase_files import NoisebaseSequence
+from nte.importing.notes import OddValues
 from nte.importing.sky import OUTSIDE, motion_at_infinity, pixel_centres
 from nte.importing.write import refuse_existing, write_imported
 
@@ -50,9 +51,10 @@ def import_noisebase(source: Path, out: Path, spp: int = 1, force: bool = False)
     if not 1 <= spp <= sequence.samples:
         raise NteError(f"{source}: has {sequence.samples} samples per pixel, {spp} are asked for")
     cameras = _cameras(sequence)
-    frames = _frames(sequence, cameras, spp)
+    odd = OddValues()
+    frames = _frames(sequence, cameras, spp, odd)
     write_imported(out, frames, sequence.frames, "noisebase", cameras, spp=spp)
-    return Imported(out, Vectors())
+    return Imported(out, Vectors(), notes=list(odd.notes()))
 
 
 def decode_rgbe(color: npt.NDArray[np.uint8], exposure: Pixels) -> Pixels:
@@ -62,13 +64,15 @@ def decode_rgbe(color: npt.NDArray[np.uint8], exposure: Pixels) -> Pixels:
     return np.asarray(color[:3] / np.float32(255) * scale, np.float32)
 
 
-def _frames(sequence: NoisebaseSequence, cameras: list[Camera], spp: int) -> Iterator[dict[str, Pixels]]:
+def _frames(
+    sequence: NoisebaseSequence, cameras: list[Camera], spp: int, odd: OddValues
+) -> Iterator[dict[str, Pixels]]:
     for frame, camera in enumerate(cameras):
         surface = _surface(sequence, frame, camera)
         seen = decode_rgbe(sequence.read(frame, "color", slice(0, spp)), sequence.read(frame, "exposure"))
         depth = np.einsum("j,jhw->hw", camera.view[2, :3], surface.position) + camera.view[2, 3]
         hit = surface.hit
-        yield {
+        channels = {
             "color": seen.mean(-1),
             "reference": sequence.read(frame, "reference").astype(np.float32),
             "albedo": surface.albedo,
@@ -77,6 +81,8 @@ def _frames(sequence: NoisebaseSequence, cameras: list[Camera], spp: int) -> Ite
             "position": (surface.position * hit).astype(np.float32),
             "motion": _motion(surface, camera, cameras[frame - 1] if frame else None),
         }
+        odd.look(channels, dict.fromkeys(channels, sequence.path(frame)))
+        yield channels
 
 
 def _surface(sequence: NoisebaseSequence, frame: int, camera: Camera) -> Surface:

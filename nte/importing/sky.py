@@ -14,6 +14,7 @@ from nte.importing.cameras import Camera
 Floats = npt.NDArray[np.float64]
 OUTSIDE = -2.0  # image sizes: where a point behind the camera counts as seen, so that vectors are finite
 _ENOUGH = 100  # surface points
+_AT_MOST = 50_000  # of them: more cost memory and tell no more
 _FLAT = 1e-3  # relative extent below which points lie in a plane, and relative change of depth without perspective
 _OWN_PIXEL = 1.0  # px: what the recovered camera may be off by
 
@@ -33,7 +34,8 @@ def recover_camera(position: Pixels, hit: npt.NDArray[np.bool_]) -> Floats | Non
     Direct linear transformation: least squares over all points. None where they do not say it: too few, all
     in one plane, or no perspective camera (orthographic, panoramic).
     """
-    points, seen = position[:, hit].astype(np.float64), pixel_centres(hit.shape)[:, hit]
+    some = slice(None, None, max(1, int(hit.sum()) // _AT_MOST))
+    points, seen = position[:, hit][:, some].astype(np.float64), pixel_centres(hit.shape)[:, hit][:, some]
     if points.shape[1] < _ENOUGH:
         return None
     centre, size = points.mean(1, keepdims=True), max(hit.shape)

@@ -31,8 +31,8 @@ def with_still_geometry(
             now = cameras[index].to_pixels(hit.shape[1:]) if cameras else recover_camera(frame["position"], hit[0])
             if now is None:
                 raise NteError(
-                    f"{files[index]}: 'position' does not say where the camera is (too few points, all in one plane, or "
-                    "no perspective): give 'cameras'"
+                    f"{files[index]}: 'position' does not say where the camera is (few points, one plane, or no "
+                    "perspective): give 'cameras'"
                 )
             now = now / np.linalg.norm(now[2, :3])  # so that what divides is the depth
             if "depth" not in frame:

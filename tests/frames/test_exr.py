@@ -157,6 +157,19 @@ def test_views_within_a_part_are_cut_apart(tmp_path: Path) -> None:
     np.testing.assert_array_equal(right.layers["diffuse.R"], channels["diffuse.right.R"])
 
 
+def test_chroma_at_half_the_size_is_refused_by_name(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    write_exr(tmp_path / "a.exr", planes(names=("Y", "RY")))
+
+    class Halved(OpenEXR.File):  # the library writes no such file
+        def __init__(self, *arguments: object, **options: object) -> None:
+            super().__init__(*arguments, **options)
+            self.parts[0].channels["RY"].xSampling = 2
+
+    monkeypatch.setattr(OpenEXR, "File", Halved)
+    with pytest.raises(NteError, match=r"a\.exr: channel 'RY' is subsampled: .*luminance and chroma: save it as RGB"):
+        read_layers(tmp_path / "a.exr")
+
+
 def test_deep_files_are_refused(tmp_path: Path) -> None:
     samples = np.empty((2, 3), object)
     for index in np.ndindex(samples.shape):

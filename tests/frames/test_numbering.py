@@ -29,6 +29,9 @@ def order(*names: str) -> list[int]:
         (["shot--2", "shot--1", "shot-0", "shot-1"], [-2, -1, 0, 1]),
         (["shot-0005", "shot-0006"], [5, 6]),  # a hyphen after a letter or a digit is none
         (["take2-0005", "take2-0006"], [5, 6]),
+        (["shot (2)-0005", "shot (2)-0006"], [5, 6]),
+        (["shot(-2)", "shot(-1)"], [-2, -1]),
+        (["shot=-2", "shot=-1"], [-2, -1]),
         (["shot.v002.0001", "shot.v002.0002"], [1, 2]),
         (["0001_v2_left", "0002_v2_left"], [1, 2]),
         (["beauty.0001.denoised-2", "beauty.0002.denoised-2"], [1, 2]),

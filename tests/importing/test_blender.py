@@ -5,6 +5,7 @@ import pytest
 
 from nte.cli import main
 from nte.frames.clip import Clip
+from nte.frames.exr import read_exr, write_exr
 from nte.importing.convert import UNNAMED
 from tests.importing.producers import SKY_ROWS, blender, scene, write_layers
 
@@ -50,6 +51,44 @@ def test_only_the_combined_pass_is_needed(tmp_path: Path, capsys: pytest.Capture
     assert "without motion ('Vector.X Vector.Y'): no history" in said
     assert "without albedo ('Diffuse Color | DiffCol')" in said
     assert "not checked" in said
+
+
+@pytest.mark.parametrize("frame", [0, 1, 2])
+def test_a_pass_that_one_frame_lacks_is_named_and_nothing_is_left(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], frame: int
+) -> None:
+    source = blender(tmp_path / "noisy", scene(3))
+    path = sorted(source.iterdir())[frame]
+    write_exr(path, {name: plane for name, plane in read_exr(path).items() if ".Vector." not in name})
+    assert run(source, tmp_path / "clip") == 2
+    error = capsys.readouterr().err.splitlines()[-1]
+    assert str(path) in error
+    assert "'motion'" in error
+    assert {p.name for p in tmp_path.iterdir()} == {"noisy"}
+
+
+def test_the_image_before_denoising_is_the_noisy_one(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    frames = scene(2)
+    source = blender(tmp_path / "noisy", [{**f, "color": f["reference"]} for f in frames])
+    for path, frame in zip(sorted(source.iterdir()), frames, strict=True):
+        noisy = dict(zip("RGB", frame["color"], strict=True))
+        write_exr(path, read_exr(path) | {f"View Layer.001.Noisy Image.{c}": plane for c, plane in noisy.items()})
+    assert run(source, tmp_path / "clip") == 0
+    np.testing.assert_array_equal(Clip(tmp_path / "clip").frame(1)["color"][0], frames[1]["color"])
+    assert "color from View Layer.001.Noisy Image" in capsys.readouterr().out
+
+
+def test_what_the_compositor_made_counts_only_alone(tmp_path: Path) -> None:
+    def image(layer: str, value: float) -> dict[str, np.ndarray[tuple[int, int], np.dtype[np.float64]]]:
+        return {f"{layer}.Combined.{c}": np.full((8, 8), value) for c in "RGBA"}
+
+    both = write_layers(tmp_path / "both", [image("Composite", 0.25) | image("Scene.View", 0.5)])
+    alone = write_layers(tmp_path / "alone", [image("Composite", 0.25)])
+    for source, value in ((both, 0.5), (alone, 0.25)):
+        assert run(source, tmp_path / source.name / "clip") == 0
+        assert (Clip(source / "clip").frame(0)["color"] == value).all()
+    assert run(both, tmp_path / "chosen", "prefix=Composite") == 0
+    assert (Clip(tmp_path / "chosen").frame(0)["color"] == 0.25).all()
 
 
 @pytest.mark.parametrize(

@@ -1,7 +1,9 @@
 """What a channel map can say: where each channel is, how it is stored, and what counts as unknown."""
 
 import json
+import time
 from collections.abc import Callable, Sequence
+from dataclasses import fields
 from pathlib import Path
 from typing import Any
 
@@ -14,6 +16,7 @@ from nte.cli import main
 from nte.frames.clip import Clip
 from nte.frames.exr import write_exr
 from nte.importing.cameras import camera_of_fov
+from nte.importing.channel_map import MAPS, ChannelMap, Depths, Normals, ShutterVectors, Source, Vectors
 from nte.importing.ids import UNNAMED, Ids
 from tests.importing.producers import SIZE, SKY_ROWS, named, rotation, scene, write_map
 from tests.synthetic import Pixels
@@ -72,6 +75,7 @@ UNIT = np.array([[0.6, -0.8, 0.0], [0.0, 0.6, 0.8]], np.float32)
         ("depth", [[300.0], [2e8]], {}, {"depth": {"scale": 0.01, "sky": 1e8}}, [[3], [0]]),
         ("depth", [[0.25], [1.0]], {"scale": 40, "offset": 2}, {}, [[12], [42]]),
         ("depth", [[np.inf], [np.nan]], {}, {}, [[0], [0]]),
+        ("shutter_depth", [[-300.0], [1e9]], {}, {"depth": {"scale": -0.01}}, [[3], [0]]),
         ("albedo", [[51.0, 255, 0], [300, 102, 0]], {"scale": "0.00392156862745098"}, {}, [[0.2, 1, 0], [1, 0.4, 0]]),
         ("roughness", [[0.25], [1.0]], {"scale": -1, "offset": 1}, {}, [[0.75], [0]]),
         ("motion", [[3.0, -2], [0.5, 1]], {"scale": [-1, 1]}, {}, [[-3, -2], [-0.5, 1]]),
@@ -245,6 +249,24 @@ def test_unknown_vectors_are_those_of_neighbours_at_their_depth(
         np.testing.assert_allclose(found[:, SKY_ROWS:], frame["motion"][:, SKY_ROWS:], atol=1e-5)
 
 
+def test_large_unknown_regions_move_like_what_is_around_them_and_do_not_take_long(tmp_path: Path) -> None:
+    y, x = np.mgrid[:300, :400].astype(np.float32)
+    motion = np.stack([3 + 0.01 * x, -2 + 0.01 * y])
+    depth = np.where(y < 200, 1e10, 5).astype(np.float32)
+    given = dict(zip("RGB", np.ones((3, 300, 400), np.float32), strict=True)) | {"z": depth}
+    given |= named("v", "xy", np.where(depth < 9, motion, 0).astype(np.float32))
+    channels = COLOR | {"motion": {"layer": "v", "unknown": "sky"}, "depth": "z"}
+    started = time.process_time()
+    found = imported(tmp_path, write(tmp_path / "shots", [given] * 2), {"channels": channels}).frame(1)["motion"][0]
+    assert time.process_time() - started < 5
+    np.testing.assert_array_equal(found[:, 200:], motion[:, 200:])
+    for component, sky in zip(motion[:, 200:], found[:, :200], strict=True):
+        assert component.min() - 1e-4 <= sky.min()
+        assert sky.max() <= component.max() + 1e-4
+    assert np.abs(found[1, :200] - motion[1, 200]).max() < 0.3  # nearer to the surfaces below than to their far end
+    assert np.abs(found[0, 195] - motion[0, 195]).max() < 0.2
+
+
 def test_a_value_that_is_not_said_to_be_unknown_is_kept(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     source = write(tmp_path / "shots", moving(holes(0.0)))
     clip = imported(tmp_path, source, {"channels": COLOR | {"motion": "v", "depth": "z"}})
@@ -320,6 +342,14 @@ def test_another_layer_in_a_later_frame_is_no_alternative(tmp_path: Path, capsys
     assert "shot.3.exr: 'color': there is final instead, where shot.1.exr has noisy: expected the same passes" in said
 
 
+def test_a_reference_is_needed_where_one_is_given(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    source = write(tmp_path / "shots", [image("R", "G", "B")] * 2)
+    about = {"channels": COLOR | {"reference": "clean"}, "optional": True}
+    assert "reference" not in imported(tmp_path, source, about).channels
+    said = refused(tmp_path / "shots", source, about, capsys, "--reference", str(source))
+    assert "shot.1.exr: no clean for 'reference'" in said
+
+
 def test_half_a_pass_is_no_missing_pass(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     source = write(tmp_path / "shots", [image("R", "G", "B", "v.X")] * 2)
     about = {"channels": COLOR | {"motion": "v", "albedo": "kd"}, "optional": True}
@@ -355,6 +385,13 @@ def test_bad_pixels_of_the_reference_are_counted_and_named(
         ({"channels": {"color": "."}, "shutter": 1.5}, "'shutter' is 1.5, expected the open share"),
         ({"channels": {"color": "."}, "shutter_motion": {"over": "second"}}, "'shutter_motion.over' is 'second'"),
         ({"channels": {"color": "."}, "normal": {"encoded": "octahedral"}}, "normal.encoded"),
+        ({"channels": {"color": ".", "depth": {"layer": {"a": "b"}}}}, "'channels.depth'"),
+        ({"channels": {"color": ["a", ["b"], "c"]}}, "'channels.color': ['a', ['b'], 'c']: expected a layer, or the"),
+        ({"channels": {"color": {"scale": [1, [2], 3]}}}, "'channels.color': scale: "),
+        ({"channels": {"color": ".", "motion": {"unknown": {"a": 1}}}}, "'channels.motion': unknown: "),
+        ({"channels": {"color": " | "}}, "expected a layer"),
+        ({"channels": {"color": ""}}, "expected a layer"),
+        ({"channels": {"color": "."}, "depth": {"sky": float("nan")}}, "'depth.sky' is nan"),
         ({"channels": "beauty"}, "channels"),
         ({"channels": ["beauty"]}, "list is not a subclass of Dict"),
     ],
@@ -366,6 +403,20 @@ def test_faulty_maps_are_refused_by_key(
     error = refused(tmp_path, source, about, capsys)
     assert "map.yaml: " in error
     assert said in error
+
+
+def test_the_page_names_every_key() -> None:
+    page = (Path(__file__).parents[2] / "datasets" / "IMPORT.md").read_text(encoding="utf-8")
+    groups = {"motion": Vectors, "shutter_motion": ShutterVectors, "normal": Normals, "depth": Depths}
+    tables = page.split("## Any EXR files")[1].split("## Blender")[0]
+    own = {f.name for f in fields(ChannelMap)} - {"forward_motion", "producer", "channels", *groups}
+    for key in own | {f.name for f in fields(Source)}:
+        assert f"`{key}`" in tables, key
+    for group, schema in groups.items():
+        for key in (f.name for f in fields(schema)):
+            assert f"`{group}.{key}`" in tables or f"`.{key}` of the three" in tables, (group, key)
+    for name in (path.stem for path in MAPS.glob("*.yaml")):
+        assert f"| `{name}` |" in tables
 
 
 def test_keys_on_the_command_line(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:

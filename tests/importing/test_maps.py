@@ -11,7 +11,7 @@ import yaml
 
 from nte.cli import main
 from nte.frames.clip import Clip
-from nte.frames.exr import write_exr
+from nte.frames.exr import read_layers, write_exr
 from nte.importing.cameras import camera_of_fov
 from nte.importing.channel_map import MAPS, find_map, load_channel_map
 from tests.importing.producers import FOV, SIZE, SKY_ROWS, named, rays, rotation, scene, write_layers
@@ -209,7 +209,9 @@ def test_bmfrs_data_get_motion_and_depth_from_positions(tmp_path: Path, capsys: 
             write_exr(tmp_path / "inputs" / f"{name}{i}.exr", layers)
     (tmp_path / "inputs" / "camera_matrices.h").write_text("float a[4];")
     assert run(tmp_path / "inputs", "bmfr", tmp_path / "clip") == 0
-    assert "clip: plausible" in capsys.readouterr().out
+    said = capsys.readouterr().out
+    assert "made from position, as if only the camera moves: depth and motion" in said
+    assert "clip: plausible" in said
     clip = Clip(tmp_path / "clip")
     assert len(clip) == 4
     for index in (1, 2, 3):
@@ -221,9 +223,7 @@ def test_bmfrs_data_get_motion_and_depth_from_positions(tmp_path: Path, capsys: 
         assert np.isfinite(found["motion"]).all()
 
 
-def test_positions_that_do_not_tell_the_camera_are_refused(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_positions_that_do_not_tell_the_camera_are_refused(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     for i in range(3):
         for name, values in corner(i)[0].items():
             flat = np.zeros_like(values) if (name, i) == ("world_position", 1) else values
@@ -279,6 +279,25 @@ def test_one_eye_of_a_stereo_image_is_chosen(tmp_path: Path, capsys: pytest.Capt
             np.testing.assert_allclose(found[name][0], factor * frame[name], rtol=1e-3, atol=1e-4)
     assert main([*command, "--force", "view=middle"]) == 2
     assert "no view 'middle'; the file has left, right" in capsys.readouterr().err
+
+
+def test_a_part_for_each_layer_is_read_like_one_part(tmp_path: Path) -> None:
+    frames = scene(2)
+    source, _ = arnold(tmp_path, frames)
+    for path in source.iterdir():
+        layers: dict[str, dict[str, Pixels]] = {}
+        for name, plane in read_layers(path).items():
+            layer, _, component = name.rpartition(".")
+            layers.setdefault(layer or {"Z": "Z", "ID": "ID"}.get(name, "RGBA"), {})[component] = plane
+        parts = [OpenEXR.Part({"type": OpenEXR.scanlineimage}, planes, name) for name, planes in layers.items()]
+        with OpenEXR.File(parts) as file:
+            file.write(str(path))
+    assert run(source, "arnold", tmp_path / "clip") == 0
+    found = Clip(tmp_path / "clip").frame(1)
+    for name in EVERY:
+        known = frames[1]["depth"] > 0
+        np.testing.assert_allclose(np.where(known, found[name][0], 0), np.where(known, frames[1][name], 0), atol=2e-3)
+    assert len(np.unique(found["instance"])) == 3
 
 
 def test_every_map_that_ships_can_be_loaded_and_names_its_source() -> None:

@@ -161,3 +161,12 @@ def test_a_wrong_direction_of_motion_is_noticed(tmp_path: Path, capsys: pytest.C
     assert run(source, tmp_path / "clip") == 2
     assert "implausible" in capsys.readouterr().out
     assert torch.isfinite(torch.from_numpy(Clip(tmp_path / "clip").frame(1)["motion"])).all()
+
+
+def test_bad_pixels_of_the_reference_are_counted_and_named(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    for i, arrays in enumerate(noisebase_arrays(scene(3))):
+        arrays["reference"] = arrays["reference"].copy()
+        arrays["reference"][0, :i, 5] = [np.nan, -20.0][:i]
+        write_zip(tmp_path / "bistro" / f"frame{i:04d}.zip", arrays)
+    assert run(tmp_path / "bistro", tmp_path / "clip") == 0
+    assert f"bad: 3 pixels of reference, first in {tmp_path}/bistro/frame0001.zip" in capsys.readouterr().out
