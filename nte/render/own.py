@@ -137,13 +137,12 @@ class OwnStage(Stage):
     def met(self, hit: Any, ray: Any) -> list[Any]:
         """What a ray meets: the key of the shape, or of the instance of which it is a part, and its place."""
         mi, dr = load_mitsuba(), load_drjit()
+        si = self._rest.interaction(hit, ray)
         instance = dr.reinterpret_array(mi.UInt32, hit.instance)
-        still = dr.opaque(mi.UInt32, key_of(self._levels[-1].still) if self._levels and self._levels[-1].still else 0)
-        within = (instance != 0) & (instance == still)
-        inner = hit.compute_surface_interaction(ray, mi.RayFlags.Minimal, within).shape
-        shape = dr.select(within, shape_key(inner), shape_key(hit.shape))
-        key = dr.select((instance != 0) & ~within, instance, shape)
-        return [key, *self.places.columns(hit, ray)]
+        level = self._levels[-1].still if self._levels else None
+        still = dr.opaque(mi.UInt32, 0 if level is None else key_of(level))
+        key = dr.select((instance != 0) & (instance != still), instance, shape_key(si.shape))
+        return [dr.select(hit.is_valid(), key, 0), *self._rest.columns_of(hit, ray, si)]
 
     def albedo(self, si: Any, hit: Any) -> Any:
         """Diffuse reflectance, or what a metal or glass does to light that it turns (3,).

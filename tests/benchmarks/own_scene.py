@@ -1,8 +1,8 @@
 """What moving one part of a large scene of one's own costs: python tests/benchmarks/own_scene.py [PARTS] [LEVELS]
 
-PARTS meshes (400), each a ball of 20·4^LEVELS triangles (3), at 160×120. The frames of a scene in which one part moves are
-compared with those of the same scene at rest, both at 1 spp, in turn, in one run; the best of several counts. Returns 1
-if a frame costs more than 1.3 of one at rest plus one rebuild of Mitsuba's acceleration structure.
+PARTS meshes (400), each a ball of 20·4^LEVELS triangles (3), at 160×120. The frames of a scene in which one part moves
+are compared with those of the same scene at rest, both at 1 spp, in turn, in one run; the best of several counts.
+Returns 1 if a frame costs more than 1.3 of one at rest plus one rebuild of Mitsuba's acceleration structure.
 """
 
 import sys
@@ -30,7 +30,8 @@ def write_scene(folder: Path, parts: int, levels: int) -> None:
         for i in range(parts)
     ]
     paints = [
-        f'<bsdf type="diffuse" id="paint_{i}"><rgb name="reflectance" value="0.{1 + i}, 0.5, 0.4"/></bsdf>' for i in range(8)
+        f'<bsdf type="diffuse" id="paint_{i}"><rgb name="reflectance" value="0.{1 + i}, 0.5, 0.4"/></bsdf>'
+        for i in range(8)
     ]
     (folder / "scene.xml").write_text(
         '<scene version="3.0.0"><sensor type="perspective"><float name="fov" value="50"/><transform name="to_world">'
@@ -54,7 +55,11 @@ def spent(task: Callable[[], object]) -> float:
 
 def main(parts: int, levels: int) -> int:
     """Print the table and return 0 if all is within what the project promises, else 1."""
-    stages, frames = {}, {"colour": lambda s, i: (guides(s, i), radiance(s, 1, i)), "components": lambda s, i: noisy(s, i, [i])}
+    stages: dict[str, OwnStage] = {}
+    frames: dict[str, Callable[[OwnStage, int], object]] = {
+        "colour": lambda stage, index: (guides(stage, index), radiance(stage, 1, index)),
+        "components": lambda stage, index: noisy(stage, index, [index]),
+    }
     with tempfile.TemporaryDirectory() as name:
         write_scene(Path(name), parts, levels)
         for kind in ("still", "moving"):
