@@ -14,9 +14,9 @@ from torch.profiler import record_function
 
 from nte.errors import NteError
 from nte.filters.atrous import atrous_step
-from nte.filters.moments import brightness, variance_of, with_square
+from nte.filters.moments import brightness, shorten, variance_of, with_square
 from nte.filters.reproject import Surface, surface_of
-from nte.filters.svgf import Svgf, edge_stopping, geometry_guides, with_luminance
+from nte.filters.svgf import Svgf, Weights, edge_stopping, geometry_guides, with_luminance
 from nte.frames.frame import Frame
 
 STRATUM = 3  # pixels; one gradient sample in each stratum of 3×3
@@ -69,13 +69,17 @@ class Asvgf(Svgf):
         self.gradient_iterations = gradient_iterations
         self.needs = (*self.needs, "gradient")
 
-    def _weights(self, frame: Frame, light: Tensor, surface: Surface, length: Tensor) -> tuple[Tensor, Tensor]:
-        """SVGF's weights, pulled towards 1 where the light changed: section 4.4."""
+    def _weights(self, frame: Frame, light: Tensor, surface: Surface, length: Tensor) -> Weights:
+        """SVGF's weights, pulled towards 1 where the light changed (section 4.4), and the length that is left.
+
+        The variance follows the length: a history that was forgotten is young, and its variance spatial.
+        """
         with record_function("asvgf: gradient"):
             strata = stratify(frame["gradient"], brightness(light), surface)
             change = self._changed(strata)[..., : light.shape[2], : light.shape[3]]
-        alpha, moments_alpha = super()._weights(frame, light, surface, length)
-        return alpha.lerp(torch.ones_like(alpha), change), moments_alpha.lerp(torch.ones_like(alpha), change)
+        kept = super()._weights(frame, light, surface, length)
+        one = torch.ones_like(change)
+        return Weights(shorten(length, change), kept.light.lerp(one, change), kept.moments.lerp(one, change))
 
     def _changed(self, strata: Strata) -> Tensor:
         """λ = min(1, max |Δ| / max(l, l′)) over the 3×3 strata around, filtered (section 4.3): at full resolution."""

@@ -36,6 +36,15 @@ def running_mean_weight(length: Tensor, floor: float) -> Tensor:
     return length.reciprocal().clamp_(min=floor)
 
 
+def shorten(length: Tensor, change: Tensor) -> Tensor:
+    """History length that the weight lerp(1/h, 1, λ) amounts to, h / (1 + λ(h − 1)): h where λ is 0, 1 where it is 1.
+
+    length h and change λ in [0, 1]: (N, 1, H, W). Schied et al. 2018 store 1/α in their own program; Q2RTX, of the same
+    author, multiplies h by (1 − λ)^10. Whoever forgets light and not its length takes the variance of one sample, 0.
+    """
+    return length / (1 + change * (length - 1))
+
+
 def variance_of(moments: Tensor) -> Tensor:
     """max(0, μ₂ − μ₁²), (N, 1, H, W), of moments (N, 2, H, W)."""
     return (moments[:, 1:] - moments[:, :1].square()).clamp_(min=0)

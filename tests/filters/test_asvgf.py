@@ -66,8 +66,52 @@ def test_light_that_does_not_change_leaves_alpha_alone_and_a_light_switched_off_
     same, off = gradient_of(shape, 0.7, 0.7), gradient_of(shape, 0.0, 0.7)
     nothing = np.full_like(same, np.nan)
     found = alphas([nothing, same, same, off, nothing], alpha=0.1)
-    for alpha, expected in zip(found, (1, 1 / 2, 1 / 3, 1, 1 / 5), strict=True):
+    for alpha, expected in zip(found, (1, 1 / 2, 1 / 3, 1, 1 / 2), strict=True):
         np.testing.assert_allclose(alpha, expected, rtol=1e-5)
+
+
+def error(image: np.ndarray, frame: Frame) -> float:
+    return float(np.sqrt(np.square(image - frame["reference"]).mean()))
+
+
+@pytest.mark.parametrize("batch", [1, 2])
+def test_where_everything_changed_it_filters_as_a_first_frame_does(batch: int) -> None:
+    """λ = 1: no history, but the spatial filter as wide as the noise of one frame asks for."""
+    frames = noisy_frames(6, still_channels((37, 50), batch))
+    off = gradient_of((batch, 37, 50), 0.0, 1.0)
+    changed = run(Asvgf(), [frame.with_channels(gradient=off) for frame in frames])
+    for image, frame in zip(changed[1:], frames[1:], strict=True):
+        (alone,) = run(Svgf(), [frame])
+        np.testing.assert_allclose(image, alone, rtol=1e-4, atol=1e-5)
+        assert error(image, frame) < 0.3 * error(frame["color"], frame)
+
+
+def test_where_half_of_the_picture_changed_that_half_is_young_and_the_other_keeps_its_history() -> None:
+    shape = (1, 30, 96)
+    left = np.broadcast_to(np.arange(96) < 48, shape)
+    half = gradient_of(shape, np.where(left, 0.0, 1.0), 1.0)
+    frames = noisy_frames(9, still_channels(shape[1:]))
+    session = Session(Asvgf(gradient_iterations=0))
+    for frame in frames[:-1]:
+        session.step(frame.with_channels(gradient=np.full_like(half, np.nan)))
+    result = session.step(frames[-1].with_channels(gradient=half), ("history_length", "alpha"))
+    length = result.extras["history_length"]
+    np.testing.assert_allclose(length[..., :48], 1, rtol=1e-5)
+    np.testing.assert_allclose(length[..., 54:], 9, rtol=1e-5)
+    (alone,) = run(Svgf(), [frames[-1]])
+    young = (..., slice(0, 30))
+    reference = frames[-1]["reference"]
+    assert np.abs(result.image - reference)[young].mean() < 1.1 * np.abs(alone - reference)[young].mean()
+
+
+@pytest.mark.parametrize("change", [0.1, 0.25, 0.5, 0.8])
+def test_light_that_keeps_changing_is_filtered_no_worse_than_one_frame_alone(change: float) -> None:
+    """Between 0 and 1, too, the variance is that of the noise that is left: nothing stays as it came."""
+    frames = noisy_frames(10, still_channels((48, 64)))
+    pairs = gradient_of((1, 48, 64), 1 - change, 1.0)
+    images = run(Asvgf(), [frame.with_channels(gradient=pairs) for frame in frames])
+    alone = np.mean([error(run(Svgf(), [frame])[0], frame) for frame in frames[5:]])
+    assert np.mean([error(*pair) for pair in zip(images[5:], frames[5:], strict=True)]) < 1.02 * alone
 
 
 def test_alpha_is_between_its_floor_and_one_in_proportion_to_the_relative_change() -> None:

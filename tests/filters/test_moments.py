@@ -11,6 +11,7 @@ from nte.filters.moments import (
     estimated_variance,
     lengthen,
     running_mean_weight,
+    shorten,
     variance_of,
     with_square,
 )  # fmt: skip
@@ -75,6 +76,15 @@ def test_length_counts_to_its_limit_and_starts_anew_where_nothing_is_valid() -> 
     length, valid = torch.tensor([1.0, 31, 32, 7]), torch.tensor([True, True, True, False])
     assert lengthen(length, valid, 32).tolist() == [2, 32, 32, 1]
     assert running_mean_weight(torch.tensor([1.0, 4, 100]), 0.05).tolist() == pytest.approx([1, 0.25, 0.05])
+
+
+def test_what_is_left_of_a_length_weighs_what_the_pulled_weight_weighs() -> None:
+    length, change = torch.rand(100) * 31 + 1, torch.rand(100)
+    weight = length.reciprocal()
+    expected = weight + change * (1 - weight)
+    torch.testing.assert_close(running_mean_weight(shorten(length, change), 0), expected)
+    assert shorten(length, torch.zeros(100)).tolist() == length.tolist()
+    assert shorten(length, torch.ones(100)).tolist() == pytest.approx([1.0] * 100)
 
 
 def test_brightness_is_luminance_of_a_colour_and_a_scalar_itself() -> None:
