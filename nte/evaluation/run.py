@@ -177,7 +177,7 @@ class _Timed:
     def __init__(self, denoiser: Denoiser, device: str) -> None:
         self.denoiser = denoiser
         self.needs, self.optional, self.target = denoiser.needs, denoiser.optional, denoiser.target
-        self.on_cpu = torch.device(device).type == "cpu"
+        self.device = torch.device(device)
         self.seconds: list[float] = []
 
     def step(self, frame: Frame, state: State | None, extras: tuple[str, ...] = ()) -> tuple[Result, State]:
@@ -189,8 +189,8 @@ class _Timed:
         return result
 
     def _wait(self) -> None:
-        if not self.on_cpu:
-            torch.accelerator.synchronize()
+        if self.device.type != "cpu":
+            torch.accelerator.synchronize(self.device)
 
 
 def mean(values: Iterable[float | None]) -> float | None:

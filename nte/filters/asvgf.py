@@ -36,10 +36,13 @@ class Strata(NamedTuple):
 
 
 class Asvgf(Svgf):
-    """A-SVGF of `color` or one light component: α ← lerp(max(α, 1/h), 1, λ), λ from the channel `gradient`.
+    """A-SVGF of `color` or one light component: α ← lerp(max(α, 1/h), 1, λ), λ from temporal gradients.
 
-    `gradient` (N, 2, H, W): luminance of the demodulated colour shaded now with the previous frame's random numbers,
-    and the previous one; one pixel in each 3×3 stratum, elsewhere NaN. λ is 0 where no sample is near.
+    Channel `gradient` (N, 2, H, W): luminance of the demodulated colour shaded now with the previous frame's random
+    numbers, and the previous one; one pixel in each 3×3 stratum, elsewhere NaN. λ is 0 where no sample is near.
+    A target other than `color` takes the pairs of its own light from `gradient_visibility`, `gradient_indirect` or
+    `gradient_glossy`. Where a clip has none, those of `gradient` stand for them, and then a shadow that moves
+    shortens the history of indirect and glossy light, too.
     gradient_iterations: of its à-trous filter. Other options as those of SVGF; the extra `alpha` shows λ.
     """
 
@@ -68,6 +71,9 @@ class Asvgf(Svgf):
             raise NteError(f"asvgf: gradient_iterations is {gradient_iterations}, expected 0 or more")
         self.gradient_iterations = gradient_iterations
         self.needs = (*self.needs, "gradient")
+        self.own_gradient = f"gradient_{target}"
+        if target != "color":
+            self.optional = (*self.optional, self.own_gradient)
 
     def _weights(self, frame: Frame, light: Tensor, surface: Surface, length: Tensor) -> Weights:
         """SVGF's weights, pulled towards 1 where the light changed (section 4.4), and the length that is left.
@@ -75,7 +81,8 @@ class Asvgf(Svgf):
         The variance follows the length: a history that was forgotten is young, and its variance spatial.
         """
         with record_function("asvgf: gradient"):
-            strata = stratify(frame["gradient"], brightness(light), surface)
+            gradient = frame[self.own_gradient if self.own_gradient in frame else "gradient"]
+            strata = stratify(gradient, brightness(light), surface)
             change = self._changed(strata)[..., : light.shape[2], : light.shape[3]]
         kept = super()._weights(frame, light, surface, length)
         one = torch.ones_like(change)
