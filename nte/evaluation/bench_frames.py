@@ -42,7 +42,8 @@ def scaled(frame: Frame, size: tuple[int, int]) -> Frame:
         factor = np.array(factors.get(kind, (1,)), np.float32).reshape(1, -1, 1, 1)
         return np.ascontiguousarray(values[:, :, rows[:, None], columns] * factor)
 
-    return Frame({name: scale(name, values) for name, values in frame.channels.items()}, frame.index)
+    channels = {name: scale(name, values) for name, values in frame.channels.items()}
+    return Frame(channels, frame.index, clean_guides=frame.clean_guides)
 
 
 def synthetic_frames(size: tuple[int, int], channels: Iterable[str]) -> Source:
@@ -61,7 +62,7 @@ def synthetic_frames(size: tuple[int, int], channels: Iterable[str]) -> Source:
         made = {row.name: _made_up(row, disc, x / width, rng)[None].astype(np.float32) for row in wanted}
         for name in [row.name for row in wanted if row.components == LP]:  # one pixel of each stratum
             made[name][..., np.arange(height)[:, None] % 3 + 3 * (np.arange(width) % 3) != 4] = np.nan
-        return Frame(made, index)
+        return Frame(made, index, clean_guides=True)
 
     return frame
 

@@ -86,6 +86,7 @@ class ClipRun:
                 "first_frame": self.first_frame,
                 **track.summary(region),
                 "ms_per_frame": run.ms_per_frame,
+                **({"settings": run.settings} if run.settings else {}),
             }
             for run in self.runs
             for target, track in run.tracks.items()
@@ -119,11 +120,14 @@ class _Run:
         offered: tuple[str, ...] = getattr(denoiser, "components", ())
         self.components = tuple(name for name in offered if reference_of(name) in channels)
         self.tracks = {target: _Track() for target in (denoiser.target, *self.components)}
+        self.settings = ""  # what a denoiser that adapts to its input says of its options on this clip
 
     def step(self, frame: Frame) -> dict[str, Tensor]:
         """Target → output. The denoiser sees what it asks for and nothing else: above all no reference."""
         wanted = (*self.denoiser.needs, *self.denoiser.optional)
         visible = replace(frame, channels={name: frame[name] for name in wanted if name in frame})
+        if hasattr(self.denoiser, "settings"):
+            self.settings = self.denoiser.settings(visible)
         result = self.session.step(visible, self.components)
         return {self.denoiser.target: result.image, **{name: result.extras[name] for name in self.components}}
 

@@ -32,8 +32,8 @@ class OnnxState(NamedTuple):
 class OnnxDenoiser:
     """An exported model with its state handling. Takes and returns NumPy (or what the frame has).
 
-    providers: ONNX Runtime execution providers, best first, by name or as (name, options) (None: the CPU). threads: 0 lets ONNX Runtime
-    choose. Raises NteError for a file that is missing, no ONNX model, or not exported by nte.
+    providers: ONNX Runtime execution providers, best first, by name or as (name, options); None: the CPU. threads: 0
+    lets ONNX Runtime choose. Raises NteError for a file that is missing, no ONNX model, or not exported by nte.
     """
 
     def __init__(self, path: Path | str, providers: Sequence[Provider] | None = None, threads: int = 0) -> None:
