@@ -15,7 +15,7 @@ from torch.profiler import record_function
 from nte.errors import NteError
 from nte.filters.atrous import atrous_step
 from nte.filters.moments import brightness, shorten, variance_of, with_square
-from nte.filters.reproject import Surface, surface_of
+from nte.filters.reproject import Surface
 from nte.filters.svgf import Svgf, Weights, edge_stopping, geometry_guides, with_luminance
 from nte.frames.frame import Frame
 
@@ -114,8 +114,10 @@ def stratify(gradient: Tensor, brightness: Tensor, surface: Surface) -> Strata:
     now, before = _pick(pairs, at).where(known, 0.0).clamp(min=0).split_with_sizes([1, 1], 1)
     inside = _pixels(torch.ones_like(brightness), 0)
     moments = _pixels(with_square(brightness), 0).sum(2) / inside.sum(2)
-    depth = surface.depth.where(surface.depth < float("inf"), 0.0)
-    sampled = surface_of(_pick(_pixels(depth, 0), at), _pick(_pixels(surface.normal, 0), at))
+    # Slopes are the pixels': between samples, which lie anywhere in their strata, the depth changes by chance.
+    widths = surface.depth_width * STRATUM, surface.normal_width * STRATUM
+    parts = _pixels(surface.depth, float("inf")), *(_pixels(part, 0) for part in (surface.normal, *widths))
+    sampled = Surface(*(_pick(part, at) for part in parts))
     return Strata(now - before, torch.maximum(now, before), known.float(), moments, sampled)
 
 
