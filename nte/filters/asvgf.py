@@ -43,7 +43,10 @@ class Asvgf(Svgf):
     A target other than `color` takes the pairs of its own light from `gradient_visibility`, `gradient_indirect` or
     `gradient_glossy`. Where a clip has none, those of `gradient` stand for them, and then a shadow that moves
     shortens the history of indirect and glossy light, too.
-    gradient_iterations: of its à-trous filter. Other options as those of SVGF; the extra `alpha` shows λ.
+    gradient_iterations: of its à-trous filter. gradient_noise: how many standard deviations of the filtered Δ, if the
+    pairs differed by chance alone, do not count as change. 0 is the published method, which takes the noise of indirect
+    light's gradients for change and gives away its history; 1 keeps it (docs/svgf.md). Other options as those of SVGF;
+    the extra `alpha` shows λ.
     """
 
     def __init__(
@@ -54,6 +57,7 @@ class Asvgf(Svgf):
         history: float = 32,
         iterations: int = 5,
         gradient_iterations: int = 5,
+        gradient_noise: float = 0.0,
         feedback: int = 1,
         sigma_l: float = 10.0,
         sigma_z: float = 1.0,
@@ -69,7 +73,9 @@ class Asvgf(Svgf):
         )  # fmt: skip
         if gradient_iterations < 0:
             raise NteError(f"asvgf: gradient_iterations is {gradient_iterations}, expected 0 or more")
-        self.gradient_iterations = gradient_iterations
+        if not 0 <= gradient_noise < float("inf"):
+            raise NteError(f"asvgf: gradient_noise is {gradient_noise}, expected 0 or more")
+        self.gradient_iterations, self.gradient_noise = gradient_iterations, gradient_noise
         self.needs = (*self.needs, "gradient")
         self.own_gradient = f"gradient_{target}"
         if target != "color":
@@ -91,16 +97,18 @@ class Asvgf(Svgf):
     def _changed(self, strata: Strata) -> Tensor:
         """λ = min(1, max |Δ| / max(l, l′)) over the 3×3 strata around, filtered (section 4.3): at full resolution."""
         sums = torch.cat([strata.change, strata.brightest, strata.known], 1)
-        brightness, variance = strata.moments[:, :1], variance_of(strata.moments)
+        brightness = strata.moments[:, :1]
+        spread = torch.cat([variance_of(strata.moments), strata.change.square()], 1)  # of brightness; of Δ, as if noise
         guides, edge = geometry_guides(strata.surface, GRADIENT_SIGMA_Z), edge_stopping(self.sigma_n)
         for level in range(self.gradient_iterations):
-            seen = with_luminance(guides, brightness, variance, self.sigma_l)
+            seen = with_luminance(guides, brightness, spread[:, :1], self.sigma_l)
             # Δ keeps its sign: that of noise cancels, that of a light does not.
-            filtered = atrous_step(torch.cat([sums, brightness], 1), 2**level, edge, seen, variance, BOX)
+            filtered = atrous_step(torch.cat([sums, brightness], 1), 2**level, edge, seen, spread, BOX)
             assert filtered.variance is not None
-            sums, brightness, variance = filtered.values[:, :3], filtered.values[:, 3:], filtered.variance
+            sums, brightness, spread = filtered.values[:, :3], filtered.values[:, 3:], filtered.variance
+        change = (sums[:, :1].abs() - self.gradient_noise * spread[:, 1:].sqrt()).clamp_(min=0)
         # Numerator and denominator carry the same weights of the strata that have a sample.
-        ratio = (sums[:, :1].abs() / sums[:, 1:2].clamp(min=1e-10)).clamp_(max=1)
+        ratio = (change / sums[:, 1:2].clamp(min=1e-10)).clamp_(max=1)
         return F.interpolate(F.max_pool2d(ratio, 3, stride=1, padding=1), scale_factor=float(STRATUM))
 
 

@@ -131,6 +131,56 @@ def test_noise_in_the_pairs_cancels_where_only_its_sign_is_random() -> None:
     assert filtered < 0.5 + 0.25 * (raw - 0.5)
 
 
+def heavy_tailed(shape: tuple[int, int, int], seed: int, share: float = 0.15) -> np.ndarray:
+    """Pairs of light that is rarely bright, of which some paths met something else: on average nothing has changed."""
+    rng = np.random.default_rng(seed)
+    now, before = (rng.lognormal(-1, 1.2, shape) for _ in range(2))
+    return gradient_of(shape, np.where(rng.random(shape) < share, now, before), before, seed)
+
+
+def test_noise_of_the_gradients_themselves_can_be_kept_from_shortening_history() -> None:
+    """Steady indirect light with noisy pairs keeps its history, and a light switched off is still noticed."""
+    shape, frames = (1, 96, 96), 8
+    channels = still_channels(shape[1:])
+    given = [
+        Frame({**channels, "indirect": channels["color"], "gradient": g, "gradient_indirect": g}, index)
+        for index, g in enumerate(heavy_tailed(shape, seed) for seed in range(frames))
+    ]
+    means = {}
+    for noise in (0.0, 1.0):
+        session = Session(Asvgf("indirect", gradient_noise=noise, gradient_iterations=2))  # as on narrow surfaces
+        means[noise] = [session.step(frame, ("history_length",)).extras["history_length"].mean() for frame in given][-1]
+    assert means[0.0] < 0.6 * frames
+    assert means[1.0] > 0.75 * frames
+    off = gradient_of(shape, 0.0, 1.0)
+    assert session.step(given[0].with_channels(gradient_indirect=off), ("alpha",)).extras["alpha"].mean() > 0.8
+
+
+def test_a_component_follows_its_own_gradient_and_without_one_that_of_all_light() -> None:
+    """A shadow moves: the pairs of all light and of visibility differ, those of indirect light do not."""
+    shape, frames = (1, 20, 25), 6
+    channels = still_channels(shape[1:])
+    channels |= {"indirect": channels["color"], "glossy": channels["color"], "visibility": channels["depth"] * 0 + 0.5}
+    moved, still = gradient_of(shape, 0.1, 1.0), gradient_of(shape, 0.3, 0.3)
+    pairs = {
+        "gradient": moved, "gradient_visibility": moved, "gradient_indirect": still, "gradient_glossy": still
+    }  # fmt: skip
+
+    def length(target: str, *without: str) -> float:
+        session = Session(Asvgf(target))
+        seen = {name: values for name, values in (channels | pairs).items() if name not in without}
+        found = [session.step(Frame(seen, i), ("history_length",)).extras["history_length"] for i in range(frames)]
+        return float(found[-1].mean())
+
+    for target in ("indirect", "glossy"):
+        assert length(target) == pytest.approx(frames, rel=1e-4)
+        assert length(target, f"gradient_{target}") < 1.5
+    assert length("visibility") < 1.5
+    assert length("color") < 1.5
+    assert "gradient" in Asvgf("indirect").needs
+    assert Asvgf("indirect").optional == ("gradient_indirect",)
+
+
 def test_a_change_stays_near_where_it_is() -> None:
     shape = (1, 30, 96)
     left = np.broadcast_to(np.arange(96) < 12, shape)
