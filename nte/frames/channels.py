@@ -15,6 +15,8 @@ Shown = Literal["radiance", "reflectance", "direction", "heat", "labels", "motio
 RGB = ("R", "G", "B")
 XYZ = ("X", "Y", "Z")
 XY = ("X", "Y")
+LP = ("L", "P")  # of a surface point now, and of the same one in the previous frame
+NO_PAIR = "no gradient sample in this pixel"
 LIGHT, SHUTTER = "components: true", "shutter: 1"
 
 
@@ -101,10 +103,12 @@ _ROWS = (
         "reflection_covariance", ("XX", "XY", "YY"), "float", "px²", "covariance", noisy=True,
         nan_means="not glossy", rendered_with=LIGHT,
     ),
+    Channel("gradient", LP, "float", "luminance", "scalar", noisy=True, nan_means=NO_PAIR, rendered_with=LIGHT),
+    Channel("gradient_visibility", LP, "half", "1", "scalar", noisy=True, nan_means=NO_PAIR, rendered_with=LIGHT),
     Channel(
-        "gradient", ("L", "P"), "float", "luminance", "scalar", noisy=True,
-        nan_means="no gradient sample in this pixel", rendered_with=LIGHT,
+        "gradient_indirect", LP, "float", "luminance", "scalar", noisy=True, nan_means=NO_PAIR, rendered_with=LIGHT
     ),
+    Channel("gradient_glossy", LP, "float", "luminance", "scalar", noisy=True, nan_means=NO_PAIR, rendered_with=LIGHT),
     Channel("time", ("T",), "half", "open shutter, [0, 1]", "scalar", noisy=True, rendered_with=SHUTTER),
     Channel(
         "shutter_motion", XY, "float", "px over the open shutter, forward in time", "motion", noisy=True,

@@ -33,7 +33,7 @@ def noisy(stage: Stage, time: float, seeds: Sequence[int]) -> tuple[dict[str, Pi
     time: in frames; leaves `stage` set to it. Without noise: those of `guides`, diffuse_albedo, geometric_normal, and
     direct, which is the mean over the candidates of all seeds. The noisy
     channels: color, visibility, indirect, indirect_radiance, indirect_direction, glossy, shadow_motion,
-    reflection_motion, reflection_covariance, gradient.
+    reflection_motion, reflection_covariance, and the gradients.
 
     Kernels are queued as early as they can be: what NumPy does in between, it does while they run.
     """
@@ -59,7 +59,7 @@ def noisy(stage: Stage, time: float, seeds: Sequence[int]) -> tuple[dict[str, Pi
         sample["reflection_motion"], sample["reflection_covariance"] = reflection_vectors(stage, images, time)
     stage.set_time(time)
     for sample, replay in zip(samples, replays, strict=True):
-        sample["gradient"] = shade_again(stage, time, replay)
+        sample.update(shade_again(stage, time, replay))
     return channels, samples
 
 
