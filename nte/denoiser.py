@@ -1,7 +1,7 @@
 """Everything is a denoiser: the protocol, and running one over a sequence."""
 
 from collections.abc import Iterable, Iterator, Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Any, Protocol, runtime_checkable
 
 import numpy as np
@@ -91,7 +91,12 @@ def denoise(denoiser: Denoiser, frames: Iterable[Frame], extras: tuple[str, ...]
 
 
 class Session:
-    """A denoiser with its state inside, for those who want an object: `denoise(frame)` and `reset()`."""
+    """A denoiser with its state inside, for those who want an object: `denoise(frame)` and `reset()`.
+
+    Frames are counted: one whose `index` is that of the frame given before it, as all are that never set one, gets the
+    number after that frame's, since what a denoiser draws at random must differ from frame to frame. Any other index
+    is taken as it is.
+    """
 
     def __init__(self, denoiser: Denoiser) -> None:
         self.denoiser = denoiser
@@ -101,6 +106,8 @@ class Session:
         """Forget the past: the next frame starts a sequence."""
         self._state: State | None = None
         self._bad = BadPixelReport()
+        self._given: int | None = None  # index of the frame before, as it came
+        self._counted = 0  # and as the denoiser saw it
 
     def denoise(self, frame: Frame) -> Array:
         """The denoised image (N, C, H, W) of the next frame, in the input's units."""
@@ -108,6 +115,9 @@ class Session:
 
     def step(self, frame: Frame, extras: tuple[str, ...] = ()) -> Result:
         """The next frame's image and the extras asked for. Raises NteError for missing channels."""
+        counted = self._counted + 1 if frame.index == self._given else frame.index
+        self._given, self._counted = frame.index, counted
+        frame = replace(frame, index=counted)
         check_needs(self.denoiser, frame.channels, f"frame {frame.index}")
         self._bad.look(frame)
         result, self._state = self.denoiser.step(frame, self._state, extras)

@@ -39,8 +39,7 @@ def load_denoiser(spec: str, device: str = "cpu") -> Denoiser:
     if path.suffix == ".onnx":
         from nte.runtime.session import OnnxDenoiser
 
-        kind = device.partition(":")[0]
-        return OnnxDenoiser(path, None if kind == "cpu" else [f"{kind.upper()}ExecutionProvider"])
+        return OnnxDenoiser(path, [onnx_provider(device)])
     if (path / "config.yaml").is_file():
         return _construct("nte.training.run", "load_run", "train", spec, {"folder": path}, device)
     name, _, options = spec.partition(":")
@@ -78,6 +77,17 @@ def _construct(
         options["device"] = device
     denoiser: Denoiser = make(**options)
     return denoiser
+
+
+def onnx_provider(device: str) -> tuple[str, dict[str, str]]:
+    """ONNX Runtime's execution provider for a device, with its options: `cuda:1` is the CUDA provider on device 1.
+
+    Raises NteError for a device number that is none.
+    """
+    kind, colon, number = device.partition(":")
+    if colon and not (number.isascii() and number.isdigit()):
+        raise NteError(f"--device {device}: '{number}' is no number of a device: expected for example {kind}:1")
+    return f"{kind.upper()}ExecutionProvider", {"device_id": number} if number and kind != "cpu" else {}
 
 
 def _check_device(device: str) -> None:

@@ -12,6 +12,7 @@ import nte
 from nte import Denoiser, Frame, Noisy, NteError, Result, Session, denoise
 from nte.denoiser import check_needs
 from nte.frames.bad import BadPixelWarning
+from tests.synthetic import random_channels
 
 
 class Counting:
@@ -82,6 +83,52 @@ def test_bad_pixels_are_reported_once_a_sequence() -> None:
         session.reset()
         session.denoise(bad[0])
     assert [w.category for w in caught] == [BadPixelWarning] * 2
+
+
+class Told:
+    """A denoiser that remembers the indices of the frames it was given."""
+
+    needs: tuple[str, ...] = ("color",)
+    optional: tuple[str, ...] = ()
+    target = "color"
+
+    def __init__(self) -> None:
+        self.indices: list[int] = []
+
+    def step(self, frame: Frame, state: Any, extras: tuple[str, ...] = ()) -> tuple[Result, Any]:
+        self.indices.append(frame.index)
+        return Result(frame["color"]), ()
+
+
+@pytest.mark.parametrize(
+    ("given", "seen"),
+    [
+        ([0, 0, 0, 0], [0, 1, 2, 3]),  # never numbered
+        ([0, 1, 2, 3], [0, 1, 2, 3]),
+        ([7, 8, 9], [7, 8, 9]),
+        ([9, 8, 7], [9, 8, 7]),  # a clip played backwards
+        ([5, 5, 5, 6], [5, 6, 7, 6]),  # a frame shown for longer
+    ],
+)
+def test_a_session_counts_frames_that_nobody_numbered(given: list[int], seen: list[int]) -> None:
+    told = Told()
+    session = Session(told)
+    channels = frames(1)[0].channels
+    for index in given:
+        session.denoise(Frame(channels, index))
+    session.reset()
+    session.denoise(Frame(channels))
+    assert told.indices == [*seen, 0]
+
+
+def test_vectors_that_are_drawn_average_in_a_session_of_frames_without_numbers() -> None:
+    """McGuire's blur draws its taps from the frame's number: without one, every frame must still be another draw."""
+    rng = np.random.default_rng(0)
+    channels = random_channels(rng, (16, 20)) | {"shutter_motion": np.full((1, 2, 16, 20), 6, np.float32)}
+    session = Session(nte.load_denoiser("mcguire"))
+    images = [session.denoise(Frame(channels)) for _ in range(3)]
+    assert not np.array_equal(images[0], images[1])
+    assert not np.array_equal(images[1], images[2])
 
 
 def test_noisy_is_the_input() -> None:

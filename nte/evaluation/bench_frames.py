@@ -7,7 +7,7 @@ import numpy as np
 import numpy.typing as npt
 
 from nte.errors import NteError
-from nte.frames.channels import CHANNELS, Channel
+from nte.frames.channels import CHANNELS, LP, Channel
 from nte.frames.clip import Clip
 from nte.frames.frame import Frame
 
@@ -42,7 +42,8 @@ def scaled(frame: Frame, size: tuple[int, int]) -> Frame:
         factor = np.array(factors.get(kind, (1,)), np.float32).reshape(1, -1, 1, 1)
         return np.ascontiguousarray(values[:, :, rows[:, None], columns] * factor)
 
-    return Frame({name: scale(name, values) for name, values in frame.channels.items()}, frame.index)
+    channels = {name: scale(name, values) for name, values in frame.channels.items()}
+    return Frame(channels, frame.index, clean_guides=frame.clean_guides)
 
 
 def synthetic_frames(size: tuple[int, int], channels: Iterable[str]) -> Source:
@@ -59,9 +60,9 @@ def synthetic_frames(size: tuple[int, int], channels: Iterable[str]) -> Source:
         centre = [(0.3 * extent + speed * index) % extent for extent, speed in zip((width, height), SPEED, strict=True)]
         disc = (x - centre[0]) ** 2 + (y - centre[1]) ** 2 < (min(size) / 4) ** 2
         made = {row.name: _made_up(row, disc, x / width, rng)[None].astype(np.float32) for row in wanted}
-        if "gradient" in made:
-            made["gradient"][..., np.arange(height)[:, None] % 3 + 3 * (np.arange(width) % 3) != 4] = np.nan
-        return Frame(made, index)
+        for name in [row.name for row in wanted if row.components == LP]:  # one pixel of each stratum
+            made[name][..., np.arange(height)[:, None] % 3 + 3 * (np.arange(width) % 3) != 4] = np.nan
+        return Frame(made, index, clean_guides=True)
 
     return frame
 

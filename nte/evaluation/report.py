@@ -12,7 +12,7 @@ import nte
 from nte.evaluation.compare import Evaluation, means_of
 from nte.evaluation.metrics import GLOSSY, MOVING_PX, REGIONS, SHADOWED
 from nte.evaluation.run import Shown
-from nte.evaluation.table import METRICS, Metric, best_of
+from nte.evaluation.table import METRICS, Metric, best_of, settings_of
 from nte.evaluation.truth import BRIGHTENED
 from nte.files import write_whole
 from nte.frames.show import heat, png_bytes, quantise
@@ -52,6 +52,7 @@ def render_report(evaluation: Evaluation, methods: Mapping[str, str] | None = No
         first=min(row["scored_from"] for row in whole),
         targets=sorted({row["target"] for row in whole}),
         methods=methods,
+        settings=settings_of(metrics["rows"]),
         metrics=METRICS,
         means=_cells(metrics["means"], METRICS),
         region_metrics=REGION_METRICS,

@@ -89,6 +89,7 @@ class ClipRun:
                 "scored_from": self.first,
                 **track.summary(region),
                 "ms_per_frame": run.ms_per_frame,
+                **({"settings": run.settings} if run.settings else {}),
             }
             for run in self.runs
             for target, track in run.tracks.items()
@@ -122,11 +123,14 @@ class _Run:
         offered: tuple[str, ...] = getattr(denoiser, "components", ())
         self.components = tuple(name for name in offered if reference_of(name) in channels)
         self.tracks = {target: _Track() for target in (denoiser.target, *self.components)}
+        self.settings = ""  # what a denoiser that adapts to its input says of its options on this clip
 
     def step(self, frame: Frame) -> dict[str, Tensor]:
         """Target → output. The denoiser sees what it asks for and nothing else: above all no reference."""
         wanted = (*self.denoiser.needs, *self.denoiser.optional)
         visible = replace(frame, channels={name: frame[name] for name in wanted if name in frame})
+        if hasattr(self.denoiser, "settings"):
+            self.settings = self.denoiser.settings(visible)
         result = self.session.step(visible, self.components)
         return {self.denoiser.target: result.image, **{name: result.extras[name] for name in self.components}}
 
@@ -180,7 +184,7 @@ class _Timed:
     def __init__(self, denoiser: Denoiser, device: str) -> None:
         self.denoiser = denoiser
         self.needs, self.optional, self.target = denoiser.needs, denoiser.optional, denoiser.target
-        self.on_cpu = torch.device(device).type == "cpu"
+        self.device = torch.device(device)
         self.seconds: list[float] = []
 
     def step(self, frame: Frame, state: State | None, extras: tuple[str, ...] = ()) -> tuple[Result, State]:
@@ -192,8 +196,8 @@ class _Timed:
         return result
 
     def _wait(self) -> None:
-        if not self.on_cpu:
-            torch.accelerator.synchronize()
+        if self.device.type != "cpu":
+            torch.accelerator.synchronize(self.device)
 
 
 def mean(values: Iterable[float | None]) -> float | None:

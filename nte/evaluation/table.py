@@ -1,6 +1,6 @@
 """The table of metrics: what each number is called, which way is better, how it is computed; and the text table."""
 
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from typing import Any, Literal
 
@@ -54,14 +54,30 @@ def best_of(means: Mapping[str, Mapping[str, float | None]], metric: Metric) -> 
 
 
 def format_table(metrics: Mapping[str, Any]) -> str:
-    """The means over clips as plain text, a denoiser per line; * marks the best of each column."""
+    """The means over clips as plain text, a denoiser per line, then settings; * marks the best of each column."""
     means = metrics["means"]
     columns = [["denoiser", *means]]
     for metric in METRICS:
         best = best_of(means, metric)
         cells = [metric.text(row[metric.name]) + ("*" if spec in best else " ") for spec, row in means.items()]
         columns.append([metric.label + " ", *cells])
-    return aligned(columns)
+    notes = [f"{spec}: {'; '.join(found)}" for spec, found in settings_of(metrics["rows"]).items()]
+    return "\n".join([aligned(columns), *notes])
+
+
+def settings_of(rows: Iterable[Mapping[str, Any]]) -> dict[str, list[str]]:
+    """Denoiser → the settings that it worked with, of those that adapt them to a clip; which clips, if they differ."""
+    clips: dict[str, dict[str, list[str]]] = {}
+    for row in rows:
+        if "settings" in row:
+            clips.setdefault(row["denoiser"], {}).setdefault(row["settings"], []).append(row["clip"])
+    return {
+        spec: [
+            setting if len(found) == 1 else f"{setting} on {', '.join(dict.fromkeys(names))}"
+            for setting, names in found.items()
+        ]
+        for spec, found in clips.items()
+    }
 
 
 def aligned(columns: list[list[str]]) -> str:

@@ -14,9 +14,9 @@ from torch.profiler import record_function
 
 from nte.errors import NteError
 from nte.filters.atrous import atrous_step
-from nte.filters.moments import brightness, variance_of, with_square
-from nte.filters.reproject import Surface, surface_of
-from nte.filters.svgf import Svgf, edge_stopping, geometry_guides, with_luminance
+from nte.filters.moments import brightness, shorten, variance_of, with_square
+from nte.filters.reproject import Surface
+from nte.filters.svgf import Svgf, Weights, edge_stopping, geometry_guides, with_luminance
 from nte.frames.frame import Frame
 
 STRATUM = 3  # pixels; one gradient sample in each stratum of 3×3
@@ -36,11 +36,17 @@ class Strata(NamedTuple):
 
 
 class Asvgf(Svgf):
-    """A-SVGF of `color` or one light component: α ← lerp(max(α, 1/h), 1, λ), λ from the channel `gradient`.
+    """A-SVGF of `color` or one light component: α ← lerp(max(α, 1/h), 1, λ), λ from temporal gradients.
 
-    `gradient` (N, 2, H, W): luminance of the demodulated colour shaded now with the previous frame's random numbers,
-    and the previous one; one pixel in each 3×3 stratum, elsewhere NaN. λ is 0 where no sample is near.
-    gradient_iterations: of its à-trous filter. Other options as those of SVGF; the extra `alpha` shows λ.
+    Channel `gradient` (N, 2, H, W): luminance of the demodulated colour shaded now with the previous frame's random
+    numbers, and the previous one; one pixel in each 3×3 stratum, elsewhere NaN. λ is 0 where no sample is near.
+    A target other than `color` takes the pairs of its own light from `gradient_visibility`, `gradient_indirect` or
+    `gradient_glossy`. Where a clip has none, those of `gradient` stand for them, and then a shadow that moves
+    shortens the history of indirect and glossy light, too.
+    gradient_iterations: of its à-trous filter. gradient_noise: how many standard deviations of the filtered Δ, if the
+    pairs differed by chance alone, do not count as change. 0 is the published method, which takes the noise of indirect
+    light's gradients for change and gives away its history; 1 keeps it (docs/svgf.md). Other options as those of SVGF;
+    the extra `alpha` shows λ.
     """
 
     def __init__(
@@ -51,6 +57,7 @@ class Asvgf(Svgf):
         history: float = 32,
         iterations: int = 5,
         gradient_iterations: int = 5,
+        gradient_noise: float = 0.0,
         feedback: int = 1,
         sigma_l: float = 10.0,
         sigma_z: float = 1.0,
@@ -66,30 +73,42 @@ class Asvgf(Svgf):
         )  # fmt: skip
         if gradient_iterations < 0:
             raise NteError(f"asvgf: gradient_iterations is {gradient_iterations}, expected 0 or more")
-        self.gradient_iterations = gradient_iterations
+        if not 0 <= gradient_noise < float("inf"):
+            raise NteError(f"asvgf: gradient_noise is {gradient_noise}, expected 0 or more")
+        self.gradient_iterations, self.gradient_noise = gradient_iterations, gradient_noise
         self.needs = (*self.needs, "gradient")
+        self.own_gradient = f"gradient_{target}"
+        if target != "color":
+            self.optional = (*self.optional, self.own_gradient)
 
-    def _weights(self, frame: Frame, light: Tensor, surface: Surface, length: Tensor) -> tuple[Tensor, Tensor]:
-        """SVGF's weights, pulled towards 1 where the light changed: section 4.4."""
+    def _weights(self, frame: Frame, light: Tensor, surface: Surface, length: Tensor) -> Weights:
+        """SVGF's weights, pulled towards 1 where the light changed (section 4.4), and the length that is left.
+
+        The variance follows the length: a history that was forgotten is young, and its variance spatial.
+        """
         with record_function("asvgf: gradient"):
-            strata = stratify(frame["gradient"], brightness(light), surface)
+            gradient = frame[self.own_gradient if self.own_gradient in frame else "gradient"]
+            strata = stratify(gradient, brightness(light), surface)
             change = self._changed(strata)[..., : light.shape[2], : light.shape[3]]
-        alpha, moments_alpha = super()._weights(frame, light, surface, length)
-        return alpha.lerp(torch.ones_like(alpha), change), moments_alpha.lerp(torch.ones_like(alpha), change)
+        kept = super()._weights(frame, light, surface, length)
+        one = torch.ones_like(change)
+        return Weights(shorten(length, change), kept.light.lerp(one, change), kept.moments.lerp(one, change))
 
     def _changed(self, strata: Strata) -> Tensor:
         """λ = min(1, max |Δ| / max(l, l′)) over the 3×3 strata around, filtered (section 4.3): at full resolution."""
         sums = torch.cat([strata.change, strata.brightest, strata.known], 1)
-        brightness, variance = strata.moments[:, :1], variance_of(strata.moments)
+        brightness = strata.moments[:, :1]
+        spread = torch.cat([variance_of(strata.moments), strata.change.square()], 1)  # of brightness; of Δ, as if noise
         guides, edge = geometry_guides(strata.surface, GRADIENT_SIGMA_Z), edge_stopping(self.sigma_n)
         for level in range(self.gradient_iterations):
-            seen = with_luminance(guides, brightness, variance, self.sigma_l)
+            seen = with_luminance(guides, brightness, spread[:, :1], self.sigma_l)
             # Δ keeps its sign: that of noise cancels, that of a light does not.
-            filtered = atrous_step(torch.cat([sums, brightness], 1), 2**level, edge, seen, variance, BOX)
+            filtered = atrous_step(torch.cat([sums, brightness], 1), 2**level, edge, seen, spread, BOX)
             assert filtered.variance is not None
-            sums, brightness, variance = filtered.values[:, :3], filtered.values[:, 3:], filtered.variance
+            sums, brightness, spread = filtered.values[:, :3], filtered.values[:, 3:], filtered.variance
+        change = (sums[:, :1].abs() - self.gradient_noise * spread[:, 1:].sqrt()).clamp_(min=0)
         # Numerator and denominator carry the same weights of the strata that have a sample.
-        ratio = (sums[:, :1].abs() / sums[:, 1:2].clamp(min=1e-10)).clamp_(max=1)
+        ratio = (change / sums[:, 1:2].clamp(min=1e-10)).clamp_(max=1)
         return F.interpolate(F.max_pool2d(ratio, 3, stride=1, padding=1), scale_factor=float(STRATUM))
 
 
@@ -103,8 +122,10 @@ def stratify(gradient: Tensor, brightness: Tensor, surface: Surface) -> Strata:
     now, before = _pick(pairs, at).where(known, 0.0).clamp(min=0).split_with_sizes([1, 1], 1)
     inside = _pixels(torch.ones_like(brightness), 0)
     moments = _pixels(with_square(brightness), 0).sum(2) / inside.sum(2)
-    depth = surface.depth.where(surface.depth < float("inf"), 0.0)
-    sampled = surface_of(_pick(_pixels(depth, 0), at), _pick(_pixels(surface.normal, 0), at))
+    # Slopes are the pixels': between samples, which lie anywhere in their strata, the depth changes by chance.
+    widths = surface.depth_width * STRATUM, surface.normal_width * STRATUM
+    parts = _pixels(surface.depth, float("inf")), *(_pixels(part, 0) for part in (surface.normal, *widths))
+    sampled = Surface(*(_pick(part, at) for part in parts))
     return Strata(now - before, torch.maximum(now, before), known.float(), moments, sampled)
 
 

@@ -3,6 +3,8 @@
 Afra, «Intel Open Image Denoise», 2019–; through the package pyoidn. NumPy: it runs without PyTorch.
 """
 
+import weakref
+from collections.abc import Iterator
 from typing import Any
 
 import numpy as np
@@ -13,50 +15,124 @@ from nte.errors import NteError, needs_extra
 from nte.frames.frame import Frame
 
 QUALITIES = ("high", "balanced", "fast")
+SWITCH = {"auto": None, "true": True, "false": False}
+GUIDES = ("albedo", "normal")
+Pixels = npt.NDArray[np.float32]
 
 
 class Oidn:
     """Frame by frame, on HDR radiance; albedo and normal guide it where the frame has them.
 
-    They count as free of noise, as nte's are (`cleanAux`); OIDN chooses its own exposure in each frame.
-    It remembers nothing: the state is empty. pyoidn keeps the device and the filter from call to call.
-    Raises NteError for an unknown quality, or where pyoidn is not installed.
+    prefilter: denoise the guides first, each by itself, as OIDN's documentation recommends for noisy ones.
+    clean_aux: tell OIDN that the guides it gets are free of noise (its `cleanAux`); if it trusts noisy ones, it copies
+    their noise into the image. Both are true, false or auto. Left to themselves, guides that are not known to be clean
+    (`Frame.clean_guides`) are prefiltered, and those that are clean or prefiltered are trusted; with clean_aux given,
+    nothing is prefiltered unless asked for.
+
+    OIDN chooses its own exposure in each frame. It remembers nothing: the state is empty. Devices and filters are
+    kept from call to call. Raises NteError for an unknown option, or where pyoidn is not installed.
     """
 
     needs: tuple[str, ...] = ("color",)
-    optional: tuple[str, ...] = ("albedo", "normal")
+    optional: tuple[str, ...] = GUIDES
     target = "color"
 
-    def __init__(self, quality: str = "high") -> None:
+    def __init__(
+        self, quality: str = "high", clean_aux: bool | str = "auto", prefilter: bool | str = "auto"
+    ) -> None:
         if quality not in QUALITIES:
             raise NteError(f"oidn: quality is '{quality}': expected one of {', '.join(QUALITIES)}")
+        switches = []
+        for key, value in (("clean_aux", clean_aux), ("prefilter", prefilter)):
+            if str(value).lower() not in SWITCH:
+                raise NteError(f"oidn: {key} is '{value}': expected one of {', '.join(SWITCH)}")
+            switches.append(SWITCH[str(value).lower()])
         try:
             import pyoidn
         except ImportError as error:
             raise needs_extra("compare", "oidn", error) from error
-        self.quality = quality
+        self.quality, (self.clean_aux, self.prefilter) = quality, switches
         self._denoise = pyoidn.denoise
+        self._prefilters = _Prefilters(quality)
 
     def step(self, frame: Frame, state: State | None, extras: tuple[str, ...] = ()) -> tuple[Result, State]:
         """Denoise `color` (N, 3, H, W), each image of the batch by itself. Bad pixels count as 0."""
         arrays = frame.numpy()
+        prefilter, clean_aux = self._switches(frame)
         color = _usable(arrays["color"], 0, np.inf)
         albedo = _usable(arrays["albedo"], 0, 1) if "albedo" in frame else [None] * len(color)
         normal = _usable(arrays["normal"], -1, 1) if "normal" in frame else [None] * len(color)
-        denoised = [
-            self._denoise(c, a, n, hdr=True, clean_aux=a is not None or n is not None, quality=self.quality)
-            for c, a, n in zip(color, albedo, normal, strict=True)
-        ]
+        denoised = []
+        for image, *guides in zip(color, albedo, normal, strict=True):
+            if prefilter:
+                guides = list(self._prefilters(guides))
+            denoised.append(self._denoise(image, *guides, hdr=True, clean_aux=clean_aux, quality=self.quality))
         image = np.ascontiguousarray(np.stack(denoised).transpose(0, 3, 1, 2))
         return Result(_like(image, frame["color"])), ()
 
+    def settings(self, frame: Frame) -> str:
+        """What the options come to on a frame like this one, as they would be typed."""
+        prefilter, clean_aux = self._switches(frame)
+        found = f"quality={self.quality},clean_aux={clean_aux},prefilter={prefilter}".lower()
+        return found if any(name in frame for name in GUIDES) else f"quality={self.quality}, without guides"
 
-def _usable(values: npt.NDArray[Any], low: float, high: float) -> npt.NDArray[np.float32]:
+    def _switches(self, frame: Frame) -> tuple[bool, bool]:
+        """(prefilter, clean_aux) of a frame."""
+        if not any(name in frame for name in GUIDES):
+            return False, False
+        clean, given = bool(frame.clean_guides), self.clean_aux
+        prefilter = not clean and given is None if self.prefilter is None else self.prefilter
+        return prefilter, clean or prefilter if given is None else given
+
+
+class _Prefilters:
+    """OIDN's networks for a guide alone: a filter that is given nothing but an albedo, or a normal.
+
+    pyoidn's `denoise` needs a colour, so these are its low-level filters, made when first needed.
+    """
+
+    def __init__(self, quality: str) -> None:
+        self.quality = quality
+        self._device: Any = None
+        self._filters: dict[str, Any] = {}
+
+    def __call__(self, guides: list[Pixels | None]) -> Iterator[Pixels | None]:
+        """Denoise albedo and normal (H, W, 3), in this order; None stays None. Raises NteError where OIDN fails."""
+        for name, guide in zip(GUIDES, guides, strict=True):
+            yield None if guide is None else self._run(name, guide)
+
+    def _run(self, name: str, guide: Pixels) -> Pixels:
+        import pyoidn
+
+        if self._device is None:
+            self._device = pyoidn.Device()
+            self._device.commit()
+            weakref.finalize(self, _release, self._device, self._filters)
+        if name not in self._filters:
+            self._filters[name] = pyoidn.Filter(self._device, pyoidn.OIDN_FILTER_TYPE_RT)
+        chosen, output = self._filters[name], np.empty_like(guide)
+        chosen.set_image(name, guide, pyoidn.OIDN_FORMAT_FLOAT3)
+        chosen.set_image(pyoidn.OIDN_IMAGE_OUTPUT, output, pyoidn.OIDN_FORMAT_FLOAT3)
+        chosen.set_quality(getattr(pyoidn, f"OIDN_QUALITY_{self.quality.upper()}"))
+        chosen.commit()
+        chosen.execute()
+        if message := self._device.get_error():
+            raise NteError(f"oidn: {name} cannot be prefiltered: {message}")
+        return output
+
+
+def _release(device: Any, filters: dict[str, Any]) -> None:
+    for chosen in filters.values():
+        chosen.release()
+    device.release()
+
+
+def _usable(values: npt.NDArray[Any], low: float, high: float) -> Pixels:
     """(N, H, W, C) of (N, C, H, W), clamped to [low, high]; what is not finite, or negative light, is 0."""
     finite = np.where(np.isfinite(values), values, 0).clip(low, high)
     return np.ascontiguousarray(finite.transpose(0, 2, 3, 1), np.float32)
 
 
-def _like(image: npt.NDArray[np.float32], given: Any) -> Any:
+def _like(image: Pixels, given: Any) -> Any:
     """The kind of array that was given, on its device; PyTorch need not be imported for that."""
     return image if isinstance(given, np.ndarray) else given.new_tensor(image)

@@ -33,6 +33,14 @@ class SvgfState(NamedTuple):
     view: Tensor | None
 
 
+class Weights(NamedTuple):
+    """How history and the current frame are mixed, each (N, 1, H, W)."""
+
+    length: Tensor  # of the history, in frames, this one included
+    light: Tensor  # α: weight of the current frame's light
+    moments: Tensor  # and of its moments
+
+
 class Svgf:
     """SVGF of `color`, or of one light component (`target`): the light without its texture is what is filtered.
 
@@ -90,7 +98,7 @@ class Svgf:
         light = self._demodulated(tensors)
         with record_function("svgf: accumulation"):
             length = lengthen(past.values[:, -1:], past.valid, self.history)
-            alpha, moments_alpha = self._weights(tensors, light, surface, length)
+            length, alpha, moments_alpha = self._weights(tensors, light, surface, length)
             moments = torch.lerp(past.values[:, -3:-1], with_square(brightness(light)), moments_alpha)
             light = torch.lerp(past.values[:, :-3], light, alpha)
         with record_function("svgf: variance"):
@@ -123,9 +131,11 @@ class Svgf:
             expected = previous_depth(surface.depth, frame.view, frame.projection, state.view)
         return reproject(state.history, motion.motion, allowed, surface, state.surface, expected, self.depth_floor)
 
-    def _weights(self, frame: Frame, light: Tensor, surface: Surface, length: Tensor) -> tuple[Tensor, Tensor]:
-        """Weights (N, 1, H, W) of the current frame: of its light, and of its moments."""
-        return running_mean_weight(length, self.alpha), running_mean_weight(length, self.moments_alpha)
+    def _weights(self, frame: Frame, light: Tensor, surface: Surface, length: Tensor) -> Weights:
+        """What a history of this length (N, 1, H, W) counts for beside the current frame."""
+        return Weights(
+            length, running_mean_weight(length, self.alpha), running_mean_weight(length, self.moments_alpha)
+        )
 
     def _demodulated(self, frame: Frame) -> Tensor:
         """(c − emission) / max(albedo, floor), section 3; of light that carries no texture, the light itself.

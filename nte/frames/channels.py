@@ -15,6 +15,8 @@ Shown = Literal["radiance", "reflectance", "direction", "heat", "labels", "motio
 RGB = ("R", "G", "B")
 XYZ = ("X", "Y", "Z")
 XY = ("X", "Y")
+LP = ("L", "P")  # of a surface point now, and of the same one in the previous frame
+NO_PAIR = "no gradient sample in this pixel"
 LIGHT, SHUTTER = "components: true", "shutter: 1"
 
 
@@ -78,6 +80,8 @@ _ROWS = (
         "previous_forward_motion", XY, "derived", "px, from frame i−1 to frame i", "motion",
         nan_means="unknown: a hole left by scattering",
     ),
+    Channel("diffuse_albedo", RGB, "half", "1", "reflectance", rendered_with=LIGHT),
+    Channel("geometric_normal", XYZ, "half", "1, world", "direction", rendered_with=LIGHT),
     Channel("direct", RGB, "half", "radiance", "radiance", rendered_with=LIGHT),
     Channel("visibility", ("V",), "half", "1", "scalar", noisy=True, rendered_with=LIGHT),
     Channel("indirect", RGB, "half", "radiance", "radiance", noisy=True, rendered_with=LIGHT),
@@ -99,10 +103,12 @@ _ROWS = (
         "reflection_covariance", ("XX", "XY", "YY"), "float", "px²", "covariance", noisy=True,
         nan_means="not glossy", rendered_with=LIGHT,
     ),
+    Channel("gradient", LP, "float", "luminance", "scalar", noisy=True, nan_means=NO_PAIR, rendered_with=LIGHT),
+    Channel("gradient_visibility", LP, "half", "1", "scalar", noisy=True, nan_means=NO_PAIR, rendered_with=LIGHT),
     Channel(
-        "gradient", ("L", "P"), "float", "luminance", "scalar", noisy=True,
-        nan_means="no gradient sample in this pixel", rendered_with=LIGHT,
+        "gradient_indirect", LP, "float", "luminance", "scalar", noisy=True, nan_means=NO_PAIR, rendered_with=LIGHT
     ),
+    Channel("gradient_glossy", LP, "float", "luminance", "scalar", noisy=True, nan_means=NO_PAIR, rendered_with=LIGHT),
     Channel("time", ("T",), "half", "open shutter, [0, 1]", "scalar", noisy=True, rendered_with=SHUTTER),
     Channel(
         "shutter_motion", XY, "float", "px over the open shutter, forward in time", "motion", noisy=True,

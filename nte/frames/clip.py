@@ -126,6 +126,14 @@ class Clip:
         """How many independent noise seeds are stored."""
         return int(self.info.get("seeds", 1))
 
+    @property
+    def clean_guides(self) -> bool | None:
+        """Whether albedo and normal are free of noise, as clip.json says; None: unknown. Those of `nte render` are."""
+        origin = self.info.get("origin")
+        ours = isinstance(origin, dict) and origin.get("generator") == "nte render"
+        said: bool | None = self.info.get("clean_guides", True if ours else None)
+        return said
+
     @cached_property
     def channels(self) -> tuple[str, ...]:
         """The channels that frames have, by their first file; derived ones included."""
@@ -176,7 +184,7 @@ class Clip:
 
     def _about(self, index: int) -> dict[str, Any]:
         """Scalars and cameras that clip.json has for a frame, with the batch axis."""
-        about: dict[str, Any] = {}
+        about: dict[str, Any] = {"clean_guides": self.clean_guides}
         for key in ("exposure", "depth_scale"):
             if key in self.info:
                 about[key] = np.array([self.info[key]], np.float32)
@@ -206,6 +214,8 @@ def _read_info(folder: Path) -> dict[str, Any]:
         found = info.get(key, 1)
         if type(found) not in (int, float) or not 0 < found < 1e38:
             raise NteError(f"{path}: '{key}' is {found!r:.40}, expected a positive number")
+    if type(info.get("clean_guides")) not in (bool, type(None)):
+        raise NteError(f"{path}: 'clean_guides' is {info['clean_guides']!r}, expected true, false or null for unknown")
     if "cameras" in info:
         _check_cameras(path, info["cameras"], info["frames"])
     return info

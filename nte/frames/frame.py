@@ -22,7 +22,8 @@ class Frame:
 
     exposure, depth_scale and reset are (N,); view and projection (N, 4, 4), column vectors, world → view →
     [0, 1]² with y down. exposure and depth_scale belong to the sequence: None means «estimate them from the
-    first frame». reset marks batch elements that start a new sequence.
+    first frame». reset marks batch elements that start a new sequence. clean_guides: whether albedo and normal are
+    free of noise and antialiased, the mean over each pixel; None where nobody said so, and then they count as noisy.
     """
 
     channels: Mapping[str, Array]
@@ -32,6 +33,7 @@ class Frame:
     reset: Array | None = None
     view: Array | None = None
     projection: Array | None = None
+    clean_guides: bool | None = None
 
     def __post_init__(self) -> None:
         shapes = {name: tuple(getattr(values, "shape", ())) for name, values in self.channels.items()}

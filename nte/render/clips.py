@@ -145,6 +145,7 @@ def _info(unit: ClipPlan, stage: Stage) -> dict[str, Any]:
     return {
         "width": group.width, "height": group.height, "frames": group.frames, "fps": FPS,
         "spp": group.spp, "seeds": group.seeds, "reference_spp": group.reference_spp,
+        "clean_guides": True,
         **({"shutter": group.shutter} if group.shutter else {}),
         "cameras": [{"view": camera.view(i).tolist(), "projection": projection} for i in range(group.frames)],
         "origin": {"generator": "nte render", "version": nte.__version__, "recipe": unit.recipe,

@@ -28,17 +28,18 @@ _Row = npt.NDArray[Any]
 
 
 def noisy(stage: Stage, time: float, seeds: Sequence[int]) -> tuple[dict[str, Pixels], list[dict[str, Pixels]]]:
-    """The channels without noise (C, H, W), `guides` and `direct`, and for each seed every noisy one, at 1 spp.
+    """The channels without noise (C, H, W), and for each seed every noisy one, at 1 spp.
 
-    time: in frames; leaves `stage` set to it. direct is the mean over the candidates of all seeds. The noisy
+    time: in frames; leaves `stage` set to it. Without noise: those of `guides`, diffuse_albedo, geometric_normal, and
+    direct, which is the mean over the candidates of all seeds. The noisy
     channels: color, visibility, indirect, indirect_radiance, indirect_direction, glossy, shadow_motion,
-    reflection_motion, reflection_covariance, gradient.
+    reflection_motion, reflection_covariance, and the gradients.
 
     Kernels are queued as early as they can be: what NumPy does in between, it does while they run.
     """
     stage.set_time(time)
     centres = trace_centres(stage)
-    surfaces = queue_surfaces(stage, pattern(stage))
+    surfaces = queue_surfaces(stage, pattern(stage), lobes=True)
     paths = [_path(stage, seed) for seed in seeds]
     channels = geometry(stage, time, centres) | surface_of(stage, Surfaces.of(to_rows(surfaces)))
     bounces = [_bounce(stage, path) for path in paths]
@@ -58,7 +59,7 @@ def noisy(stage: Stage, time: float, seeds: Sequence[int]) -> tuple[dict[str, Pi
         sample["reflection_motion"], sample["reflection_covariance"] = reflection_vectors(stage, images, time)
     stage.set_time(time)
     for sample, replay in zip(samples, replays, strict=True):
-        sample["gradient"] = shade_again(stage, time, replay)
+        sample.update(shade_again(stage, time, replay))
     return channels, samples
 
 

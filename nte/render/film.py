@@ -24,13 +24,6 @@ def pixel_positions(stage: Stage, points: Floats, time: float, hit: npt.NDArray[
     return np.asarray(position)
 
 
-def image_of(stage: Stage, points: Floats, offsets: Floats, time: float) -> Floats:
-    """How far in pixels (R, 2) small offsets (R, 3) of points (R, 3) move them in the image: first order."""
-    clip = _clip(stage, points, time)
-    step = _clip(stage, points + offsets, time) - clip
-    return np.asarray((step[:, :2] - clip[:, :2] / clip[:, 2:] * step[:, 2:]) / clip[:, 2:])
-
-
 def _clip(stage: Stage, points: Floats, time: float, hit: npt.NDArray[np.bool_] | None = None) -> Floats:
     """Homogeneous pixel coordinates (R, 3): x·w, y·w, w."""
     camera = stage.scene.camera

@@ -55,15 +55,28 @@ def surface(stage: Stage) -> dict[str, Pixels]:
 
 
 def surface_of(stage: Stage, seen: Surfaces) -> dict[str, Pixels]:
-    """The channels of `surface`, of what its `pattern` has seen."""
+    """Turn what its `pattern` has seen into the channels of `surface`; with lobes, two more.
+
+    diffuse_albedo: ∫ f_d cos θ dω of the diffuse lobe f_d, in [0, 1]; geometric_normal: that of the surface without
+    normal maps and interpolation, world, facing the camera, unit length.
+    """
     samples = len(pattern(stage))
-    length = np.linalg.norm(seen.normal, axis=1, keepdims=True)
-    return {
+    channels = {
         "albedo": to_image(stage, np.clip(seen.albedo / samples, 0, 1)),
-        "normal": to_image(stage, np.divide(seen.normal, length, where=length > 0, out=np.zeros_like(seen.normal))),
+        "normal": to_image(stage, _unit(seen.normal)),
         "roughness": to_image(stage, np.where(seen.hit > 0, seen.roughness / np.maximum(seen.hit, 1), 1)),
         "emission": to_image(stage, seen.emission / samples),
     }
+    if seen.diffuse_albedo is not None and seen.geometric_normal is not None:
+        channels["diffuse_albedo"] = to_image(stage, np.clip(seen.diffuse_albedo / samples, 0, 1))
+        channels["geometric_normal"] = to_image(stage, _unit(seen.geometric_normal))
+    return channels
+
+
+def _unit(rows: Floats) -> Floats:
+    """Rows (P, 3) of length 1; 0 stays 0."""
+    length = np.linalg.norm(rows, axis=1, keepdims=True)
+    return np.asarray(np.divide(rows, length, where=length > 0, out=np.zeros_like(rows)))
 
 
 def project_rows(stage: Stage, hit: npt.NDArray[np.bool_], points: Floats, times: Sequence[float]) -> Floats:

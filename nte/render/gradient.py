@@ -2,7 +2,8 @@
 
 Schied et al. 2018, «Gradient Estimation for Real-Time Adaptive Temporal Filtering», section 3. Both values are
 shaded with the same random numbers, so they differ by what has changed in the scene and not by noise; where
-nothing has changed they are the same bits. Estimator and expectation: datasets/README.md, «Estimators».
+nothing has changed they are the same bits. Each light component has a pair of its own, as what changes one (a shadow
+that moves) may leave the others alone. Estimator and expectation: datasets/README.md, «Estimators».
 """
 
 from dataclasses import dataclass
@@ -28,6 +29,7 @@ from nte.render.transport import camera_ray, follow, sample_light
 STRATUM = 3  # pixels: one sample in each square of 3×3
 _CANDIDATES = 16  # light points at a sample's surface point, of which one gets a shadow ray
 _IN_FRONT = 1e-3  # relative distance by which something must be nearer to hide a point
+GRADIENTS = ("gradient", "gradient_visibility", "gradient_indirect", "gradient_glossy")  # in the order of `_shade`
 
 
 @dataclass(frozen=True)
@@ -39,7 +41,7 @@ class Replay:
     point: Floats  # (S, 3) where it is now, world
     pixel: Indices  # (S,) of the current frame, row by row
     found: npt.NDArray[np.bool_]  # (S,) whether the stratum has one
-    luminance: Any  # Float (S,) what it sent then, demodulated
+    values: tuple[Any, ...]  # of `_shade` then, for each of GRADIENTS
 
 
 def shade_before(stage: Stage, time: float, seed: int) -> Replay:
@@ -56,23 +58,26 @@ def shade_before(stage: Stage, time: float, seed: int) -> Replay:
     chosen = dr.gather(mi.PreliminaryIntersection3f, hit, to_jit(mi.UInt32, source))
     dr.eval(chosen)
     then = points_at(stage, hits.of(source), time - 1)
-    luminance = stage.frozen(_shade)(chosen, *_eye_ray(stage, then, time - 1), to_jit(mi.Bool, found), key)
-    return Replay(key, chosen, now[source], pixel, found, luminance)
+    values = stage.frozen(_shade)(chosen, *_eye_ray(stage, then, time - 1), to_jit(mi.Bool, found), key)
+    return Replay(key, chosen, now[source], pixel, found, values)
 
 
-def shade_again(stage: Stage, time: float, replay: Replay) -> Pixels:
-    """gradient (2, H, W): L, shaded now, and P, shaded in the previous frame; NaN where there is no sample.
+def shade_again(stage: Stage, time: float, replay: Replay) -> dict[str, Pixels]:
+    """GRADIENTS, each (2, H, W): L, shaded now, and P, shaded in the previous frame; NaN where there is no sample.
 
-    At most one sample in each stratum: none where no surface point of the previous frame comes to lie in it,
-    or where something now hides the chosen one. `stage` must be set to `time`.
+    The same pixels have one in all of them, at most one in each stratum: none where no surface point of the previous
+    frame comes to lie in it, or where something now hides the chosen one. `stage` must be set to `time`.
     """
     origin, direction, distance = _eye_ray(stage, replay.point, time)
     seen = stage.frozen(_seen)(origin, direction, distance, to_jit(load_mitsuba().Bool, replay.found))
-    luminance = stage.frozen(_shade)(replay.hit, origin, direction, distance, seen, replay.key)
+    values = stage.frozen(_shade)(replay.hit, origin, direction, distance, seen, replay.key)
     rows = np.array(seen)
-    image = np.full((2, stage.height * stage.width), np.nan, np.float32)
-    image[:, replay.pixel[rows]] = np.array(luminance)[rows], np.array(replay.luminance)[rows]
-    return image.reshape(2, stage.height, stage.width)
+    images = {}
+    for name, now, before in zip(GRADIENTS, values, replay.values, strict=True):
+        image = np.full((2, stage.height * stage.width), np.nan, np.float32)
+        image[:, replay.pixel[rows]] = np.array(now)[rows], np.array(before)[rows]
+        images[name] = image.reshape(2, stage.height, stage.width)
+    return images
 
 
 def _candidates(stage: Stage, key: Any) -> tuple[Any, ...]:
@@ -132,11 +137,15 @@ def _seen(stage: Stage, origin: Any, direction: Any, distance: Any, found: Any) 
     return seen
 
 
-def _shade(stage: Stage, hit: Any, origin: Any, direction: Any, distance: Any, active: Any, key: Any) -> Any:
-    """Luminance (S,) of the demodulated light that points send to the eye, without what they emit.
+def _shade(
+    stage: Stage, hit: Any, origin: Any, direction: Any, distance: Any, active: Any, key: Any
+) -> tuple[Any, ...]:
+    """What points send to the eye, without what they emit: a number (S,) for each of GRADIENTS, as filters see it.
 
-    The numbers are those of (row, key), whatever the time. `hit` names the points on their surfaces, which the rays
-    reach at `distance`. Rows that are not active are 0. The kernel is queued, not waited for.
+    Luminance of all light over albedo; visibility of the chosen light point, 1 where nothing could arrive; luminance of
+    indirect light over albedo; luminance of glossy light. The random numbers are those of (row, key), whatever the
+    time. `hit` names the points on their surfaces, which the rays reach at `distance`. Rows that are not active are
+    0. The kernel is queued, not waited for.
     """
     mi, dr, scene = load_mitsuba(), load_drjit(), stage.mi_scene
     ray = mi.RayDifferential3f(origin, direction)
@@ -160,14 +169,15 @@ def _shade(stage: Stage, hit: Any, origin: Any, direction: Any, distance: Any, a
     total, choice = resample_lights(stage, lobes, _CANDIDATES, numbers, demodulated, random)
     lit = choice.weight > 0
     light = sample_light(scene, si, lit, numbers(choice.number)).sample
-    visible = lit & ~scene.ray_test(si.spawn_ray_to(light.p), lit)
+    blocked = lit & scene.ray_test(si.spawn_ray_to(light.p), lit)
     sampler = mi.load_dict({"type": "independent"})
     sampler.seed(key, rows)
     path = follow(stage, ray, hit, sampler)
-    color = dr.select(visible, total / _CANDIDATES, 0) + path.glossy + path.indirect
-    luminance = dr.select(lobes.active, demodulated(color), 0)
-    dr.eval(luminance)
-    return luminance
+    color = dr.select(lit & ~blocked, total / _CANDIDATES, 0) + path.glossy + path.indirect
+    sent = demodulated(color), mi.Float(~blocked), demodulated(path.indirect), mi.luminance(path.glossy)
+    values = tuple(dr.select(lobes.active, value, 0) for value in sent)
+    dr.eval(values)
+    return values
 
 
 def _eye_ray(stage: Stage, point: Floats, time: float) -> tuple[Any, Any, Any]:

@@ -33,6 +33,18 @@ class Lobes:
         masked = self.bsdf.eval(self._masked, self.si, wo, self.active & ~self._principled)
         return dr.select(self._principled, self._disney(wo), masked)
 
+    def diffuse_albedo(self, random: Any) -> Any:
+        """Estimate ∫ f_d cos θ dω, (3,), on the side that si.wi is on; exact for a Lambertian lobe.
+
+        random: two numbers that choose one direction, of density cos θ / π: its sin² θ in [0, 1), and its turn,
+        of which 1 is a whole one.
+        """
+        mi, dr = load_mitsuba(), load_drjit()
+        sine, cosine = dr.sqrt(random.x), dr.maximum(dr.sqrt(1 - random.x), 1e-4)
+        turn = 2 * dr.pi * random.y
+        wo = mi.Vector3f(sine * dr.cos(turn), sine * dr.sin(turn), dr.mulsign(cosine, self.si.wi.z))
+        return self.diffuse(wo) * (dr.pi / cosine)
+
     def pdf(self, wo: Any) -> Any:
         """Density per steradian with which `sample` chooses wo, over all lobes."""
         return self.bsdf.pdf(self._whole, self.si, wo, self.active)

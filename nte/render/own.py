@@ -6,7 +6,7 @@ which shape it is on, and that shape's keyframes carry it to any other time. Vec
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
-from functools import partial
+from functools import cached_property, partial
 from typing import Any
 
 import numpy as np
@@ -14,9 +14,11 @@ import numpy as np
 from nte.errors import NteError
 from nte.render.animation import Animation, Key, brightness_curve, camera_track, moves, object_track
 from nte.render.backend import load_drjit, load_mitsuba, undisturbed
+from nte.render.levels import Levels, levels
+from nte.render.places import Indices
 from nte.render.rest import Rest
 from nte.render.scene import Camera, Scene
-from nte.render.stage import Stage, camera_sensor, far_away, path_integrator, shape_key, update
+from nte.render.stage import Stage, camera_sensor, far_away, key_of, numbers_by_key, path_integrator, shape_key, update
 from nte.render.transforms import Floats, Track, still, transform_points
 from nte.render.unshadowed import unshadowed_integrator
 from nte.render.xml import load_xml
@@ -43,8 +45,8 @@ class OwnStage(Stage):
         self, animation: Animation, width: int, height: int, max_depth: int, unshadowed: bool = False, start: float = 0
     ) -> None:
         self.width, self.height, self.start = width, height, start
-        scene, self.media = load_xml(animation)
-        self.mi_scene: Any = scene
+        self.mi_scene: Any
+        self.mi_scene, self.media = load_xml(animation)
         self.shapes = list(self.mi_scene.shapes())
         self.distant = far_away(self.mi_scene)
         self._parameters = load_mitsuba().traverse(self.mi_scene)
@@ -62,9 +64,13 @@ class OwnStage(Stage):
         light_tracks = [self._from_start(lights.get(name)) for name in emitters]
         self.places = self._rest = Rest([*(obj.track for obj in objects), *light_tracks])
         keyed = animation.objects | animation.lights
-        self._moved = [
-            self._movable(name, keyed[name], track) for name, track in (tracks | lights).items() if moves(keyed[name])
-        ]
+        self._moved = {
+            name: self._movable(name, keyed[name], track)
+            for name, track in (tracks | lights).items()
+            if moves(keyed[name])
+        }
+        self._levels: list[Levels] | None = None  # until it is set to a time
+        self._time: float | None = None
         curves = {name: brightness_curve(keys, animation.interpolation) for name, keys in keyed.items()}
         self._dimmed = [self._emission(name, self._from_start(curve)) for name, curve in curves.items() if curve]
         self.sensor = load_mitsuba().load_dict(camera_sensor(camera, width, height, self.media))
@@ -76,9 +82,15 @@ class OwnStage(Stage):
 
     def set_time(self, time: float) -> None:
         """Put every shape and light that moves, and the camera, where they are at a time in frames."""
+        if time == self._time:
+            return
         mi = load_mitsuba()
-        self._rest.time = time
-        for at_rest, track in self._moved:
+        self._time = self._rest.time = time
+        if self._levels is None:
+            self._divide()
+        if self._levels:
+            self._choose(time)
+        for at_rest, track in self._moved.values():
             matrix = track(time)
             for name, value in at_rest.items():
                 self._parameters[name] = _at(matrix, name, value)
@@ -86,20 +98,51 @@ class OwnStage(Stage):
             for name, value in in_xml.items():
                 parameters[name] = value * curve(time)
             parameters.update()
-        if self._moved:
+        if self._moved or self._levels:
             update(self.mi_scene, self._parameters)
         self._view["to_world"] = mi.ScalarTransform4f(self.scene.camera.track(time))
         self._view.update()
+
+    def _divide(self) -> None:
+        """Let shapes move as instances, in a scene for each of two times, where they can; lights move as they did."""
+        names = {shape.id() for shape in self.shapes}
+        moving = [name for name in self._moved if name in names]
+        self._levels = levels(self.mi_scene, self.shapes, moving, 2)
+        self._tracks = {name: self._moved.pop(name)[1] for name in moving} if self._levels else {}
+
+    def _choose(self, time: float) -> None:
+        """Take the scene that is at this time, or move the one that was used longest ago: it comes to the end."""
+        assert self._levels
+        chosen = next((made for made in self._levels if made.time == time), self._levels[0])
+        if chosen.time != time:
+            chosen.move({name: track(time) for name, track in self._tracks.items()}, time)
+        self._levels.remove(chosen)
+        self._levels.append(chosen)
+        self.mi_scene, self._parameters = chosen.scene, chosen.parameters
+
+    @cached_property
+    def instances(self) -> Indices:
+        """As of any stage; instances that move a shape have its number."""
+        shapes = list(self.shapes)
+        for made in self._levels or []:
+            shapes += made.moving.values()
+        number = {name: index + 1 for index, name in enumerate(shape.id() for shape in self.shapes)}
+        moved = [number[name] for made in self._levels or [] for name in made.moving]
+        return numbers_by_key([key_of(shape) for shape in shapes], [*range(1, 1 + len(self.shapes)), *moved])
 
     def frozen(self, function: Callable[..., Any]) -> Callable[..., Any]:
         """Traced in every frame: not every plugin that an XML may name tells Dr.Jit all that it holds."""
         return undisturbed()(partial(function, self))
 
-    def key(self, hit: Any) -> Any:
-        """Number of the shape, or of the instance of which it is a part."""
+    def met(self, hit: Any, ray: Any) -> list[Any]:
+        """What a ray meets: the key of the shape, or of the instance of which it is a part, and its place."""
         mi, dr = load_mitsuba(), load_drjit()
+        si = self._rest.interaction(hit, ray)
         instance = dr.reinterpret_array(mi.UInt32, hit.instance)
-        return dr.select(instance != 0, instance, shape_key(hit.shape))
+        level = self._levels[-1].still if self._levels else None
+        still = dr.opaque(mi.UInt32, 0 if level is None else key_of(level))
+        key = dr.select((instance != 0) & (instance != still), instance, shape_key(si.shape))
+        return [dr.select(hit.is_valid(), key, 0), *self._rest.columns_of(hit, ray, si)]
 
     def albedo(self, si: Any, hit: Any) -> Any:
         """Diffuse reflectance, or what a metal or glass does to light that it turns (3,).

@@ -10,13 +10,15 @@ import numpy.typing as npt
 
 from nte.render.arrays import to_jit, to_rows
 from nte.render.backend import is_scalar, load_drjit, load_mitsuba
+from nte.render.lobes import Lobes
 from nte.render.stage import Stage
 from nte.render.transforms import Floats
 from nte.render.transport import camera_ray
 
 Indices = npt.NDArray[np.int64]
 _BEHIND = 1 + 1e-4  # along the ray itself: Mitsuba's spawn_ray steps sideways too
-_LOOK = 11  # columns of Surfaces
+_GOLDEN = (5**0.5 - 1) / 2
+_LOOK, _LOBES = 11, 6  # columns of Surfaces: always, and with those of the diffuse lobe
 
 
 @dataclass(frozen=True)
@@ -41,11 +43,14 @@ class Surfaces:
     roughness: Floats
     emission: Floats
     hit: Floats
+    diffuse_albedo: Floats | None = None  # these two only where light components are rendered
+    geometric_normal: Floats | None = None
 
     @staticmethod
     def of(rows: Floats) -> "Surfaces":
-        """Of all columns side by side, (P, 11)."""
-        return Surfaces(*np.split(rows, [3, 6, 7, 10], axis=1))
+        """Split all columns side by side, (P, 11) or (P, 17), into the fields."""
+        columns = np.split(rows, [3, 6, 7, 10, 11, 14], axis=1)
+        return Surfaces(*columns if rows.shape[1] > _LOOK else columns[:5])
 
 
 @dataclass(frozen=True)
@@ -119,11 +124,14 @@ def trace_surfaces(stage: Stage, offsets: Floats) -> Surfaces:
     return Surfaces.of(to_rows(queue_surfaces(stage, offsets)))
 
 
-def queue_surfaces(stage: Stage, offsets: Floats) -> list[Any]:
-    """The columns of Surfaces, Dr.Jit arrays (P,), which the kernel's own loop sums: queued, not waited for."""
+def queue_surfaces(stage: Stage, offsets: Floats, lobes: bool = False) -> list[Any]:
+    """The columns of Surfaces, Dr.Jit arrays (P,), which the kernel's own loop sums: queued, not waited for.
+
+    lobes: with diffuse_albedo and geometric_normal.
+    """
     mi, dr = load_mitsuba(), load_drjit()
     places = [to_jit(mi.Float, column) for column in offsets.T]
-    return list(stage.frozen(_surfaces)(dr.opaque(mi.UInt32, len(offsets)), *places))
+    return list(stage.frozen(_surfaces_and_lobes if lobes else _surfaces)(dr.opaque(mi.UInt32, len(offsets)), *places))
 
 
 def _meet(stage: Stage, mi: Any, scene: Any, ray: Any) -> list[Any]:
@@ -153,19 +161,41 @@ def _film(stage: Stage, x: Any, y: Any) -> tuple[Any, ...]:
 
 
 def _surfaces(stage: Stage, count: Any, *places: Any) -> list[Any]:
+    return _summed(stage, count, places, lobes=False)
+
+
+def _surfaces_and_lobes(stage: Stage, count: Any, *places: Any) -> list[Any]:
+    return _summed(stage, count, places, lobes=True)
+
+
+def _summed(stage: Stage, count: Any, places: Sequence[Any], lobes: bool) -> list[Any]:
+    """What `queue_surfaces` queues."""
     mi, dr = load_mitsuba(), load_drjit()
     pixel = dr.arange(mi.UInt32, stage.width * stage.height)
 
     def add(number: Any, *sums: Any) -> tuple[Any, ...]:
         x, y, u, v = (dr.gather(mi.Float, place, number) for place in places)
         ray = camera_ray(stage, pixel, mi.Point2f(x, y), mi.Point2f(u, v))
-        seen = _look(stage, mi, stage.mi_scene, past_containers(stage, ray))
+        direction = _opposite_pairs(number, count) if lobes else None
+        seen = _look(stage, mi, stage.mi_scene, past_containers(stage, ray), direction)
         return number + 1, *(total + column for total, column in zip(sums, seen, strict=True))
 
-    start = mi.UInt32(0), *(mi.Float(0) for _ in range(_LOOK))
+    start = mi.UInt32(0), *(mi.Float(0) for _ in range(_LOOK + _LOBES * lobes))
     _, *sums = dr.while_loop(start, lambda number, *_: number < count, add)
     dr.eval(sums)
     return list(sums)
+
+
+def _opposite_pairs(number: Any, count: Any) -> Any:
+    """Two numbers for the direction of sample `number` of `count`, see Lobes.diffuse_albedo.
+
+    Pairs of opposite turns, on a golden spiral: where a normal map tilts a lobe, what one direction has too much the
+    other has too little. 7 is coprime to powers of two: neighbours in the pixel are no neighbours here.
+    """
+    mi = load_mitsuba()
+    rank = 7 * number % count
+    pair = mi.Float(rank // 2)
+    return mi.Point2f((pair + 0.5) / (count // 2), _GOLDEN * pair + 0.5 * mi.Float(rank % 2))
 
 
 def _trace_scalar(stage: Stage, offsets: Floats, look: Callable[[Any, Any, Any], list[Any]]) -> Floats:
@@ -200,8 +230,11 @@ def past_containers(stage: Stage, ray: Any) -> Any:
     return ray
 
 
-def _look(stage: Stage, mi: Any, scene: Any, ray: Any) -> list[Any]:
-    """albedo (3), normal (3), roughness, emission (3), hit: 0 where the ray misses."""
+def _look(stage: Stage, mi: Any, scene: Any, ray: Any, random: Any = None) -> list[Any]:
+    """albedo (3), normal (3), roughness, emission (3), hit: 0 where the ray misses.
+
+    With two random numbers, `random`, diffuse_albedo (3) and geometric_normal (3) too; vectorised variants only.
+    """
     si = scene.ray_intersect(ray, mi.RayFlags.All, coherent=True)
     bsdf, emitter, hit = si.bsdf(), si.emitter(scene), si.is_valid()
     if is_scalar():
@@ -215,4 +248,8 @@ def _look(stage: Stage, mi: Any, scene: Any, ray: Any) -> list[Any]:
     rough = stage.roughness(si, hit)
     normal = dr.select(hit, si.sh_frame.n * dr.select(si.wi.z >= 0, 1, -1), 0)
     albedo = stage.albedo(si, hit)
-    return [*albedo, *normal, dr.select(hit, rough, 0), *emitter.eval(si), dr.select(hit, mi.Float(1), 0)]
+    seen = [*albedo, *normal, dr.select(hit, rough, 0), *emitter.eval(si), dr.select(hit, mi.Float(1), 0)]
+    if random is None:
+        return seen
+    facing = dr.select(hit, si.n * -dr.sign(dr.dot(si.n, ray.d)), 0)
+    return [*seen, *Lobes(si, hit).diffuse_albedo(random), *facing]

@@ -27,8 +27,17 @@ class Rest:
         self.time = 0.0  # that the stage is set to
 
     def columns(self, hit: Any, ray: Any) -> list[Any]:
-        mi, dr = load_mitsuba(), load_drjit()
-        si = hit.compute_surface_interaction(ray, mi.RayFlags.All | mi.RayFlags.dNSdUV)
+        return self.columns_of(hit, ray, self.interaction(hit, ray))
+
+    @staticmethod
+    def interaction(hit: Any, ray: Any) -> Any:
+        """What `columns_of` has to know of a PreliminaryIntersection3f."""
+        mi = load_mitsuba()
+        return hit.compute_surface_interaction(ray, mi.RayFlags.All | mi.RayFlags.dNSdUV)
+
+    def columns_of(self, hit: Any, ray: Any, si: Any) -> list[Any]:
+        """`columns`, of an interaction that is known already: it is dear where there are many shapes."""
+        dr = load_drjit()
         met = hit.is_valid()
         curvature = dr.select(si.shape.is_mesh(), _of_triangle(hit, ray, si), _of_solid(si))
         bent = met & dr.all(dr.isfinite(curvature))

@@ -102,26 +102,22 @@ class Stage:
     @cached_property
     def instances(self) -> Indices:
         """Table from keys of shapes (shape_key) to instance numbers: index in scene.objects + 1."""
-        return _table([_key_of(shape) for shape in self.shapes], range(1, 1 + len(self.shapes)))
+        return numbers_by_key([key_of(shape) for shape in self.shapes], range(1, 1 + len(self.shapes)))
 
     @cached_property
     def lights(self) -> Indices:
         """Table from keys of emitters (emitter_key) to the instance numbers of their shapes; 0 for those without."""
         mi, emitters = load_mitsuba(), self.mi_scene.emitters()
         keys = [int(emitter_key(mi.EmitterPtr(emitter))[0]) for emitter in emitters]
-        return _table(keys, [self._instance_of(emitter) for emitter in emitters])
+        return numbers_by_key(keys, [self._instance_of(emitter) for emitter in emitters])
 
     def _instance_of(self, emitter: Any) -> int:
         shape = emitter.get_shape()
-        return int(self.instances[_key_of(shape)]) if shape else 0
-
-    def key(self, hit: Any) -> Any:
-        """Number of the shape that a PreliminaryIntersection3f names, see shape_key."""
-        return shape_key(hit.shape)
+        return int(self.instances[key_of(shape)]) if shape else 0
 
     def met(self, hit: Any, ray: Any) -> list[Any]:
         """What a ray meets: the shape's key, and its place there (rays.to_hits makes rows of it)."""
-        return [self.key(hit), *self.places.columns(hit, ray)]
+        return [shape_key(hit.shape), *self.places.columns(hit, ray)]
 
     def albedo(self, si: Any, hit: Any) -> Any:
         """The colour (3,) that the guides show: `principled` gives a metal's as diffuse. Vectorised variants only."""
@@ -162,11 +158,13 @@ def emitter_key(emitter: Any) -> Any:
     return load_drjit().reinterpret_array(load_mitsuba().UInt32, emitter)
 
 
-def _key_of(shape: Any) -> int:
+def key_of(shape: Any) -> int:
+    """The shape_key of one shape."""
     return int(shape_key(shape) if is_scalar() else shape_key(load_mitsuba().ShapePtr(shape))[0])
 
 
-def _table(keys: Sequence[int], numbers: Iterable[int]) -> Indices:
+def numbers_by_key(keys: Sequence[int], numbers: Iterable[int]) -> Indices:
+    """Table from keys of shapes or emitters to numbers; 0 for all other keys."""
     table = np.zeros(max(keys, default=0) + 1, np.int64)
     table[[*keys]] = [*numbers]
     return table

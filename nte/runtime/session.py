@@ -16,6 +16,7 @@ from nte.frames.scalars import sequence_scalars
 from nte.runtime.description import METADATA_KEY, STATE, check_seal, read_description
 
 Pixels = npt.NDArray[np.float32]
+Provider = str | tuple[str, dict[str, str]]
 
 
 class OnnxState(NamedTuple):
@@ -29,11 +30,12 @@ class OnnxState(NamedTuple):
 class OnnxDenoiser:
     """An exported model with its state handling. Takes and returns NumPy (or what the frame has).
 
-    providers: ONNX Runtime execution providers, best first (None: the CPU). threads: 0 lets ONNX Runtime
-    choose. Raises NteError for a file that is missing, no ONNX model, damaged, or not exported by nte.
+    providers: ONNX Runtime execution providers, best first, by name or as (name, options); None: the CPU. threads: 0
+    lets ONNX Runtime choose. Raises NteError for a file that is missing, no ONNX model, damaged, or not
+    exported by nte.
     """
 
-    def __init__(self, path: Path | str, providers: Sequence[str] | None = None, threads: int = 0) -> None:
+    def __init__(self, path: Path | str, providers: Sequence[Provider] | None = None, threads: int = 0) -> None:
         self.path = Path(path)
         if not self.path.is_file():
             raise NteError(f"{path}: does not exist; expected an .onnx file made by nte export")
@@ -43,7 +45,8 @@ class OnnxDenoiser:
         options.log_severity_level = 3  # warnings of the runtime about its own graph rewriting
         chosen = list(providers or ["CPUExecutionProvider"])
         available = onnxruntime.get_available_providers()
-        unknown = [name for name in chosen if name not in available]
+        names = [provider if isinstance(provider, str) else provider[0] for provider in chosen]
+        unknown = [name for name in names if name not in available]
         if unknown:
             raise NteError(f"provider '{unknown[0]}' is not available; there are {', '.join(available)}")
         try:

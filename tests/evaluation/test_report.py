@@ -13,6 +13,7 @@ from PIL import Image
 
 from nte.evaluation.compare import Evaluation, evaluate
 from nte.evaluation.report import render_report, write_report
+from nte.evaluation.table import format_table
 from tests.evaluation.conftest import noisy_frames
 from tests.synthetic import write_clip
 
@@ -89,6 +90,27 @@ def test_the_script_gets_all_rows_and_pictures(evaluation: Evaluation) -> None:
     pixels = np.asarray(Image.open(io.BytesIO(base64.b64decode(encoded))))
     np.testing.assert_array_equal(pixels, evaluation.shown[0].images["taa"])
     assert list(data["shown"][0]["flip"]) == ["taa", "noisy"]
+
+
+def test_what_a_denoiser_chose_by_itself_is_said(evaluation: Evaluation, tmp_path: Path) -> None:
+    """OIDN prefilters guides that the clip does not call clean: table, page and metrics.json say which it did."""
+    pytest.importorskip("pyoidn")
+    frames = noisy_frames(2)
+    folders = [write_clip(tmp_path / "ours", frames, clean_guides=True), write_clip(tmp_path / "theirs", frames)]
+    found = evaluate(folders, ["oidn:quality=fast", "noisy"], tmp_path / "out")
+    settings = {(row["denoiser"], row["clip"]): row.get("settings") for row in found.metrics["rows"]}
+    assert settings == {
+        ("noisy", "ours"): None,
+        ("noisy", "theirs"): None,
+        ("oidn:quality=fast", "ours"): "quality=fast,clean_aux=true,prefilter=false",
+        ("oidn:quality=fast", "theirs"): "quality=fast,clean_aux=true,prefilter=true",
+    }
+    said = "oidn:quality=fast: quality=fast,clean_aux=true,prefilter=false on ours; "
+    assert said in format_table(found.metrics)
+    html = render_report(found)
+    assert "quality=fast,clean_aux=true,prefilter=true on theirs" in html
+    Page(html)
+    assert "<h3>Settings</h3>" not in render_report(evaluation)
 
 
 def test_names_cannot_break_the_page(evaluation: Evaluation) -> None:

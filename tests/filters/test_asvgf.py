@@ -66,8 +66,52 @@ def test_light_that_does_not_change_leaves_alpha_alone_and_a_light_switched_off_
     same, off = gradient_of(shape, 0.7, 0.7), gradient_of(shape, 0.0, 0.7)
     nothing = np.full_like(same, np.nan)
     found = alphas([nothing, same, same, off, nothing], alpha=0.1)
-    for alpha, expected in zip(found, (1, 1 / 2, 1 / 3, 1, 1 / 5), strict=True):
+    for alpha, expected in zip(found, (1, 1 / 2, 1 / 3, 1, 1 / 2), strict=True):
         np.testing.assert_allclose(alpha, expected, rtol=1e-5)
+
+
+def error(image: np.ndarray, frame: Frame) -> float:
+    return float(np.sqrt(np.square(image - frame["reference"]).mean()))
+
+
+@pytest.mark.parametrize("batch", [1, 2])
+def test_where_everything_changed_it_filters_as_a_first_frame_does(batch: int) -> None:
+    """λ = 1: no history, but the spatial filter as wide as the noise of one frame asks for."""
+    frames = noisy_frames(6, still_channels((37, 50), batch))
+    off = gradient_of((batch, 37, 50), 0.0, 1.0)
+    changed = run(Asvgf(), [frame.with_channels(gradient=off) for frame in frames])
+    for image, frame in zip(changed[1:], frames[1:], strict=True):
+        (alone,) = run(Svgf(), [frame])
+        np.testing.assert_allclose(image, alone, rtol=1e-4, atol=1e-5)
+        assert error(image, frame) < 0.3 * error(frame["color"], frame)
+
+
+def test_where_half_of_the_picture_changed_that_half_is_young_and_the_other_keeps_its_history() -> None:
+    shape = (1, 30, 96)
+    left = np.broadcast_to(np.arange(96) < 48, shape)
+    half = gradient_of(shape, np.where(left, 0.0, 1.0), 1.0)
+    frames = noisy_frames(9, still_channels(shape[1:]))
+    session = Session(Asvgf(gradient_iterations=0))
+    for frame in frames[:-1]:
+        session.step(frame.with_channels(gradient=np.full_like(half, np.nan)))
+    result = session.step(frames[-1].with_channels(gradient=half), ("history_length", "alpha"))
+    length = result.extras["history_length"]
+    np.testing.assert_allclose(length[..., :48], 1, rtol=1e-5)
+    np.testing.assert_allclose(length[..., 54:], 9, rtol=1e-5)
+    (alone,) = run(Svgf(), [frames[-1]])
+    young = (..., slice(0, 30))
+    reference = frames[-1]["reference"]
+    assert np.abs(result.image - reference)[young].mean() < 1.1 * np.abs(alone - reference)[young].mean()
+
+
+@pytest.mark.parametrize("change", [0.1, 0.25, 0.5, 0.8])
+def test_light_that_keeps_changing_is_filtered_no_worse_than_one_frame_alone(change: float) -> None:
+    """Between 0 and 1, too, the variance is that of the noise that is left: nothing stays as it came."""
+    frames = noisy_frames(10, still_channels((48, 64)))
+    pairs = gradient_of((1, 48, 64), 1 - change, 1.0)
+    images = run(Asvgf(), [frame.with_channels(gradient=pairs) for frame in frames])
+    alone = np.mean([error(run(Svgf(), [frame])[0], frame) for frame in frames[5:]])
+    assert np.mean([error(*pair) for pair in zip(images[5:], frames[5:], strict=True)]) < 1.02 * alone
 
 
 def test_alpha_is_between_its_floor_and_one_in_proportion_to_the_relative_change() -> None:
@@ -85,6 +129,56 @@ def test_noise_in_the_pairs_cancels_where_only_its_sign_is_random() -> None:
     raw, filtered = (alphas([nothing, noisy], gradient_iterations=n)[-1].mean() for n in (0, 5))
     assert raw == pytest.approx(0.5 + 0.5 * 0.4 / 1.2, rel=0.01)
     assert filtered < 0.5 + 0.25 * (raw - 0.5)
+
+
+def heavy_tailed(shape: tuple[int, int, int], seed: int, share: float = 0.15) -> np.ndarray:
+    """Pairs of light that is rarely bright, of which some paths met something else: on average nothing has changed."""
+    rng = np.random.default_rng(seed)
+    now, before = (rng.lognormal(-1, 1.2, shape) for _ in range(2))
+    return gradient_of(shape, np.where(rng.random(shape) < share, now, before), before, seed)
+
+
+def test_noise_of_the_gradients_themselves_can_be_kept_from_shortening_history() -> None:
+    """Steady indirect light with noisy pairs keeps its history, and a light switched off is still noticed."""
+    shape, frames = (1, 96, 96), 8
+    channels = still_channels(shape[1:])
+    given = [
+        Frame({**channels, "indirect": channels["color"], "gradient": g, "gradient_indirect": g}, index)
+        for index, g in enumerate(heavy_tailed(shape, seed) for seed in range(frames))
+    ]
+    means = {}
+    for noise in (0.0, 1.0):
+        session = Session(Asvgf("indirect", gradient_noise=noise, gradient_iterations=2))  # as on narrow surfaces
+        means[noise] = [session.step(frame, ("history_length",)).extras["history_length"].mean() for frame in given][-1]
+    assert means[0.0] < 0.6 * frames
+    assert means[1.0] > 0.75 * frames
+    off = gradient_of(shape, 0.0, 1.0)
+    assert session.step(given[0].with_channels(gradient_indirect=off), ("alpha",)).extras["alpha"].mean() > 0.8
+
+
+def test_a_component_follows_its_own_gradient_and_without_one_that_of_all_light() -> None:
+    """A shadow moves: the pairs of all light and of visibility differ, those of indirect light do not."""
+    shape, frames = (1, 20, 25), 6
+    channels = still_channels(shape[1:])
+    channels |= {"indirect": channels["color"], "glossy": channels["color"], "visibility": channels["depth"] * 0 + 0.5}
+    moved, still = gradient_of(shape, 0.1, 1.0), gradient_of(shape, 0.3, 0.3)
+    pairs = {
+        "gradient": moved, "gradient_visibility": moved, "gradient_indirect": still, "gradient_glossy": still
+    }  # fmt: skip
+
+    def length(target: str, *without: str) -> float:
+        session = Session(Asvgf(target))
+        seen = {name: values for name, values in (channels | pairs).items() if name not in without}
+        found = [session.step(Frame(seen, i), ("history_length",)).extras["history_length"] for i in range(frames)]
+        return float(found[-1].mean())
+
+    for target in ("indirect", "glossy"):
+        assert length(target) == pytest.approx(frames, rel=1e-4)
+        assert length(target, f"gradient_{target}") < 1.5
+    assert length("visibility") < 1.5
+    assert length("color") < 1.5
+    assert "gradient" in Asvgf("indirect").needs
+    assert Asvgf("indirect").optional == ("gradient_indirect",)
 
 
 def test_a_change_stays_near_where_it_is() -> None:

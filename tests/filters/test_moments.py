@@ -11,6 +11,7 @@ from nte.filters.moments import (
     estimated_variance,
     lengthen,
     running_mean_weight,
+    shorten,
     variance_of,
     with_square,
 )  # fmt: skip
@@ -75,6 +76,20 @@ def test_length_counts_to_its_limit_and_starts_anew_where_nothing_is_valid() -> 
     length, valid = torch.tensor([1.0, 31, 32, 7]), torch.tensor([True, True, True, False])
     assert lengthen(length, valid, 32).tolist() == [2, 32, 32, 1]
     assert running_mean_weight(torch.tensor([1.0, 4, 100]), 0.05).tolist() == pytest.approx([1, 0.25, 0.05])
+
+
+@pytest.mark.parametrize("change", [0.0, 0.1, 0.5, 0.93, 1.0])
+def test_what_is_left_of_a_length_is_the_frames_that_the_weights_amount_to(change: float) -> None:
+    for frames in range(1, 33):
+        newest = 1 / frames + change * (1 - 1 / frames)
+        weights = torch.cat([torch.tensor([newest]), torch.full((frames - 1,), (1 - newest) / max(1, frames - 1))])
+        assert float(weights.sum()) == pytest.approx(1)
+        left = float(shorten(torch.tensor(float(frames)), torch.tensor(change)))
+        assert left == pytest.approx(1 / float(weights.square().sum()), rel=1e-4)
+    if change == 0:
+        assert left == pytest.approx(32, rel=1e-6)
+    if change == 1:
+        assert left == pytest.approx(1, rel=1e-6)
 
 
 def test_brightness_is_luminance_of_a_colour_and_a_scalar_itself() -> None:

@@ -9,6 +9,7 @@ import torch
 
 from nte import Denoiser, Frame, NteError
 from nte.filters.oidn import QUALITIES, Oidn
+from nte.registry import load_denoiser
 
 pyoidn = pytest.importorskip("pyoidn")
 
@@ -21,8 +22,8 @@ def noisy_gradient(height: int = 45, width: int = 61, batch: int = 1) -> tuple[n
     return clean * noise, clean
 
 
-def denoise(denoiser: Denoiser, **channels: np.ndarray) -> np.ndarray:
-    result, _ = denoiser.step(Frame(channels), None)
+def denoise(denoiser: Denoiser, clean_guides: bool | None = True, **channels: np.ndarray) -> np.ndarray:
+    result, _ = denoiser.step(Frame(channels, clean_guides=clean_guides), None)
     assert isinstance(result.image, np.ndarray)
     return result.image
 
@@ -45,19 +46,120 @@ def test_a_constant_stays_constant_at_odd_sizes(size: tuple[int, int]) -> None:
     assert np.median(np.abs(image / 3 - 1)) < 0.02
 
 
-def test_albedo_and_normal_guide_it() -> None:
+def textured(height: int = 45, width: int = 61) -> dict[str, np.ndarray]:
+    """A slanted, coloured texture under exponential noise: color, reference, albedo, normal, each (1, 3, H, W)."""
     rng = np.random.default_rng(1)
-    texture = np.kron(rng.uniform(0.1, 0.9, (1, 3, 12, 16)), np.ones((4, 4))).astype(np.float32)
-    noisy = texture * rng.exponential(size=texture.shape).astype(np.float32)
+    y, x = np.mgrid[:height, :width] + 0.5
+    tile = ((0.9 * x + 0.4 * y) // 6).astype(int) % 7, ((0.9 * y - 0.4 * x) // 6).astype(int) % 7
+    texture = rng.uniform(0.1, 0.9, (7, 7, 3))[tile].transpose(2, 0, 1)[None].astype(np.float32)
     up = np.zeros_like(texture)
     up[:, 2] = 1
-    blind = np.square(denoise(Oidn(), color=noisy) - texture).mean()
-    image = denoise(Oidn(), color=noisy, albedo=texture, normal=up)
-    assert np.square(image - texture).mean() < 0.5 * blind
-    as_images = [np.ascontiguousarray(a[0].transpose(1, 2, 0)) for a in (noisy, texture, up)]
+    noise = rng.exponential(size=(1, 1, height, width)).astype(np.float32)
+    return {"color": texture * noise, "reference": texture, "albedo": texture, "normal": up}
+
+
+def with_noisy_guides(kind: str) -> dict[str, np.ndarray]:
+    """Guides of one sample per pixel: with noise in every pixel, or aliased: the texture of a place nearby."""
+    channels, rng = textured(), np.random.default_rng(2)
+    if kind == "aliased":
+        rows, columns = np.mgrid[:45, :61] + rng.integers(-1, 2, (2, 45, 61))
+        at = (..., rows.clip(0, 44), columns.clip(0, 60))
+        return {**channels, "albedo": channels["albedo"][at].copy(), "normal": channels["normal"]}
+    noise = rng.normal(scale=0.3, size=(2, *channels["albedo"].shape)).astype(np.float32)
+    normal = channels["normal"] + noise[1]
+    return {**channels, "albedo": (channels["albedo"] + noise[0]).clip(0, 1), "normal": normal / np.abs(normal).max()}
+
+
+def as_image(array: np.ndarray) -> np.ndarray:
+    return np.ascontiguousarray(array[0].transpose(1, 2, 0))
+
+
+def prefiltered(name: str, guide: np.ndarray) -> np.ndarray:
+    """A guide (H, W, 3) denoised by a filter that has nothing else, as OIDN's documentation shows it."""
+    output = np.empty_like(guide)
+    with pyoidn.Device() as device:
+        device.commit()
+        with pyoidn.Filter(device, pyoidn.OIDN_FILTER_TYPE_RT) as chosen:
+            chosen.set_image(name, guide, pyoidn.OIDN_FORMAT_FLOAT3)
+            chosen.set_image("output", output, pyoidn.OIDN_FORMAT_FLOAT3)
+            chosen.commit()
+            chosen.execute()
+        assert device.get_error() is None
+    return output
+
+
+def mse(image: np.ndarray, channels: dict[str, np.ndarray]) -> float:
+    return float(np.square(image - channels["reference"]).mean())
+
+
+def seen(channels: dict[str, np.ndarray]) -> dict[str, np.ndarray]:
+    return {name: channels[name] for name in ("color", "albedo", "normal")}
+
+
+def test_clean_guides_are_trusted() -> None:
+    channels = textured()
+    image = denoise(Oidn(), **seen(channels))
+    assert mse(image, channels) < 0.5 * mse(denoise(Oidn(), color=channels["color"]), channels)
+    as_images = [as_image(channels[name]) for name in ("color", "albedo", "normal")]
     theirs = pyoidn.denoise(*as_images, hdr=True, clean_aux=True, quality="high")
-    np.testing.assert_array_equal(image[0].transpose(1, 2, 0), theirs)
+    np.testing.assert_array_equal(as_image(image), theirs)
     assert not np.array_equal(theirs, pyoidn.denoise(*as_images, hdr=True, clean_aux=False, quality="high"))
+
+
+@pytest.mark.parametrize("said", [None, False])
+@pytest.mark.parametrize("kind", ["noisy", "aliased"])
+def test_guides_that_nobody_calls_clean_are_prefiltered_as_oidn_recommends(kind: str, said: bool | None) -> None:
+    channels = with_noisy_guides(kind)
+    image = denoise(Oidn(), said, **seen(channels))
+    guides = (prefiltered(name, as_image(channels[name])) for name in ("albedo", "normal"))
+    theirs = pyoidn.denoise(as_image(channels["color"]), *guides, hdr=True, clean_aux=True, quality="high")
+    np.testing.assert_array_equal(as_image(image), theirs)
+    trusting = denoise(Oidn(clean_aux=True), said, **seen(channels))
+    assert mse(image, channels) < mse(trusting, channels)
+
+
+def test_options_win_over_what_is_known_of_the_guides() -> None:
+    channels = seen(with_noisy_guides("noisy"))
+    both, neither, trusted = (
+        Oidn("fast", *options) for options in (("auto", "true"), ("false", "auto"), ("true", "false"))
+    )
+    as_images = [as_image(channels[name]) for name in ("color", "albedo", "normal")]
+    for made in (both, neither, trusted):
+        np.testing.assert_array_equal(denoise(made, None, **channels), denoise(made, True, **channels))
+    for made, clean_aux in ((neither, False), (trusted, True)):
+        theirs = pyoidn.denoise(*as_images, hdr=True, clean_aux=clean_aux, quality="fast")
+        np.testing.assert_array_equal(as_image(denoise(made, **channels)), theirs)
+    assert not np.array_equal(denoise(both, **channels), denoise(trusted, **channels))
+
+
+def test_one_guide_alone_and_batches_are_prefiltered_too() -> None:
+    channels = with_noisy_guides("noisy")
+    alone = denoise(Oidn("fast"), None, color=channels["color"], albedo=channels["albedo"])
+    flipped = {name: np.concatenate([values, values[..., ::-1]]) for name, values in channels.items()}
+    oidn = Oidn("fast")
+    both = denoise(oidn, None, color=flipped["color"], albedo=flipped["albedo"])
+    np.testing.assert_array_equal(both[:1], alone)
+    small = {name: flipped[name][..., :20, :30] for name in ("color", "albedo")}
+    assert denoise(oidn, None, **small).shape == (2, 3, 20, 30)
+
+
+@pytest.mark.parametrize(
+    ("spec", "said", "settings"),
+    [
+        ("oidn", True, "quality=high,clean_aux=true,prefilter=false"),
+        ("oidn", None, "quality=high,clean_aux=true,prefilter=true"),
+        ("oidn:quality=fast,prefilter=false", False, "quality=fast,clean_aux=false,prefilter=false"),
+        ("oidn:clean_aux=True", None, "quality=high,clean_aux=true,prefilter=false"),
+        ("oidn:clean_aux=true,prefilter=true", True, "quality=high,clean_aux=true,prefilter=true"),
+        ("oidn:clean_aux=false", True, "quality=high,clean_aux=false,prefilter=false"),
+    ],
+)
+def test_it_says_what_its_options_come_to(spec: str, said: bool | None, settings: str) -> None:
+    oidn = load_denoiser(spec)
+    assert isinstance(oidn, Oidn)
+    channels = seen(textured())
+    assert oidn.settings(Frame(channels, clean_guides=said)) == settings
+    assert oidn.settings(Frame({"color": channels["color"]})).endswith(", without guides")
 
 
 def test_batch_elements_are_independent_and_sizes_may_change() -> None:
@@ -94,6 +196,11 @@ def raises(message: str, call: Callable[[], object]) -> None:
 
 def test_an_unknown_quality_names_the_choices() -> None:
     raises("quality is 'best': expected one of high, balanced, fast", lambda: Oidn("best"))
+
+
+@pytest.mark.parametrize("key", ["clean_aux", "prefilter"])
+def test_a_switch_that_is_none_names_the_choices(key: str) -> None:
+    raises(f"{key} is 'yes': expected one of auto, true, false", lambda: load_denoiser(f"oidn:{key}=yes"))
 
 
 def test_a_missing_pyoidn_names_the_extra(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -223,6 +223,8 @@ def test_what_does_not_fit_is_named() -> None:
             Svgf(**wrong)  # type: ignore[arg-type]
     with pytest.raises(NteError, match="asvgf: gradient_iterations is -1"):
         Asvgf(gradient_iterations=-1)
+    with pytest.raises(NteError, match="asvgf: gradient_noise is -1"):
+        Asvgf(gradient_noise=-1)
     frames = noisy_frames(1, still_channels(size=(8, 8)))
     with pytest.raises(NteError, match="extra 'mask' is unknown; there are history_length, alpha, variance"):
         Svgf().step(frames[0], None, ("mask",))

@@ -77,6 +77,24 @@ def test_a_frame_has_its_channels_index_and_the_clip_s_scalars_and_cameras(tmp_p
     assert bare.exposure is bare.depth_scale is bare.view is None
 
 
+@pytest.mark.parametrize(
+    ("info", "clean"),
+    [
+        ({}, None),
+        ({"clean_guides": True}, True),
+        ({"clean_guides": False}, False),
+        ({"clean_guides": None, "origin": {"generator": "nte render"}}, None),
+        ({"origin": {"generator": "nte render"}}, True),  # before the key was written
+        ({"origin": {"generator": "Blender"}}, None),
+        ({"origin": "nte render"}, None),
+    ],
+)
+def test_guides_are_clean_where_the_clip_says_so(tmp_path: Path, info: dict[str, object], clean: bool | None) -> None:
+    clip = Clip(write_clip(tmp_path / "c", small_frames(1), **info))
+    assert clip.clean_guides is clean
+    assert clip.frame(0).torch().numpy().with_channels().clean_guides is clean
+
+
 def test_previous_forward_motion_is_the_forward_motion_of_the_frame_before(tmp_path: Path) -> None:
     frames = small_frames(3)
     for i, frame in enumerate(frames):
@@ -171,6 +189,8 @@ GOOD = {"format": "nte-clip/1", "width": 16, "height": 12, "frames": 1}
         (GOOD | {"exposure": "bright"}, "'exposure' is 'bright', expected a positive number"),
         (GOOD | {"exposure": 0}, "'exposure' is 0"),
         (GOOD | {"depth_scale": -1}, "'depth_scale' is -1"),
+        (GOOD | {"clean_guides": "yes"}, "'clean_guides' is 'yes', expected true, false or null"),
+        (GOOD | {"clean_guides": 1}, "'clean_guides' is 1"),
         (GOOD | {"cameras": 3}, "'cameras' has 3 for 1 frames"),
         (GOOD | {"cameras": []}, "'cameras' has 0 for 1 frames"),
         (GOOD | {"cameras": [{"view": [[1]]}]}, r"'cameras\[0\]\.view' is no 4x4 matrix"),

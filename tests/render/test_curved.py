@@ -2,9 +2,10 @@
 
 import numpy as np
 import pytest
+import torch
 
+from nte.motion.curved import reflecting_points
 from nte.render import stage
-from nte.render.curved import reflecting_points
 from nte.render.rays import curvatures_at, normals_at, trace_centres
 from nte.render.scene import Camera, Mesh, Scene
 from nte.render.scenes import shapes
@@ -15,6 +16,11 @@ from tests.render.test_vectors import CENTRES, FOV, SIZE, STILL, drift, pixels, 
 
 def fine_ball() -> Mesh:
     return shapes.revolved(lambda v: np.sin(np.pi * v), lambda v: -np.cos(np.pi * v), 120, 80)
+
+
+def places(point, normal, curvature, target, eye) -> np.ndarray:
+    rows = (torch.from_numpy(np.broadcast_to(x, y.shape).copy()) for x, y in ((target, point), (eye, point)))
+    return reflecting_points(*map(torch.from_numpy, (point, normal, curvature)), *rows).numpy()
 
 
 def mirrored_by_a_ball(radius: float, target: np.ndarray, eye: np.ndarray) -> np.ndarray:
@@ -39,7 +45,7 @@ def test_a_ball_mirrors_at_the_place_of_the_shortest_way():
     known *= radius / np.linalg.norm(known, axis=1, keepdims=True)
     normal = known / radius
     curvature = (np.eye(3) - normal[:, :, None] * normal[:, None, :]) / radius
-    found = reflecting_points(known, normal, curvature, target, eye)
+    found = places(known, normal, curvature, target, eye)
     assert np.linalg.norm(found - exact, axis=1).max() < 0.002 * radius
     image = target - 2 * ((target - known) * normal).sum(1, keepdims=True) * normal
     ray = (image - eye) / np.linalg.norm(image - eye, axis=1, keepdims=True)
@@ -51,7 +57,7 @@ def test_where_no_place_near_by_mirrors_the_target_there_is_none():
     normal = np.array([[0.0, 0.0, -1.0]])
     curvature = np.diag([1.0, 1.0, 0.0])[None]
     behind = np.array([[0.0, 0.0, 5.0]])
-    assert np.isnan(reflecting_points(-normal * -1, normal, curvature, behind, np.array([0.0, 0.0, -4.0]))).all()
+    assert np.isnan(places(-normal * -1, normal, curvature, behind, np.array([0.0, 0.0, -4.0]))).all()
 
 
 def test_curvature_of_a_ball_is_one_over_its_radius_and_of_a_square_none():

@@ -108,7 +108,7 @@ def test_the_same_scene_as_xml_has_the_same_channels(tmp_path: Path):
     for name, expected in (theirs[0] | theirs[1][0]).items():
         found = (mine[0] | mine[1][0])[name]
         shown = np.isfinite(expected).all(0)
-        if name == "gradient":  # a stratum's choice may fall on another of its pixels
+        if name.startswith("gradient"):  # a stratum's choice may fall on another of its pixels
             assert abs(np.isfinite(found).all(0).sum() - shown.sum()) <= 2
         alike = np.isclose(found, expected, rtol=2e-3, atol=2e-3, equal_nan=True).all(0)
         assert alike.mean() > 0.995, name

@@ -207,7 +207,7 @@ def test_covariance_is_that_of_the_points_that_reflect_the_same(eye, gaze, targe
     made = Stage(Scene((floor, lamp), Camera(still(look_at(eye, gaze)), FOV)), SIZE, SIZE, 3)
     made.set_time(0)
     image = target * (1, -1, 1)
-    found = footprint(made, image[None], 0)[0]
+    found = footprint(made, np.tile(image, (SIZE * SIZE, 1)), 0)[0]
 
     middle = eye + (image - eye) * eye[1] / (eye[1] - image[1])
     offset = np.random.default_rng(0).uniform(-2, 2, (1_000_000, 2))

@@ -1,0 +1,191 @@
+"""Motion of what a surface shows instead of the surface: its shadow, and the reflection in it. Pure functions.
+
+Zeng et al. 2021, «Temporally Reliable Motion Vectors for Real-time Ray Tracing», sections 4.1 and 4.2. Points, normals
+and directions are (N, 3, H, W), world space; cameras are (N, 4, 4) `view` and `projection` as in `nte.motion.camera`;
+vectors are (N, 2, H, W), pixels, from the current position to the previous one, NaN where there is none. All that is
+«before» belongs to the previous frame: T⁻¹ of a point, which `nte.motion.camera.move` gives for a rigid object.
+"""
+
+import math
+
+import torch
+from torch import Tensor
+
+from nte.motion.camera import project
+from nte.motion.curved import bend_within, reflecting_points, solve, tangents
+from nte.motion.warp import pixel_centres
+
+GRAZING = 0.05  # least cosine at which a lobe meets a plane: the ellipse does not become infinite
+_CONTACT = 1e-3  # of the way from blocker to s: how far before the blocker the plane still counts as touching it
+_LEAST = 1e-9
+
+
+def shadow_motion(
+    light: Tensor,
+    blocker: Tensor,
+    point: Tensor,
+    normal: Tensor,
+    view: Tensor,
+    projection: Tensor,
+    position: Tensor | None = None,
+) -> Tensor:
+    """Compute shadow vectors (N, 2, H, W), Eq. 3: m^V = P intersect[line(T⁻¹l, T⁻¹b), T⁻¹plane(s)] − x.
+
+    light, blocker and point: the light sample l, the blocker b and the shading point s of each shadowed pixel, before,
+    each moved by its own T⁻¹; normal: of s, before, of any length. view and projection: the camera before. position
+    (N, 2, H, W): where x is in the current frame; the pixels' centres unless given. NaN where the line is parallel to
+    the plane, where it meets the plane on this side of the blocker, which then cannot shadow it, and where it meets it
+    behind the camera.
+    """
+    return project(shadow_point(light, blocker, point, normal), view, projection) - _position(position, point)
+
+
+def shadow_point(light: Tensor, blocker: Tensor, point: Tensor, normal: Tensor) -> Tensor:
+    """Intersect lines from lights through blockers with planes, all (N, 3, H, W); NaN unless beyond the blocker."""
+    along, reach = blocker - light, point - blocker
+    t = _dot(reach, normal) / _dot(along, normal)  # from the blocker on: a sun is so far away that t from there rounds
+    # Where blocker and plane touch, t is 0 but for rounding.
+    beyond = (t * _length(along, 1) >= -_CONTACT * _length(reach, 1)) & torch.isfinite(t)
+    return torch.where(beyond, blocker + t * along, math.nan)
+
+
+def mirror_image(target: Tensor, point: Tensor, normal: Tensor, eye: Tensor, curvature: Tensor | None = None) -> Tensor:
+    """Compute where reflectors show targets, (N, 3, H, W): mirror[T⁻¹h, T⁻¹plane(s)] of Eq. 5, all before.
+
+    target: the reflected point h; point and unit normal: of the reflector s; eye (N, 3): the camera. curvature
+    (N, 3, 3, H, W): the change of the unit normal with a step along the surface, per scene unit; where there is any,
+    the result lies behind the place near by that mirrors h by it, as far as h is before it. NaN where h and the camera
+    are on different sides of the plane: no reflection is seen.
+    """
+    from_eye = eye[:, :, None, None]
+    height = _dot(target - point, normal)
+    side = _dot(from_eye - point, normal).sign()
+    image = torch.where(height * side > 0, target - 2 * height * normal, math.nan)
+    if curvature is None:
+        return image
+    bent = (curvature != 0).flatten(1, 2).any(1, keepdim=True) & torch.isfinite(image[:, :1])
+    rows = bent[:, 0]
+    if not rows.any():
+        return image
+    picked = [_rows(values, rows) for values in (point, normal * side, target, from_eye.expand_as(point))]
+    bend = (curvature * side[:, None]).permute(0, 3, 4, 1, 2)[rows]
+    unfolded = _unfolded(picked[0], picked[1], bend, picked[2], picked[3])
+    image = image.permute(0, 2, 3, 1).clone()
+    image[rows] = unfolded
+    return image.permute(0, 3, 1, 2).contiguous()
+
+
+def reflection_motion(image: Tensor, view: Tensor, projection: Tensor, position: Tensor | None = None) -> Tensor:
+    """Compute the mean of reflection vectors (N, 2, H, W), Eq. 5: P(image) − x.
+
+    image: from `mirror_image`. view and projection: the camera before. position: where x is; pixel centres unless
+    given.
+    """
+    return project(image, view, projection) - _position(position, image)
+
+
+def reflection_covariance(
+    image: Tensor,
+    point: Tensor,
+    normal: Tensor,
+    roughness: Tensor,
+    view: Tensor,
+    projection: Tensor,
+    curvature: Tensor | None = None,
+) -> Tensor:
+    """Compute Σ of Eq. 5: covariance (N, 3, H, W), XX XY YY, px², of where mirror images can be seen before.
+
+    point, unit normal, roughness (N, 1, H, W, perceptual) and curvature (N, 3, 3, H, W, flat unless given): of s^C, the
+    surface that the previous frame shows where it would show `image`.
+
+    A mirror shows each image at one point s^C of its surface, a rough one at all points about it whose microfacets
+    can turn the light. Slopes of a Beckmann distribution have a deviation of α/√2, α = roughness². A step δ along the
+    surface turns the half vector of camera and point by (1/d + 1/d') (δ − a a·δ), d and d' being their distances
+    from s^C and a the ray's direction, and the normal by the curvature: what is between the two the microfacets
+    must make up, 2 cos θ each radian of it. δ of that deviation is an ellipse, projected to first order.
+
+    Zeng et al. trace the whole lobe from the image, which is too wide by (d + d')/d: four times where a floor
+    nearby reflects what is far away; and know no curvature.
+    """
+    eye = _eye(view)[:, :, None, None].expand_as(point)
+    height, width = point.shape[-2:]
+    size = point.new_tensor([width, height])
+    flat = [_flat(values) for values in (image, point, normal, roughness, eye)]
+    bend = point.new_zeros(()) if curvature is None else curvature.permute(0, 3, 4, 1, 2).flatten(1, 2)
+    ends = _ellipse(flat[0], flat[1], flat[2], flat[3], flat[4], bend)
+    matrix = (projection @ view)[:, None]
+    total = point.new_zeros((*flat[1].shape[:2], 3))
+    for end in ends.unbind(-1):
+        x, y = _image_of(matrix, flat[1], end, size).unbind(-1)
+        total = total + torch.stack([x * x, x * y, y * y], -1)
+    return total.transpose(1, 2).reshape(point.shape)
+
+
+def _ellipse(image: Tensor, point: Tensor, normal: Tensor, roughness: Tensor, eye: Tensor, curvature: Tensor) -> Tensor:
+    """The half axes (…, 3, 2), world, of the points about `point` (…, 3) that show the image."""
+    axis = point - image
+    distance = _length(axis)
+    axis = axis / distance
+    to_camera = _length(eye - point)
+    side = torch.where(
+        (axis * normal).sum(-1, keepdim=True) < 0, -1.0, 1.0
+    )  # the axis runs from the image to the camera
+    normal = normal * side
+    cosine = (axis * normal).sum(-1, keepdim=True).clamp(min=GRAZING)
+    frame = tangents(normal, axis)
+    # In this frame the flat part is diagonal: across the plane of incidence, and within it.
+    flat = (1 / distance + 1 / to_camera) * torch.cat([torch.ones_like(cosine), cosine**2], -1)
+    turning = torch.diag_embed(flat)
+    if curvature.dim():
+        turning = turning + 2 * cosine[..., None] * bend_within(frame, curvature * side[..., None])
+    deviation = math.sqrt(2) * roughness**2 * cosine
+    return frame @ solve(turning, torch.diag_embed(deviation.expand_as(flat)))
+
+
+def _unfolded(point: Tensor, normal: Tensor, curvature: Tensor, target: Tensor, eye: Tensor) -> Tensor:
+    """Where a plane mirror would have to show targets (R, 3) for the eye to see them where the curved one shows them.
+
+    That is, behind the place that mirrors them and as far behind as they are before it; behind `point` if there is
+    none.
+    """
+    place = reflecting_points(point, normal, curvature, target, eye)
+    place = torch.where(torch.isfinite(place), place, point)
+    gaze = place - eye
+    return place + gaze / _length(gaze) * _length(target - place)
+
+
+def _image_of(matrix: Tensor, points: Tensor, offsets: Tensor, size: Tensor) -> Tensor:
+    """How far in pixels (N, P, 2) small offsets (N, P, 3) of points move them in the image: first order."""
+    clip = (matrix[..., :3] @ points[..., None])[..., 0] + matrix[..., 3]
+    step = (matrix[..., :3] @ offsets[..., None])[..., 0]
+    return size * (step[..., :2] - clip[..., :2] / clip[..., 3:] * step[..., 3:]) / clip[..., 3:]
+
+
+def _eye(view: Tensor) -> Tensor:
+    """Where the camera is (N, 3), world."""
+    to_world: Tensor = torch.linalg.inv(view)
+    return to_world[:, :3, 3]
+
+
+def _position(position: Tensor | None, like: Tensor) -> Tensor:
+    return pixel_centres(like) if position is None else position
+
+
+def _rows(values: Tensor, mask: Tensor) -> Tensor:
+    """The values (N, C, H, W) of the pixels in `mask` (N, H, W): (R, C)."""
+    return values.permute(0, 2, 3, 1)[mask]
+
+
+def _flat(values: Tensor) -> Tensor:
+    """(N, C, H, W) → (N, H·W, C)."""
+    return values.flatten(2).transpose(1, 2)
+
+
+def _dot(a: Tensor, b: Tensor) -> Tensor:
+    return (a * b).sum(1, keepdim=True)
+
+
+def _length(vectors: Tensor, dim: int = -1) -> Tensor:
+    """Lengths along `dim`, which stays with size 1; never 0."""
+    length: Tensor = torch.linalg.vector_norm(vectors, dim=dim, keepdim=True)
+    return length.clamp(min=_LEAST)
