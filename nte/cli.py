@@ -99,10 +99,12 @@ def _parser() -> argparse.ArgumentParser:
     _force(export)
 
     denoise = _command(commands, "denoise", _denoise, "denoise a clip or frames; writes linear OpenEXR")
-    denoise.add_argument("sources", type=Path, nargs="+", metavar="CLIP_OR_FILES")
+    denoise.add_argument("sources", type=Path, nargs="+", metavar="CLIP_OR_FOLDER_OR_FILES")
     denoise.add_argument("--denoiser", required=True, metavar="SPEC", help="run, .onnx, or name:key=value")
     denoise.add_argument("--out", type=Path, required=True, help="folder for the frames")
     denoise.add_argument("--motion", choices=["estimate"], help="estimate it from the images, instead of given vectors")
+    text = "how to read another renderer's files: a channel map, or the name of one (default: the one that fits)"
+    denoise.add_argument("--map", metavar="MAP", help=text)
     denoise.add_argument("--exposure", type=float, help="linear factor of the sequence (default: estimated once)")
     denoise.add_argument("--png", action="store_true", help="a tonemapped picture beside each frame")
     _device(denoise, "cpu")
@@ -197,7 +199,9 @@ def _denoise(options: argparse.Namespace) -> None:
 
     spec = f"{options.motion}+{options.denoiser}" if options.motion else options.denoiser
     denoiser = load_denoiser(spec, options.device)
-    written = denoise_files(options.sources, denoiser, options.out, options.exposure, options.png, options.force)
+    written = denoise_files(
+        options.sources, denoiser, options.out, options.exposure, options.png, options.force, options.map
+    )
     print(f"{len(written)} frames in {options.out}")
 
 

@@ -2,17 +2,19 @@
 
 import re
 from collections import Counter
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
+from typing import Any, NamedTuple
 
 import numpy as np
+import numpy.typing as npt
 
 from nte.denoiser import Denoiser, Session, check_needs
-from nte.errors import NteError
+from nte.errors import NteError, needs_extra
 from nte.files import only_writer
-from nte.frames.clip import Clip, as_layers, frame_path, read_frame, write_clip_info
-from nte.frames.exr import read_layers, write_exr
+from nte.frames.clip import Clip, Pixels, as_layers, frame_path, half_keeps, read_frame, write_clip_info
+from nte.frames.exr_copy import copy_exr
 from nte.frames.frame import Frame
 from nte.frames.numbering import by_number
 from nte.frames.scalars import sequence_scalars
@@ -20,41 +22,86 @@ from nte.frames.show import show, write_png
 from nte.progress import Progress
 
 
+class _Source(NamedTuple):
+    """What is denoised: frames, the file of each, and which of its layers a denoised image replaces."""
+
+    files: Sequence[Path]
+    frames: Iterable[Frame]
+    layers: Callable[[int, Pixels], Mapping[str, npt.NDArray[Any]]]  # of frame i and an image (C, H, W): name → (H, W)
+    clip: Clip | None = None
+    notes: Callable[[], Iterable[str]] = tuple  # worth saying when all frames have been read
+
+
 def denoise_files(
     sources: Sequence[Path], denoiser: Denoiser, out: Path, exposure: float | None = None, png: bool = False,
-    force: bool = False,
+    force: bool = False, map_name: str | None = None, say: Callable[[str], None] = print,
 ) -> list[Path]:  # fmt: skip
     """Denoise a clip, or frames in the order of their numbers, into the folder `out`; returns what was written.
 
-    A frame keeps its name and its layers; only the denoiser's target is replaced by the denoised image. A
-    clip stays a clip. exposure: linear factor for the sequence (None: the clip's own, or estimated from the
-    first frame). png: a tonemapped picture beside each frame. Raises NteError for input that does not fit
-    and for files that exist, unless `force`.
+    sources: a clip, a folder of frames, or the frames. Frames of other renderers are read by the channel map
+    `map_name` (a file, or the name of one that ships), or by the one that fits. A frame keeps its name, its attributes
+    and its layers; only the denoised image takes the place of the noisy one. A clip stays a clip. exposure: linear
+    factor for the sequence (None: the clip's own, or estimated from the first frame). png: a tonemapped picture
+    beside each frame. say: gets what is worth knowing of how foreign files were read. Raises NteError for input that
+    does not fit and for files that exist, unless `force`.
     """
     if exposure is not None and not 0 < exposure < float("inf"):
         raise NteError(f"exposure is {exposure}, expected a positive number")
-    clip = Clip(sources[0]) if len(sources) == 1 and sources[0].is_dir() else None
-    paths = [frame_path(clip.folder, i) for i in range(len(clip))] if clip else _in_order(sources)
-    written = [out / path.name for path in paths]
-    _refuse_to_overwrite(out, written, paths, png, force)
-    if clip:
-        check_needs(denoiser, clip.channels, clip.folder)
+    source = _open(sources, denoiser.target, map_name)
+    written = [out / path.name for path in source.files]
+    _refuse_to_overwrite(out, written, source.files, png, force)
+    if source.clip:
+        check_needs(denoiser, source.clip.channels, source.clip.folder)
 
     session = Session(denoiser)
     scale = None if exposure is None else np.array([exposure], np.float32)
-    with only_writer(out), Progress("denoise", len(paths), "frame") as progress:
-        for path, source, frame in zip(written, paths, clip or _loose_frames(paths), strict=True):
+    with only_writer(out), Progress("denoise", len(written), "frame") as progress:
+        for index, frame in enumerate(source.frames):
             scale = sequence_scalars(frame)[0] if scale is None else scale
             image = session.denoise(replace(frame, exposure=scale))[0]
-            if path == written[0]:
+            if index == 0:
                 (out / "clip.json").unlink(missing_ok=True)  # until its frames are all there
-            write_exr(path, read_layers(source) | as_layers({denoiser.target: image}))
+            copy_exr(source.files[index], written[index], source.layers(index, image))
             if png:
-                write_png(path.with_suffix(".png"), show(denoiser.target, image, float(scale[0])).pixels)
+                write_png(written[index].with_suffix(".png"), show(denoiser.target, image, float(scale[0])).pixels)
             progress.advance(1)
-        if clip and scale is not None:
-            write_clip_info(out, {**clip.info, "seeds": 1, "exposure": float(scale[0])})
+        if source.clip and scale is not None:
+            write_clip_info(out, {**source.clip.info, "seeds": 1, "exposure": float(scale[0])})
+    for note in source.notes():
+        say(note)
     return written
+
+
+def _open(sources: Sequence[Path], target: str, map_name: str | None) -> _Source:
+    """Find out what the sources are: a clip, frames with nte's channels, or those of another renderer."""
+
+    def ours(index: int, image: Pixels) -> Mapping[str, npt.NDArray[Any]]:
+        return as_layers({target: image})
+
+    folder = sources[0] if len(sources) == 1 and sources[0].is_dir() else None
+    if folder and map_name is None and ((folder / "clip.json").exists() or frame_path(folder, 0).exists()):
+        clip = Clip(folder)
+        return _Source([frame_path(folder, i) for i in range(len(clip))], clip, ours, clip)
+    files = _in_order(sorted(folder.glob("*.[eE][xX][rR]")) if folder else sources)
+    if not files:
+        raise NteError(f"{folder}: has no clip.json and no .exr frames: expected a clip or a folder of frames")
+    if map_name is None and target in read_frame(files[0]):
+        return _Source(files, _with_forward(map(read_frame, files), files), ours)
+    try:
+        from nte.importing.recognise import recognise
+        from nte.importing.sequence import ForeignSequence
+    except ImportError as error:
+        raise needs_extra("import", "reading frames of another renderer", error) from error
+    sequence = ForeignSequence(files, map_name or recognise(files[0]))
+
+    def theirs(index: int, image: Pixels) -> Mapping[str, npt.NDArray[Any]]:
+        kind = np.float16 if half_keeps(image, dark_counts=True) else np.float32
+        return {name: plane.astype(kind) for name, plane in sequence.replacing(index, image).items()}
+
+    def notes() -> Iterable[str]:
+        return [f"read as {sequence.how.producer} (--map {sequence.map.stem})", *sequence.notes()]
+
+    return _Source(sequence.files, _with_forward(sequence.frames(), sequence.files), theirs, notes=notes)
 
 
 def _refuse_to_overwrite(
@@ -72,15 +119,14 @@ def _refuse_to_overwrite(
             raise NteError(f"{path}: exists: choose another folder, or overwrite it with --force")
 
 
-def _loose_frames(paths: Sequence[Path]) -> Iterator[Frame]:
-    """Frames of files that are no clip; the forward motion of a file is handed over with the next one."""
+def _with_forward(stored: Iterable[Mapping[str, Pixels]], paths: Sequence[Path]) -> Iterator[Frame]:
+    """Frames of channels (C, H, W); the forward motion of a frame is handed over with the next one."""
     forward, size = None, None
-    for index, path in enumerate(paths):
-        stored = read_frame(path)
-        if not stored:
+    for index, (path, read) in enumerate(zip(paths, stored, strict=True)):
+        if not read:
             raise NteError(f"{path}: has no channel of ours (see datasets/README.md), such as color.R")
-        channels = {name: values[None] for name, values in stored.items()}
-        shape = next(iter(stored.values())).shape[1:]
+        channels = {name: values[None] for name, values in read.items()}
+        shape = next(iter(read.values())).shape[1:]
         if size not in (None, shape):
             raise NteError(f"{path}: {shape[1]}x{shape[0]} after {size[1]}x{size[0]}: frames must have one size")
         size = shape

@@ -10,7 +10,7 @@ import OpenEXR
 
 from nte.errors import NteError
 from nte.files import make_folder, write_whole
-from nte.frames.exr import HALF_MAX, quiet, read_layers
+from nte.frames.exr import quiet, read_layers
 from nte.frames.exr_header import window_size
 
 # Compressions that lose nothing: the channels that stay are decoded and encoded again.
@@ -18,7 +18,7 @@ _LOSSLESS = {
     OpenEXR.NO_COMPRESSION, OpenEXR.RLE_COMPRESSION, OpenEXR.ZIPS_COMPRESSION, OpenEXR.ZIP_COMPRESSION,
     OpenEXR.PIZ_COMPRESSION,
 }  # fmt: skip
-Planes = Mapping[str, npt.NDArray[np.float32]]
+Planes = Mapping[str, npt.NDArray[np.floating[Any]]]
 
 
 def copy_exr(source: Path, out: Path, planes: Planes) -> None:
@@ -26,9 +26,9 @@ def copy_exr(source: Path, out: Path, planes: Planes) -> None:
 
     The sizes are those of the display window, as `read_layers` gives them. Parts, views, windows, attributes
     (chromaticities, owner, pixel aspect, manifests of Cryptomatte) and all other channels stay; so do the pixels of a
-    replaced channel that lie outside the display window. A channel keeps its type, unless half floats would lose a
-    value beyond 65504. What was compressed with loss is not lossy again. Raises NteError, and writes nothing, for a
-    channel that the file does not have.
+    replaced channel that lie outside the display window. A channel keeps its type, except that one of half floats takes
+    float32 where it is given float32. What was compressed with loss is not lossy again. Raises NteError, and writes
+    nothing, for a channel that the file does not have.
     """
     read_layers(source)  # raises for what is damaged, or has two channels of one name
     left = dict(planes)
@@ -62,7 +62,7 @@ def _placed(plane: npt.NDArray[Any], stored: npt.NDArray[Any], header: Mapping[s
     if plane.shape != size:
         raise NteError(f"the new pixels are {plane.shape[1]}x{plane.shape[0]}, the file is {size[1]}x{size[0]}")
     low, high = np.maximum(data[0], display[0]), np.minimum(data[1], display[1]) + 1
-    kind = np.float32 if stored.dtype == np.float16 and (np.abs(plane) > HALF_MAX).any() else stored.dtype
+    kind = np.float32 if stored.dtype == np.float16 and plane.dtype == np.float32 else stored.dtype
     placed = np.array(stored, kind)
     if (low < high).all():
         inside, shown = (_rectangle(low - corner, high - corner) for corner in (data[0], display[0]))

@@ -104,6 +104,7 @@ class ChannelMap:
     file: str = ""  # file, part and view of the channels that name none themselves
     part: str = ""
     view: str = ""
+    result: str = ""  # the layer that a denoised image takes the place of; nothing: that of color
     optional: bool = False  # channels but color may be missing, if they are missing from every frame
     still: bool = False  # nothing moves but the camera: motion and depth that are missing are made from position
     motion: Vectors = field(default_factory=Vectors)

@@ -1,23 +1,12 @@
 """`nte import exr`: EXR sequences of any engine, described by a channel map."""
 
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
-from nte.errors import NteError
-from nte.frames.channels import CHANNELS
-from nte.frames.clip import Pixels
-from nte.frames.exr import Part, read_parts
-from nte.importing.cameras import Camera, load_cameras
-from nte.importing.channel_map import MAPS, ChannelMap, Source, Vectors, find_map, load_channel_map, needs_camera
-from nte.importing.convert import fill_unknown, to_ours, with_motion
-from nte.importing.files import files_of_pattern, numbered_files
-from nte.importing.ids import Ids
-from nte.importing.layers import Found, choose, find, find_prefix, missing, partly_there, read
-from nte.importing.notes import OddValues
-from nte.importing.sky import with_sky_motion
-from nte.importing.still import with_still_geometry
+from nte.importing.channel_map import MAPS, Vectors
+from nte.importing.sequence import ForeignSequence
 from nte.importing.write import refuse_existing, write_imported
 
 
@@ -31,16 +20,6 @@ class Imported:
     called: Mapping[str, str] = field(default_factory=dict)  # channel → what its source is called there
     notes: Sequence[str] = ()  # which layer was taken for what, and what had to be done with the values
     group: str = "motion"  # of the map, where `vectors` stand
-
-
-@dataclass(frozen=True)
-class Input:
-    """A channel that is read: what the map says of it, and the file of each frame."""
-
-    name: str
-    source: Source
-    files: Sequence[Path]
-    needed: bool  # or every frame may lack it
 
 
 def import_exr(
@@ -59,150 +38,11 @@ def import_exr(
     do not match, and an `out` that exists (see refuse_existing).
     """
     refuse_existing(out, force)
-    path = find_map(map_name)
-    how = load_channel_map(path, overrides)
-    notes = [f"{name} is left out: {needs_camera(how, name)}" for name in how.channels if needs_camera(how, name)]
-    inputs = plan(source, reference, how)
-    count = len(inputs[0].files)
-    cameras = load_cameras(_beside(path, how.cameras), count) if how.cameras else []
-    reader = _Reader(inputs, how, cameras)
-    frames = reader.frames()
-    if how.still:
-        positions = [channel.files for channel in inputs if channel.name == "position"] or [inputs[0].files]
-        frames = with_still_geometry(frames, positions[0], cameras)
-    frames = with_motion(map(fill_unknown, with_sky_motion(frames, cameras)))
-    about: dict[str, Any] = {"shutter": how.shutter} if how.shutter != 1 else {}
-    write_imported(out, frames, count, how.producer, cameras, **about)
+    sequence = ForeignSequence(source, map_name, reference, overrides)
+    how, shutter = sequence.how, sequence.how.shutter
+    about: dict[str, Any] = {"shutter": shutter} if shutter != 1 else {}
+    write_imported(out, sequence.frames(), len(sequence), how.producer, sequence.cameras, **about)
     called = {name: f"'{' '.join(s.layer) or s.file}'" for name, s in how.channels.items() if s.layer or s.file}
-    own_map = path if path.parent != MAPS else None
-    group = "motion" if reader.has("motion") or not reader.has("forward_motion") else "forward_motion"
-    return Imported(out, getattr(how, group), own_map, called, [*reader.notes(), *notes], group)
-
-
-def plan(source: Path, reference: Path | None, how: ChannelMap) -> list[Input]:
-    """The channels to read, color first, with their files; raises NteError where sequences do not match.
-
-    Of an optional map, channels whose pattern fits no file are left out, as are those that lack a camera.
-    """
-    wanted = {name: (source, s) for name, s in how.channels.items() if not needs_camera(how, name)}
-    if reference is not None:
-        wanted["reference"] = (reference, how.channels.get("reference", how.channels["color"]))
-    needed = set(wanted) if not how.optional else {"color", *(["reference"] if reference is not None else [])}
-    inputs: dict[str, tuple[Source, dict[int, Path]]] = {}
-    known: dict[tuple[Path, str], dict[int, Path]] = {}
-    for name in sorted(wanted, key=lambda name: name != "color"):
-        where, s = wanted[name]
-        if (where, s.file) not in known:
-            known[where, s.file] = _files(where, s.file)
-        files = known[where, s.file]
-        if files:
-            inputs[name] = s, files
-        elif name in needed:
-            raise NteError(f"{where}: no file fits '{s.file}', where 'channels.{name}.file' expects the frames")
-    expected = inputs["color"][1]
-    for name, (s, files) in inputs.items():
-        if list(files) != list(expected) and not len(files) == len(expected) == 1:
-            where = wanted[name][0] / s.file if s.file else wanted[name][0]
-            first, second = (f"{min(f)} to {max(f)}" for f in (files, expected))
-            raise NteError(
-                f"{where}: '{name}' has {len(files)} frames ({first}), 'color' has {len(expected)} ({second}): "
-                "expected the same frame numbers"
-            )
-    return [Input(name, s, list(files.values()), name in needed) for name, (s, files) in inputs.items()]
-
-
-def _files(where: Path, pattern: str) -> dict[int, Path]:
-    if not pattern:
-        return numbered_files(where, ".exr")
-    if not where.is_dir():
-        raise NteError(f"{where}: expected a folder, as the channel map names files in it ('{pattern}')")
-    return files_of_pattern(where, pattern)
-
-
-def _beside(map_path: Path, name: str) -> Path:
-    """A file that the map names: beside the map or, as the command line says it, where the user is."""
-    beside = map_path.parent / name
-    return beside if beside.is_file() or not Path(name).is_file() else Path(name)
-
-
-class _Reader:
-    """Reads the frames of a sequence; what is read of the first frame is read of all."""
-
-    def __init__(self, inputs: Sequence[Input], how: ChannelMap, cameras: Sequence[Camera]) -> None:
-        self.inputs, self.how, self.cameras = inputs, how, cameras
-        self.ids = Ids()
-        self.first: dict[str, tuple[Path, Found | None]] = {}
-        self.odd = OddValues()
-
-    def frames(self) -> Iterator[dict[str, Pixels]]:
-        """The channels of every frame in nte's conventions; unknown vectors are NaN.
-
-        Raises NteError for a size that differs from the first frame's, and for a channel that not every frame has.
-        """
-        size: tuple[int, ...] | None = None
-        for index in range(len(self.inputs[0].files)):
-            parts: dict[Path, list[Part]] = {}
-            given: dict[str, Pixels] = {}
-            for channel in self.inputs:
-                path = channel.files[index]
-                if path not in parts:
-                    parts[path] = read_parts(path)
-                values = self._read(channel, index, parts[path])
-                if values is None:
-                    continue
-                size = size or values.shape[1:]
-                if values.shape[1:] != size:
-                    found, expected = (f"{s[1]}x{s[0]}" for s in (values.shape[1:], size))
-                    first = self.inputs[0].files[0]
-                    raise NteError(f"{path}: '{channel.name}' is {found}, expected {expected} like {first}")
-                given[channel.name] = values
-            ours = to_ours(given, self.how, self.cameras[index] if self.cameras else None)
-            self.odd.look(ours, {channel.name: channel.files[index] for channel in self.inputs})
-            yield ours
-
-    def _read(self, channel: Input, index: int, parts: Sequence[Part]) -> Any:
-        name, source, path = channel.name, channel.source, channel.files[index]
-        stored = choose(path, parts, source)
-        prefix = self.how.prefix
-        if prefix == "*":
-            lead = self.inputs[0] if path == self.inputs[0].files[index] else channel
-            prefix = find_prefix(path, stored, lead.name, lead.source, self.how.prefix_not)
-        found = find(stored, name, source, prefix)
-        if found is None and (channel.needed or partly_there(stored, source, prefix)):
-            raise missing(path, stored, name, source)
-        first_path, first = self.first.setdefault(name, (path, found))
-        if found != first:
-            self._refuse_change(name, (first_path, first), (path, found))
-        if found is None:
-            return None
-        values = read(stored, name, source, found)
-        return self.ids.keep(values) if CHANNELS[name].kind == "id" else values
-
-    def _refuse_change(self, name: str, *ends: tuple[Path, Found | None]) -> None:
-        """Raise NteError for a channel that the first file (ends[0]) and another one have in different places."""
-        (has, found), (lacks, instead) = ends if ends[0][1] else ends[::-1]
-        called = found.called if found else ""
-        there = f"there is {instead.called} instead" if instead else "there is none"
-        raise NteError(f"{lacks}: '{name}': {there}, where {has.name} has {called}: expected the same passes in each")
-
-    def has(self, name: str) -> bool:
-        """Whether the files have a channel; known when they have been read."""
-        return self.first.get(name, (None, None))[1] is not None
-
-    def notes(self) -> Iterable[str]:
-        """What a user should hear of: which layer became what, odd values, what was made, renumbered ids."""
-        own_files = {channel.name for channel in self.inputs if channel.source.file}
-        taken = (
-            f"{name} from {found.called}{f' of {path.name}' if name in own_files or name == 'reference' else ''}"
-            for name, (path, found) in self.first.items()
-            if found
-        )
-        yield f"read {', '.join(taken)}"
-        yield from self.odd.notes()
-        if self.how.still and self.has("position"):
-            made = [name for name in ("depth", "motion") if not self.has(name)]
-            yield f"made from position, as if only the camera moves: {' and '.join(made) or 'nothing'}"
-        elif self.has("forward_motion") and not self.has("motion"):
-            yield "made from forward_motion: motion"
-        if self.ids.renumbered:
-            yield f"renumbered: {len(self.ids.renumbered)} ids of instance, which are no small whole numbers"
+    own_map = sequence.map if sequence.map.parent != MAPS else None
+    group = "motion" if sequence.has("motion") or not sequence.has("forward_motion") else "forward_motion"
+    return Imported(out, getattr(how, group), own_map, called, list(sequence.notes()), group)
