@@ -19,7 +19,8 @@ def describe(source: Path) -> str:
 
 
 def _clip(clip: Clip) -> str:
-    facts = {key: clip.info[key] for key in ("spp", "reference_spp", "seeds", "fps", "exposure") if key in clip.info}
+    known = ("spp", "reference_spp", "seeds", "fps", "exposure", "clean_guides")
+    facts = {key: clip.info[key] for key in known if key in clip.info}
     lines = [f"clip {clip.folder}: {len(clip)} frames, {clip.width}x{clip.height}"]
     lines += [f"  {key}: {value}" for key, value in facts.items()]
     lines += [f"  {name}: {', '.join(CHANNELS[name].components)} in {CHANNELS[name].unit}" for name in clip.channels]

@@ -44,8 +44,8 @@ def shorten(length: Tensor, change: Tensor) -> Tensor:
     its length takes the variance of one sample, which is 0, for the noise that is left.
 
     Programs of the method's first author shorten more: to 1/α, or, in Q2RTX, h by (1 − λ)^10. Where λ is mostly the
-    noise of the gradients themselves, that gives away history: of 21 sequences (train clips of six families, three
-    light components) this had the least error of the three in 16 of the 18 that have light.
+    noise of the gradients themselves, that gives away history: this has the least error of the three in 15 of the 18
+    rows of tests/benchmarks/asvgf.py.
     """
     pulled = 1 + change * (length - 1)  # h · lerp(1/h, 1, λ)
     return length.square() / (pulled.square() + (1 - change).square() * (length - 1))

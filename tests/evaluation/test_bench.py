@@ -31,9 +31,11 @@ def test_synthetic_frames_have_every_channel_and_any_size() -> None:
 
 
 def test_gradient_has_one_pixel_in_each_stratum() -> None:
-    gradient = synthetic_frames((9, 12), ["gradient"])(0)["gradient"]
-    known = np.isfinite(gradient).all(1)[0].reshape(3, 3, 4, 3).sum((1, 3))
-    np.testing.assert_array_equal(known, 1)
+    names = [name for name in CHANNELS if name.startswith("gradient")]
+    assert len(names) == 4
+    for values in synthetic_frames((9, 12), names)(0).channels.values():
+        known = np.isfinite(values).all(1)[0].reshape(3, 3, 4, 3).sum((1, 3))
+        np.testing.assert_array_equal(known, 1)
 
 
 def test_scaling_takes_the_nearest_pixels_and_scales_vectors() -> None:
@@ -46,6 +48,7 @@ def test_scaling_takes_the_nearest_pixels_and_scales_vectors() -> None:
     np.testing.assert_array_equal(wide[:, 0], 3 * values[:, 0].repeat(3, 2))
     np.testing.assert_array_equal(wide[:, 1], values[:, 0].repeat(3, 2))
     assert scaled(frame, (1, 1))["depth"].item() in (1, 4)
+    assert scaled(Frame({"depth": values}, clean_guides=True), (1, 1)).clean_guides
 
 
 def test_a_clip_starts_again_after_its_last_frame(noisy_disc: Path) -> None:
