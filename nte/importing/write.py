@@ -1,6 +1,5 @@
 """Writing an imported clip: it appears under its name when it is finished, never before."""
 
-import secrets
 import shutil
 from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
@@ -8,6 +7,7 @@ from typing import Any
 
 import nte
 from nte.errors import NteError
+from nte.files import sweep, temporary_name
 from nte.frames.clip import Clip, Pixels, frame_path, write_clip_info, write_frame
 from nte.importing.cameras import Camera
 from nte.progress import Progress
@@ -40,7 +40,8 @@ def write_imported(
     disk is full or the folder cannot be written.
     """
     out = out.resolve()
-    working = out.with_name(f".{out.name}.{secrets.token_hex(4)}.tmp")
+    sweep(out.parent, out.name)
+    working = temporary_name(out)
     try:
         working.mkdir(parents=True)
         height = width = 0
@@ -67,11 +68,11 @@ def write_imported(
 
 
 def _put_in_place(working: Path, out: Path) -> None:
-    """Rename `working` to `out`; a clip that is there leaves only now."""
+    """Rename `working` to `out`; a clip that is there leaves only now (and `sweep` removes it, if we are killed here)."""
     if not out.exists():
         working.rename(out)
         return
-    old = working.with_suffix(".old")
+    old = temporary_name(out)
     out.rename(old)
     working.rename(out)
     shutil.rmtree(old, ignore_errors=True)
