@@ -68,7 +68,7 @@ def write_imported(
 
 
 def _put_in_place(working: Path, out: Path) -> None:
-    """Rename `working` to `out`; a clip that is there leaves only now (and `sweep` removes it, if we are killed here)."""
+    """Rename `working` to `out`; a clip that is there leaves only now."""
     if not out.exists():
         working.rename(out)
         return
