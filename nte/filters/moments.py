@@ -43,7 +43,7 @@ def shorten(length: Tensor, change: Tensor) -> Tensor:
     h where λ is 0, 1 where it is 1. length h ≥ 1 and change λ in [0, 1]: (N, 1, H, W). Who forgets light and not
     its length takes the variance of one sample, which is 0, for the noise that is left.
 
-    Programs of the method's first author shorten more: to 1/α, or, in Q2RTX, h by (1 − λ)^10. Where λ is mostly the
+    Other implementations shorten more: to 1/α, or, in Q2RTX, h by (1 − λ)^10. Where λ is mostly the
     noise of the gradients themselves, that gives away history: this has the least error of the three in 15 of the 18
     rows of tests/benchmarks/asvgf.py.
     """
