@@ -6,7 +6,8 @@ from pathlib import Path
 
 import pytest
 
-from nte.check import CheckReport, Mean, check_clip
+from nte.checking import CheckReport, check_clip
+from nte.checking.report import Mean
 from nte.frames.clip import Clip, find_clips
 from nte.motion.conventions import Convention
 

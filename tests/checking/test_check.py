@@ -3,7 +3,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from nte.check import check_clip
+from nte.checking import check_clip
 from nte.errors import NteError
 from nte.frames.clip import Clip
 from tests.synthetic import Pixels, disc_clip, disc_frame, write_clip

@@ -5,7 +5,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from nte.check import check_clip
+from nte.checking import check_clip
 from nte.frames import Clip
 from nte.render.clips import render_clip
 from nte.render.recipe import ClipPlan, Group

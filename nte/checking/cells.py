@@ -10,16 +10,12 @@ speaks *against* them if they do not, and a search finds one displacement that d
 repeats or is flat, any vector is as good as another.
 """
 
-from collections import Counter
-from dataclasses import dataclass, field
-from typing import NamedTuple
-
 import torch
 import torch.nn.functional as F
 from torch import Tensor
 
+from nte.checking.votes import Against, Vector, Votes, rival_vectors
 from nte.frames.frame import Frame
-from nte.motion.conventions import CONVENTIONS, Convention
 from nte.motion.warp import pixel_centres
 
 EXPLAINED = 0.01  # albedo error of a cell up to which vectors explain it
@@ -31,35 +27,8 @@ ALONE = 0.15  # greatest share of the displacements that explain a cell as well 
 SEARCHED = 48  # cells of a frame that are searched, at the most
 LARGE = 200  # pixels: images whose shorter side exceeds this have cells of 16×16 pixels, others of 8×8
 
-RIVALS = tuple(convention for convention in CONVENTIONS if convention != Convention())
 
-
-class Against(NamedTuple):
-    """A cell that contradicts its vectors: their mean and what the picture does, (x, y) in pixels, and who explains it."""
-
-    given: tuple[float, float]
-    seen: tuple[float, float]
-    explained_by: frozenset[Convention]
-
-
-@dataclass
-class Votes:
-    """Cells that speak for the vectors, and against them; of a pair of frames, or of a clip."""
-
-    good: int = 0
-    good_by: Counter[Convention] = field(default_factory=Counter)  # of the good ones: another convention explains them
-    compared: int = 0  # good cells on which other conventions were tried
-    against: list[Against] = field(default_factory=list)
-
-    def add(self, other: "Votes") -> None:
-        """Add the votes of another pair of frames."""
-        self.good += other.good
-        self.compared += other.compared
-        self.good_by.update(other.good_by)
-        self.against += other.against
-
-
-def count_votes(previous: Frame, current: Frame) -> Votes:
+def cell_votes(previous: Frame, current: Frame) -> Votes:
     """Votes of `current`'s cells; PyTorch frames, batch 1, with albedo and motion; depth and instance sharpen them."""
     pair = _Pair(previous, current)
     motion = current["motion"]
@@ -69,17 +38,16 @@ def count_votes(previous: Frame, current: Frame) -> Votes:
     if pair.share_outside(motion) > 0.5:  # vectors of another unit: nothing can be fetched, so nothing contradicts
         suspect |= given.isnan()
     votes = Votes(good=int(good.sum()))
-    found = pair.search(suspect, given)
+    found, share = pair.search(suspect, given)
     if not found:
         return votes
-    depth = torch.zeros_like(motion[:, :1]) if "depth" not in previous else previous["depth"]
-    errors = {rival: pair.errors(rival.convert(motion, previous["motion"], depth)) for rival in RIVALS}
-    votes.compared = votes.good
+    votes.compared, votes.weight_against = votes.good, len(found) / share
+    errors = {rival: pair.errors(vectors) for rival, vectors in rival_vectors(previous, current)}
     votes.good_by.update({rival: int((good & (error <= EXPLAINED)).sum()) for rival, error in errors.items()})
-    for cell, seen, error_there in found:
-        limit = max(EXPLAINED, 2 * error_there)
+    for cell, seen, least in found:
+        limit = max(EXPLAINED, 2 * least)
         explained_by = frozenset(rival for rival, error in errors.items() if error[cell] <= limit)
-        votes.against.append(Against(pair.mean_vector(motion, cell), seen, explained_by))
+        votes.against.append(Against(explained_by, pair.mean_vector(motion, cell), seen))
     return votes
 
 
@@ -113,13 +81,14 @@ class _Pair:
         _, within = self._target(self.centres + motion[0].flatten(1))
         return float((~within & self.usable).sum() / self.usable.sum().clamp(min=1))
 
-    def mean_vector(self, motion: Tensor, cell: int) -> tuple[float, float]:
+    def mean_vector(self, motion: Tensor, cell: int) -> Vector:
         """Mean vector (x, y) of a cell's usable pixels."""
         x, y = motion[0].flatten(1)[:, self.usable & (self.cell == cell)].nan_to_num().mean(1).tolist()
         return x, y
 
-    def search(self, suspect: Tensor, given: Tensor) -> list[tuple[int, tuple[float, float], float]]:
-        """The suspect cells that one displacement explains, and hardly any other: (cell, displacement, error).
+    def search(self, suspect: Tensor, given: Tensor) -> tuple[list[tuple[int, Vector, float]], float]:
+        """The suspect cells that one displacement explains, and hardly any other: (cell, displacement, error);
+        and which share of the suspect cells was searched.
 
         given: (cells,) errors of the given vectors. One half of a cell's pixels decides which displacement is best,
         the other half how good it is: the best of hundreds explains noise by chance, but only once.
@@ -127,7 +96,8 @@ class _Pair:
         sizes = torch.bincount(self.cell[self.usable], minlength=self.cells)
         cells = (suspect & (sizes >= self.least)).nonzero()[:, 0]
         if not len(cells):
-            return []
+            return [], 1.0
+        share = min(1.0, SEARCHED / len(cells))
         cells = cells[torch.linspace(0, len(cells) - 1, min(SEARCHED, len(cells))).round().long()]
         chosen = (self.usable & torch.isin(self.cell, cells)).nonzero()[:, 0]
         local = torch.searchsorted(cells, self.cell[chosen])
@@ -147,10 +117,10 @@ class _Pair:
             best = int(first[:, i].masked_fill(~known, float("inf")).argmin())
             error = float(second[best, i])
             as_good = known & ((first[:, i] + second[:, i]) / 2 <= max(EXPLAINED / 2, 2 * error))
-            contradicts = error <= max(BETTER * float(given[cell].nan_to_num(1.0)), 0) and error <= EXPLAINED
+            contradicts = error <= min(EXPLAINED, BETTER * float(given[cell].nan_to_num(1.0)))
             if contradicts and as_good.sum() <= ALONE * known.sum():
                 found.append((cell, (float(displacements[best, 0]), float(displacements[best, 1])), error))
-        return found
+        return found, share
 
     def _compare(self, pixels: Tensor, vectors: Tensor) -> tuple[Tensor, Tensor]:
         """Albedo error (P,) of pixels (P,) whose vectors are (2, P), and whether both ends lie inside one surface."""

@@ -1,0 +1,6 @@
+"""Are a clip's values and vectors plausible? (`nte check`)"""
+
+from nte.checking.report import CheckReport, check_clip
+from nte.checking.show import describe, draw
+
+__all__ = ["CheckReport", "check_clip", "describe", "draw"]
