@@ -199,8 +199,7 @@ def _denoise(options: argparse.Namespace) -> None:
 
 
 def _check(options: argparse.Namespace) -> int:
-    from nte.checking import check_clip
-    from nte.checking import describe, draw
+    from nte.checking import check_clip, describe, draw
     from nte.frames.clip import Clip, find_clips
     from nte.frames.exr import make_folder
     from nte.frames.show import write_png

@@ -134,7 +134,8 @@ class _Pair:
             ratio = now[pixels] / before[target]
             tells = tells & (ratio < SAME_SURFACE) & (ratio > 1 / SAME_SURFACE)
         albedo = self.albedo[:, pixels]
-        error = (self.low[:, target] - albedo).clamp(min=0) + (albedo - self.high[:, target]).clamp(min=0)
+        below, above = self.low[:, target] - albedo, albedo - self.high[:, target]
+        error: Tensor = below.clamp(min=0) + above.clamp(min=0)
         return error.mean(0), tells
 
     def _target(self, position: Tensor) -> tuple[Tensor, Tensor]:

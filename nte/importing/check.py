@@ -3,8 +3,7 @@
 from dataclasses import asdict
 from typing import Any
 
-from nte.checking import check_clip
-from nte.checking import describe
+from nte.checking import check_clip, describe
 from nte.frames.clip import Clip
 from nte.frames.frame import Frame
 from nte.importing.convert import revert_vectors
