@@ -1,14 +1,16 @@
 """What the picture says about motion vectors: votes of small cells of the image, from the texture inside surfaces.
 
 Albedo travels with its surface. A pixel inside a surface must therefore find its albedo where its vector leads in
-the previous frame, up to a pixel: what lies between the smallest and the largest value of the 3×3 pixels there
-counts as found, so that interpolation, aliasing and half a pixel prove nothing. Pixels at silhouettes do not take
+the previous frame, up to a pixel: what lies between the smallest and the largest value of the four pixels around that
+place counts as found, so that interpolation, aliasing and half a pixel prove nothing. Pixels at silhouettes do not take
 part: what they show is a mixture, and what they fetch may have been hidden.
 
 A cell speaks *for* the vectors if they explain its texture and neither no motion nor the opposite motion does. It
 speaks *against* them if they do not, and a search finds one displacement that does, and only one: where texture
 repeats or is flat, any vector is as good as another.
 """
+
+from typing import NamedTuple
 
 import torch
 import torch.nn.functional as F
@@ -24,6 +26,8 @@ ENOUGH = 0.2  # share of a cell's pixels that must take part
 ONE_SURFACE = 1.1  # greatest ratio of the depths in 3×3 pixels of one surface
 SAME_SURFACE = 1.5  # greatest ratio of the depths of a pixel and of what it fetches
 ALONE = 0.15  # greatest share of the displacements that explain a cell as well as the best one
+APART = 1.2  # pixels between a vector and what the picture does that count as a contradiction
+AROUND = 3.0  # pixels: equally good displacements this close are one, and their mean is the place
 SEARCHED = 48  # cells of a frame that are searched, at the most
 LARGE = 200  # pixels: images whose shorter side exceeds this have cells of 16×16 pixels, others of 8×8
 
@@ -38,17 +42,33 @@ def cell_votes(previous: Frame, current: Frame) -> Votes:
     if pair.share_outside(motion) > 0.5:  # vectors of another unit: nothing can be fetched, so nothing contradicts
         suspect |= given.isnan()
     votes = Votes(good=int(good.sum()))
-    found, share = pair.search(suspect, given)
+    found, share = pair.search(motion, suspect, given)
     if not found:
         return votes
     votes.compared, votes.weight_against = votes.good, len(found) / share
     errors = {rival: pair.errors(vectors) for rival, vectors in rival_vectors(previous, current)}
     votes.good_by.update({rival: int((good & (error <= EXPLAINED)).sum()) for rival, error in errors.items()})
-    for cell, seen, least in found:
-        limit = max(EXPLAINED, 2 * least)
-        explained_by = frozenset(rival for rival, error in errors.items() if error[cell] <= limit)
-        votes.against.append(Against(explained_by, pair.mean_vector(motion, cell), seen))
+    for piece in found:
+        limit = max(EXPLAINED, 2 * piece.error)
+        explained_by = frozenset(rival for rival, error in errors.items() if error[piece.cell] <= limit)
+        votes.against.append(Against(explained_by, piece.given, piece.seen))
     return votes
+
+
+class Contradiction(NamedTuple):
+    """A cell whose vectors are wrong: their mean and what the picture does, in pixels, and the error of the latter."""
+
+    cell: int
+    given: Vector
+    seen: Vector
+    error: float
+
+
+class _Range(NamedTuple):
+    """(3, H·W): smallest and largest albedo around each pixel of the previous frame."""
+
+    low: Tensor
+    high: Tensor
 
 
 class _Pair:
@@ -60,7 +80,8 @@ class _Pair:
         self.least = ENOUGH * self.side**2
         before = previous["albedo"].nan_to_num()
         self.albedo = current["albedo"].nan_to_num()[0].flatten(1)
-        self.low, self.high = -_largest(-before)[0].flatten(1), _largest(before)[0].flatten(1)
+        self.near = _range(F.pad(before, (0, 1, 0, 1), mode="replicate"), 2)  # of the four pixels around a position
+        self.wide = _range(F.pad(before, (1, 1, 1, 1), mode="replicate"), 3)  # of the 3×3 pixels there
         self.usable, self.usable_before = (_inside_surfaces(f).flatten() for f in (current, previous))
         both = [name for name in ("instance", "depth") if name in current and name in previous]
         self.surface = {name: (current[name].flatten(), previous[name].flatten()) for name in both}
@@ -73,25 +94,20 @@ class _Pair:
     def errors(self, motion: Tensor) -> Tensor:
         """(cells,) mean albedo error of vectors (1, 2, H, W) in each cell; NaN where too few pixels can tell."""
         everywhere = self.usable.nonzero()[:, 0]
-        error, tells = self._compare(everywhere, motion[0].flatten(1)[:, everywhere])
+        error, tells = self._compare(everywhere, motion[0].flatten(1)[:, everywhere], self.near)
         return self._means(self.cell[everywhere], error, tells, self.least)
 
     def share_outside(self, motion: Tensor) -> float:
         """Share of the pixels inside surfaces whose vectors (1, 2, H, W) end outside the image."""
-        _, within = self._target(self.centres + motion[0].flatten(1))
+        *_, within = self._target(self.centres + motion[0].flatten(1))
         return float((~within & self.usable).sum() / self.usable.sum().clamp(min=1))
 
-    def mean_vector(self, motion: Tensor, cell: int) -> Vector:
-        """Mean vector (x, y) of a cell's usable pixels."""
-        x, y = motion[0].flatten(1)[:, self.usable & (self.cell == cell)].nan_to_num().mean(1).tolist()
-        return x, y
+    def search(self, motion: Tensor, suspect: Tensor, given: Tensor) -> tuple[list[Contradiction], float]:
+        """The suspect cells that one displacement explains, other than theirs, and hardly any other; and which share of
+        the suspect cells was searched.
 
-    def search(self, suspect: Tensor, given: Tensor) -> tuple[list[tuple[int, Vector, float]], float]:
-        """The suspect cells that one displacement explains, and hardly any other: (cell, displacement, error);
-        and which share of the suspect cells was searched.
-
-        given: (cells,) errors of the given vectors. One half of a cell's pixels decides which displacement is best,
-        the other half how good it is: the best of hundreds explains noise by chance, but only once.
+        motion: (1, 2, H, W) the given vectors, given: (cells,) their errors. One half of a cell's pixels decides which
+        displacement is best, the other half how good it is: the best of hundreds explains noise by chance, but once.
         """
         sizes = torch.bincount(self.cell[self.usable], minlength=self.cells)
         cells = (suspect & (sizes >= self.least)).nonzero()[:, 0]
@@ -105,9 +121,8 @@ class _Pair:
         reach, step = (24, 2) if self.side == 8 else (48, 3)
         steps = torch.arange(-reach, reach + 1, step, dtype=torch.float32)
         displacements = torch.cartesian_prod(steps, steps)
-        halves = torch.stack([
-            self._means(half, *self._compare(chosen, d.view(2, 1)), self.least / 2, 2 * len(cells)) for d in displacements
-        ])  # fmt: skip
+        tried = (self._compare(chosen, displacement.view(2, 1), self.wide) for displacement in displacements)
+        halves = torch.stack([self._means(half, *result, self.least / 2, 2 * len(cells)) for result in tried])
         first, second = halves.view(len(displacements), -1, 2).unbind(2)
         found = []
         for i, cell in enumerate(cells.tolist()):
@@ -119,12 +134,17 @@ class _Pair:
             as_good = known & ((first[:, i] + second[:, i]) / 2 <= max(EXPLAINED / 2, 2 * error))
             contradicts = error <= min(EXPLAINED, BETTER * float(given[cell].nan_to_num(1.0)))
             if contradicts and as_good.sum() <= ALONE * known.sum():
-                found.append((cell, (float(displacements[best, 0]), float(displacements[best, 1])), error))
+                around = (displacements - displacements[best]).square().sum(1) <= AROUND**2
+                seen = displacements[as_good & around].mean(0)
+                mean = motion[0].flatten(1)[:, self.usable & (self.cell == cell)].nan_to_num().mean(1)
+                if float((seen - mean).norm()) >= APART:
+                    found.append(Contradiction(cell, _pair(mean), _pair(seen), error))
         return found, share
 
-    def _compare(self, pixels: Tensor, vectors: Tensor) -> tuple[Tensor, Tensor]:
+    def _compare(self, pixels: Tensor, vectors: Tensor, found: "_Range") -> tuple[Tensor, Tensor]:
         """Albedo error (P,) of pixels (P,) whose vectors are (2, P), and whether both ends lie inside one surface."""
-        target, tells = self._target(self.centres[:, pixels] + vectors)
+        target, corner, tells = self._target(self.centres[:, pixels] + vectors)
+        index = corner if found is self.near else target
         tells = tells & self.usable_before[target]
         if "instance" in self.surface:
             now, before = self.surface["instance"]
@@ -134,22 +154,34 @@ class _Pair:
             ratio = now[pixels] / before[target]
             tells = tells & (ratio < SAME_SURFACE) & (ratio > 1 / SAME_SURFACE)
         albedo = self.albedo[:, pixels]
-        below, above = self.low[:, target] - albedo, albedo - self.high[:, target]
-        error: Tensor = below.clamp(min=0) + above.clamp(min=0)
+        below, above = found.low[:, index] - albedo, albedo - found.high[:, index]
+        error = below.clamp(min=0) + above.clamp(min=0)
         return error.mean(0), tells
 
-    def _target(self, position: Tensor) -> tuple[Tensor, Tensor]:
-        """Flat index of the pixel that holds each position (2, P), and whether it lies in the image."""
-        x, y = position.nan_to_num(-1, -1, -1).clamp(-1, 2**20).floor().long()
+    def _target(self, position: Tensor) -> tuple[Tensor, Tensor, Tensor]:
+        """For positions (2, P): flat index of the pixel that holds each, that of the upper left one of the four whose
+        centres are around it, and whether it lies in the image.
+        """
+        place = position.nan_to_num(-1, -1, -1).clamp(-1, 2**20)
+        (x, y), (left, top) = place.floor().long(), (place - 0.5).floor().long().clamp(min=0)
         within = (x >= 0) & (x < self.width) & (y >= 0) & (y < self.height)
-        return torch.where(within, y * self.width + x, 0), within
+        return *(torch.where(within, row * self.width + column, 0) for row, column in ((y, x), (top, left))), within
 
     def _means(self, group: Tensor, error: Tensor, tells: Tensor, least: float, groups: int | None = None) -> Tensor:
         """(groups,) mean error of the pixels that tell; NaN for groups with fewer than `least` of them."""
         groups = groups or self.cells
         count = torch.bincount(group, tells.float(), groups)
         total = torch.bincount(group, error * tells, groups)
-        return torch.where(count >= least, total / count, float("nan"))
+        return torch.where(count >= least, total / count, torch.nan)
+
+
+def _range(padded: Tensor, side: int) -> "_Range":
+    low, high = (sign * F.max_pool2d(sign * padded, side, 1)[0].flatten(1) for sign in (-1, 1))
+    return _Range(low, high)
+
+
+def _pair(vector: Tensor) -> Vector:
+    return float(vector[0]), float(vector[1])
 
 
 def _largest(image: Tensor) -> Tensor:
@@ -158,7 +190,7 @@ def _largest(image: Tensor) -> Tensor:
 
 def _inside_surfaces(frame: Frame) -> Tensor:
     """(1, 1, H, W): the 3×3 pixels around show one surface, as far as instance and depth tell."""
-    inside = frame["albedo"].isfinite().all(1, keepdim=True)
+    inside: Tensor = frame["albedo"].isfinite().all(1, keepdim=True)
     if (instance := frame.get("instance")) is not None:
         inside = inside & (_largest(instance) == -_largest(-instance))
     if (depth := frame.get("depth")) is not None:

@@ -81,7 +81,8 @@ def _what_moves(votes: Votes) -> str:
         return "'motion' does not lead to where objects were"
     given, seen = (median(hypot(*pair[i]) for pair in known) for i in (0, 1))
     if given < STILL_PX:
-        return f"the picture changes and the vectors do not: it moves by about {seen:.3g} px, they are {given:.2g} px long"
+        lengths = f"it moves by about {seen:.3g} px, they are {given:.2g} px long"
+        return f"the picture changes and the vectors do not: {lengths}"
     along = [(g[0] * s[0] + g[1] * s[1]) / (hypot(*g) * hypot(*s)) for g, s in known if hypot(*g) and hypot(*s)]
     ratio = seen / given
     if along and median(along) > 0.95 and not 0.67 < ratio < 1.5:

@@ -20,8 +20,9 @@ def describe(report: CheckReport) -> str:
     for finding in report.findings:
         mark = "fault" if finding.fault else "note"
         lines.append(f"  {mark}: {finding.channel}: {finding.found}; expected {finding.expected}")
-    lines.append(f"  {report.frames} frames, {report.disoccluded:.2%} disoccluded, {report.invalid:.2%} from outside the image")
+    lines.append(f"  {report.frames} frames")
     if report.errors:
+        lines[-1] += f", {report.disoccluded:.2%} disoccluded, {report.invalid:.2%} from outside the image"
         lines.append("  mean |difference| to the frame before   unwarped  traditional       dual")
     for region in ("visible", "disoccluded"):
         for name in COMPARED:

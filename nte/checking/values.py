@@ -98,11 +98,14 @@ def _judge(name: str, entry: Tally) -> Iterator[Finding]:
     row = CHANNELS[name]
     many = MANY * entry.pixels
     if entry.bad:
-        sanitised = row.kind in SANITISED
-        what = "not finite, or negative" if sanitised else "not finite, or longer than four images"
-        where = f"{entry.bad} pixels of {name} are {what if row.kind in (*SANITISED, 'motion') else 'not finite'}"
-        expected = "finite and not negative; these pixels are sanitised" if sanitised else "finite"
-        yield Finding(name, f"{where}, the first in frame {entry.first_bad}", expected, not sanitised or entry.bad > many)
+        what, expected, fault = "not finite", "finite", True
+        if row.kind in SANITISED:
+            what, expected = "not finite, or negative", "finite and not negative; denoisers sanitise these pixels"
+            fault = entry.bad > many
+        elif row.kind == "motion":
+            what = "not finite, or longer than four images"
+        found = f"{what} in {entry.bad} pixels of {name}, the first in frame {entry.first_bad}"
+        yield Finding(name, found, expected, fault)
     if row.kind == "direction":
         yield from _judge_directions(name, entry)
     elif entry.impossible:
