@@ -127,7 +127,7 @@ def check_clip(clip: Clip) -> CheckReport:
 def _judge(clip: Clip, vectors: _Vectors, findings: list[Finding]) -> Judgement:
     """The verdict on the clip: impossible values first, then what the vectors' votes say."""
     judgement = _judge_vectors(clip, vectors)
-    faults = [f"'{finding.channel}' is {finding.found}" for finding in findings if finding.fault]
+    faults = [f"{finding.channel}: {finding.found}" for finding in findings if finding.fault]
     if not faults:
         return judgement
     also = [judgement.reason] if judgement.verdict == "implausible" else []
