@@ -49,7 +49,7 @@ def cell_votes(previous: Frame, current: Frame) -> Votes:
     errors = {rival: pair.errors(vectors) for rival, vectors in rival_vectors(previous, current)}
     votes.good_by.update({rival: int((good & (error <= EXPLAINED)).sum()) for rival, error in errors.items()})
     for piece in found:
-        limit = max(EXPLAINED, 2 * piece.error)
+        limit = max(EXPLAINED, 2 * piece.error, BETTER * float(given[piece.cell].nan_to_num(0.0)))
         explained_by = frozenset(rival for rival, error in errors.items() if error[piece.cell] <= limit)
         votes.against.append(Against(explained_by, piece.given, piece.seen))
     return votes
