@@ -206,8 +206,7 @@ def _denoise(options: argparse.Namespace) -> None:
 
 
 def _check(options: argparse.Namespace) -> int:
-    from nte.check import check_clip
-    from nte.check_output import describe, draw
+    from nte.checking import check_clip, describe, draw
     from nte.files import make_folder
     from nte.frames.clip import Clip, find_clips
     from nte.frames.show import write_png

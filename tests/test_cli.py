@@ -123,7 +123,6 @@ def test_missing_channels_are_named(told: Told, folder: Path) -> None:
     assert "bare: Taa needs motion, which is missing; there is color" in told(
         "denoise", "bare", "--denoiser", "taa", "--out", "out"
     )
-    assert "bare: nte check needs albedo and motion; the clip has color" in told("check", "bare")
     assert "bare: training needs the channel 'albedo'" in told("train", "tiny.yaml", "data.clips=[bare]")
 
 

@@ -3,8 +3,7 @@
 from dataclasses import asdict
 from typing import Any
 
-from nte.check import check_clip
-from nte.check_output import describe
+from nte.checking import check_clip, describe
 from nte.frames.clip import Clip
 from nte.frames.frame import Frame
 from nte.importing.convert import revert_vectors
@@ -27,9 +26,6 @@ def tell(imported: Imported) -> int:
         if name not in clip.channels:
             source = f" ({imported.called[name]})" if name in imported.called else ""
             print(f"  without {name}{source}: {what}")
-    if not {"albedo", "motion"} <= set(clip.channels):
-        print("not checked: that needs albedo and motion")
-        return 0
     report = check_clip(clip)
     print(describe(report))
     if report.verdict != "implausible":
@@ -41,6 +37,8 @@ def tell(imported: Imported) -> int:
 
 def _advice(clip: Clip, imported: Imported) -> str:
     """Which values of the map would make the vectors fit; empty where none does."""
+    if "motion" not in clip.channels:
+        return ""
     fits = check_clip(_AsStored(clip, imported)).convention
     if fits is None:
         return ""

@@ -211,7 +211,7 @@ def test_an_xml_without_names_needs_no_editing(folder: Path) -> None:
 
 @pytest.mark.slow
 def test_clips_follow_each_other_and_pass_the_check(folder: Path, tmp_path: Path) -> None:
-    from nte.check import check_clip
+    from nte.checking import check_clip
     from nte.frames.clip import Clip
 
     (folder / "recipe.yaml").write_text(

@@ -7,7 +7,7 @@ import numpy as np
 import numpy.typing as npt
 from torch import Tensor
 
-from nte.check import COMPARED, CheckReport, visible_in_both
+from nte.checking.report import COMPARED, CheckReport, visible_in_both
 from nte.frames.clip import Clip
 from nte.frames.show import RGB, Picture, grid, heat, quantise, show
 from nte.motion.geometric import frame_vectors, traditional_motion
@@ -15,22 +15,27 @@ from nte.motion.warp import warp
 
 
 def describe(report: CheckReport) -> str:
-    """The report as text: the verdict first, then what it rests on."""
-    lines = [
-        f"{report.clip}: {report.verdict}: {report.reason}",
-        f"  {report.frames} frames, {report.disoccluded:.2%} disoccluded, {report.invalid:.2%} from outside the image",
-        "  mean |difference| to the frame before   unwarped  traditional       dual",
-    ]
+    """The report as text: the verdict first, then what is not as expected, then what it rests on."""
+    lines = [f"{report.clip}: {report.verdict}: {report.reason}"]
+    for finding in report.findings:
+        mark = "fault" if finding.fault else "note"
+        lines.append(f"  {mark}: {finding.channel}: {finding.found}; expected {finding.expected}")
+    lines.append(f"  {report.frames} frames")
+    if report.errors:
+        lines[-1] += f", {report.disoccluded:.2%} disoccluded, {report.invalid:.2%} from outside the image"
+        lines.append("  mean |difference| to the frame before   unwarped  traditional       dual")
     for region in ("visible", "disoccluded"):
         for name in COMPARED:
             errors = [report.errors.get((name, vectors, region)) for vectors in ("none", "traditional", "dual")]
             if any(error and error.count for error in errors):
                 values = "".join(f"{error.value:11.4f}" if error else f"{'':11}" for error in errors)
                 lines.append(f"  {name + ', ' + region:37}{values}")
-    lines.append("  channel                          minimum       mean    maximum  bad pixels")
-    for name, s in report.statistics.items():
-        low, high = (math.nan, math.nan) if s.low > s.high else (s.low, s.high)
-        lines.append(f"  {name:28}{low:12.4g}{s.mean.value:11.4g}{high:11.4g}{s.bad:12d}")
+    lines.append("  channel                          minimum       mean    maximum  bad pixels  verdict")
+    for name, tally in report.tallies.items():
+        low, high = (math.nan, math.nan) if tally.low > tally.high else (tally.low, tally.high)
+        found = [finding for finding in report.findings if finding.channel == name]
+        verdict = "fault" if any(finding.fault for finding in found) else "note" if found else "ok"
+        lines.append(f"  {name:28}{low:12.4g}{tally.mean:11.4g}{high:11.4g}{tally.bad:12d}  {verdict}")
     return "\n".join(lines)
 
 

@@ -3,8 +3,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from nte.check import check_clip
-from nte.errors import NteError
+from nte.checking import check_clip
 from nte.frames.clip import Clip
 from tests.synthetic import Pixels, disc_clip, disc_frame, write_clip
 
@@ -75,15 +74,43 @@ def test_a_few_pixels_do_not_outvote_the_clip(tmp_path: Path) -> None:
     frames = [disc_frame(i, **MOVING) for i in range(4)]  # type: ignore[arg-type]
     chance = disc_frame(0, size=(64, 96), radius=0)["albedo"]
     for i, frame in enumerate(frames):
-        frame["albedo"][:, :4] = np.roll(chance, 4 * i, 2)[:, :4]
-        frame["motion"][:, :4] = np.array([-4 / 48, 0], np.float32).reshape(2, 1, 1)
-        frame["instance"][:, :4] = 3
+        frame["albedo"][:, :8] = np.roll(chance, 4 * i, 2)[:, :8]
+        frame["motion"][:, :8] = np.array([-4 / 48, 0], np.float32).reshape(2, 1, 1)
+        frame["instance"][:, :8] = 3
     report = check_clip(Clip(write_clip(tmp_path / "clip", frames)))
-    ndc = min((c for c in report.fits if c.unit.startswith("NDC")), key=lambda c: report.fits[c].warped.value)
-    fit = report.fits[ndc]
-    assert fit.warped.count > 100  # enough to be misled by
-    assert fit.warped.value < 0.2 * fit.given.value
+    assert len(report.votes.against) >= 6  # enough to be misled by
     assert report.verdict == "plausible"
+
+
+@pytest.mark.parametrize("factor", [0.0, 1 / 64, 1 / 8])
+def test_a_picture_that_moves_without_its_vectors(tmp_path: Path, factor: float) -> None:
+    report = check_clip(wrong(tmp_path, motion_times(factor, factor)))
+    assert report.verdict == "implausible"
+    assert "the picture changes and the vectors do not" in report.reason or "unit" in report.reason
+
+
+def test_vectors_of_a_wrong_length_are_measured(tmp_path: Path) -> None:
+    report = check_clip(wrong(tmp_path, motion_times(0.4, 0.4)))
+    assert report.verdict == "implausible"
+    factor = float(report.reason.split("the vectors are ")[1].split(" times too short")[0])
+    assert factor == pytest.approx(2.5, rel=0.15)
+
+
+def test_one_bad_frame_does_not_condemn_the_clip(tmp_path: Path) -> None:
+    frames = [disc_frame(i, **MOVING) for i in range(8)]  # type: ignore[arg-type]
+    frames[4]["motion"] *= -1
+    report = check_clip(Clip(write_clip(tmp_path / "clip", frames)))
+    assert report.votes.against
+    assert report.verdict == "plausible"
+
+
+def test_without_instances_and_depth(tmp_path: Path) -> None:
+    bare = [{n: disc_frame(i, **MOVING)[n] for n in ("color", "albedo", "motion")} for i in range(4)]  # type: ignore[arg-type]
+    assert check_clip(Clip(write_clip(tmp_path / "right", bare))).verdict == "plausible"
+    for frame in bare:
+        frame["motion"] = frame["motion"] * np.float32([1, -1]).reshape(2, 1, 1)
+    report = check_clip(Clip(write_clip(tmp_path / "wrong", bare)))
+    assert "sign of y" in report.reason
 
 
 def test_a_still_clip_is_undecidable(tmp_path: Path) -> None:
@@ -102,7 +129,7 @@ def test_bad_geometry_fails_and_bad_radiance_is_counted(tmp_path: Path) -> None:
 
     radiance = check_clip(wrong(tmp_path / "radiance", nan("color")))
     assert radiance.verdict == "plausible"
-    assert radiance.statistics["color"].bad == 8
+    assert radiance.tallies["color"].bad == 8
     geometry = check_clip(wrong(tmp_path / "geometry", nan("depth")))
     assert geometry.verdict == "implausible"
     assert "8 pixels of depth" in geometry.reason
@@ -115,7 +142,9 @@ def test_dual_vectors_serve_disoccluded_pixels_better(tmp_path: Path) -> None:
     assert error["dual"] < error["traditional"] / 2
 
 
-def test_what_it_needs(tmp_path: Path) -> None:
-    frames = [{"color": np.ones((3, 8, 8), np.float32)}] * 2
-    with pytest.raises(NteError, match=r"needs albedo and motion; the clip has color"):
-        check_clip(Clip(write_clip(tmp_path / "clip", frames)))
+def test_a_clip_without_vectors_is_checked_for_its_values(tmp_path: Path) -> None:
+    frames = [{"color": np.ones((3, 8, 8), np.float32), "roughness": np.full((1, 8, 8), 7, np.float32)}] * 2
+    report = check_clip(Clip(write_clip(tmp_path / "clip", frames)))
+    assert "roughness: 7 to 7" in report.reason
+    bare = write_clip(tmp_path / "bare", [{"color": frame["color"]} for frame in frames])
+    assert check_clip(Clip(bare)).verdict == "undecidable"

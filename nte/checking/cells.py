@@ -1,0 +1,198 @@
+"""What the picture says about motion vectors: votes of small cells of the image, from the texture inside surfaces.
+
+Albedo travels with its surface. A pixel inside a surface must therefore find its albedo where its vector leads in
+the previous frame, up to a pixel: what lies between the smallest and the largest value of the four pixels around that
+place counts as found, so that interpolation, aliasing and half a pixel prove nothing. Pixels at silhouettes do not take
+part: what they show is a mixture, and what they fetch may have been hidden.
+
+A cell speaks *for* the vectors if they explain its texture and neither no motion nor the opposite motion does. It
+speaks *against* them if they do not, and a search finds one displacement that does, and only one: where texture
+repeats or is flat, any vector is as good as another.
+"""
+
+from typing import NamedTuple
+
+import torch
+import torch.nn.functional as F
+from torch import Tensor
+
+from nte.checking.votes import Against, Vector, Votes, rival_vectors
+from nte.frames.frame import Frame
+from nte.motion.warp import pixel_centres
+
+EXPLAINED = 0.01  # albedo error of a cell up to which vectors explain it
+BETTER = 0.3  # of the vectors' error: what a displacement must reach to contradict them
+ENOUGH = 0.2  # share of a cell's pixels that must take part
+ONE_SURFACE = 1.1  # greatest ratio of the depths in 3×3 pixels of one surface
+SAME_SURFACE = 1.5  # greatest ratio of the depths of a pixel and of what it fetches
+ALONE = 0.15  # greatest share of the displacements that explain a cell as well as the best one
+APART = 1.2  # pixels between a vector and what the picture does that count as a contradiction
+AROUND = 3.0  # pixels: equally good displacements this close are one, and their mean is the place
+SEARCHED = 48  # cells of a frame that are searched, at the most
+LARGE = 200  # pixels: images whose shorter side exceeds this have cells of 16×16 pixels, others of 8×8
+
+
+def cell_votes(previous: Frame, current: Frame) -> Votes:
+    """Votes of `current`'s cells; PyTorch frames, batch 1, with albedo and motion; depth and instance sharpen them."""
+    pair = _Pair(previous, current)
+    motion = current["motion"]
+    given, still, opposite = (pair.errors(vectors) for vectors in (motion, torch.zeros_like(motion), -motion))
+    good = (given <= EXPLAINED) & ~(still <= EXPLAINED) & ~(opposite <= EXPLAINED)
+    suspect = given > EXPLAINED
+    if pair.share_outside(motion) > 0.5:  # vectors of another unit: nothing can be fetched, so nothing contradicts
+        suspect |= given.isnan()
+    votes = Votes(good=int(good.sum()))
+    found, share = pair.search(motion, suspect, given)
+    if not found:
+        return votes
+    votes.compared, votes.weight_against = votes.good, len(found) / share
+    errors = {rival: pair.errors(vectors) for rival, vectors in rival_vectors(previous, current)}
+    votes.good_by.update({rival: int((good & (error <= EXPLAINED)).sum()) for rival, error in errors.items()})
+    for piece in found:
+        limit = max(EXPLAINED, 2 * piece.error, BETTER * float(given[piece.cell].nan_to_num(0.0)))
+        explained_by = frozenset(rival for rival, error in errors.items() if error[piece.cell] <= limit)
+        votes.against.append(Against(explained_by, piece.given, piece.seen))
+    return votes
+
+
+class Contradiction(NamedTuple):
+    """A cell whose vectors are wrong: their mean and what the picture does, in pixels, and the error of the latter."""
+
+    cell: int
+    given: Vector
+    seen: Vector
+    error: float
+
+
+class _Range(NamedTuple):
+    """(3, H·W): smallest and largest albedo around each pixel of the previous frame."""
+
+    low: Tensor
+    high: Tensor
+
+
+class _Pair:
+    """Two consecutive frames as flat lists of pixels, and the cell that each pixel of the current one belongs to."""
+
+    def __init__(self, previous: Frame, current: Frame) -> None:
+        self.height, self.width = current.size
+        self.side = 16 if min(current.size) > LARGE else 8
+        self.least = ENOUGH * self.side**2
+        before = previous["albedo"].nan_to_num()
+        self.albedo = current["albedo"].nan_to_num()[0].flatten(1)
+        self.near = _range(F.pad(before, (0, 1, 0, 1), mode="replicate"), 2)  # of the four pixels around a position
+        self.wide = _range(F.pad(before, (1, 1, 1, 1), mode="replicate"), 3)  # of the 3×3 pixels there
+        self.usable, self.usable_before = (_inside_surfaces(f).flatten() for f in (current, previous))
+        both = [name for name in ("instance", "depth") if name in current and name in previous]
+        self.surface = {name: (current[name].flatten(), previous[name].flatten()) for name in both}
+        self.centres = pixel_centres(before)[0].flatten(1)
+        columns = -(-self.width // self.side)
+        x, y = self.centres.long() // self.side
+        self.cell = y * columns + x
+        self.cells = columns * -(-self.height // self.side)
+
+    def errors(self, motion: Tensor) -> Tensor:
+        """(cells,) mean albedo error of vectors (1, 2, H, W) in each cell; NaN where too few pixels can tell."""
+        everywhere = self.usable.nonzero()[:, 0]
+        error, tells = self._compare(everywhere, motion[0].flatten(1)[:, everywhere], self.near)
+        return self._means(self.cell[everywhere], error, tells, self.least)
+
+    def share_outside(self, motion: Tensor) -> float:
+        """Share of the pixels inside surfaces whose vectors (1, 2, H, W) end outside the image."""
+        *_, within = self._target(self.centres + motion[0].flatten(1))
+        return float((~within & self.usable).sum() / self.usable.sum().clamp(min=1))
+
+    def search(self, motion: Tensor, suspect: Tensor, given: Tensor) -> tuple[list[Contradiction], float]:
+        """The suspect cells that one displacement explains, other than theirs, and hardly any other; and which share of
+        the suspect cells was searched.
+
+        motion: (1, 2, H, W) the given vectors, given: (cells,) their errors. One half of a cell's pixels decides which
+        displacement is best, the other half how good it is: the best of hundreds explains noise by chance, but once.
+        """
+        sizes = torch.bincount(self.cell[self.usable], minlength=self.cells)
+        cells = (suspect & (sizes >= self.least)).nonzero()[:, 0]
+        if not len(cells):
+            return [], 1.0
+        share = min(1.0, SEARCHED / len(cells))
+        cells = cells[torch.linspace(0, len(cells) - 1, min(SEARCHED, len(cells))).round().long()]
+        chosen = (self.usable & torch.isin(self.cell, cells)).nonzero()[:, 0]
+        local = torch.searchsorted(cells, self.cell[chosen])
+        half = 2 * local + self.centres[:, chosen].floor().sum(0).long() % 2
+        reach, step = (24, 2) if self.side == 8 else (48, 3)
+        steps = torch.arange(-reach, reach + 1, step, dtype=torch.float32)
+        displacements = torch.cartesian_prod(steps, steps)
+        tried = (self._compare(chosen, displacement.view(2, 1), self.wide) for displacement in displacements)
+        halves = torch.stack([self._means(half, *result, self.least / 2, 2 * len(cells)) for result in tried])
+        first, second = halves.view(len(displacements), -1, 2).unbind(2)
+        found = []
+        for i, cell in enumerate(cells.tolist()):
+            known = first[:, i].isfinite() & second[:, i].isfinite()
+            if not known.any():
+                continue
+            best = int(first[:, i].masked_fill(~known, float("inf")).argmin())
+            error = float(second[best, i])
+            as_good = known & ((first[:, i] + second[:, i]) / 2 <= max(EXPLAINED / 2, 2 * error))
+            contradicts = error <= min(EXPLAINED, BETTER * float(given[cell].nan_to_num(1.0)))
+            if contradicts and as_good.sum() <= ALONE * known.sum():
+                around = (displacements - displacements[best]).square().sum(1) <= AROUND**2
+                seen = displacements[as_good & around].mean(0)
+                mean = motion[0].flatten(1)[:, self.usable & (self.cell == cell)].nan_to_num().mean(1)
+                if float((seen - mean).norm()) >= APART:
+                    found.append(Contradiction(cell, _pair(mean), _pair(seen), error))
+        return found, share
+
+    def _compare(self, pixels: Tensor, vectors: Tensor, found: "_Range") -> tuple[Tensor, Tensor]:
+        """Albedo error (P,) of pixels (P,) whose vectors are (2, P), and whether both ends lie inside one surface."""
+        target, corner, tells = self._target(self.centres[:, pixels] + vectors)
+        index = corner if found is self.near else target
+        tells = tells & self.usable_before[target]
+        if "instance" in self.surface:
+            now, before = self.surface["instance"]
+            tells = tells & (now[pixels] == before[target])
+        if "depth" in self.surface:
+            now, before = self.surface["depth"]
+            ratio = now[pixels] / before[target]
+            tells = tells & (ratio < SAME_SURFACE) & (ratio > 1 / SAME_SURFACE)
+        albedo = self.albedo[:, pixels]
+        below, above = found.low[:, index] - albedo, albedo - found.high[:, index]
+        error = below.clamp(min=0) + above.clamp(min=0)
+        return error.mean(0), tells
+
+    def _target(self, position: Tensor) -> tuple[Tensor, Tensor, Tensor]:
+        """For positions (2, P): flat index of the pixel that holds each, that of the upper left one of the four whose
+        centres are around it, and whether it lies in the image.
+        """
+        place = position.nan_to_num(-1, -1, -1).clamp(-1, 2**20)
+        (x, y), (left, top) = place.floor().long(), (place - 0.5).floor().long().clamp(min=0)
+        within = (x >= 0) & (x < self.width) & (y >= 0) & (y < self.height)
+        return *(torch.where(within, row * self.width + column, 0) for row, column in ((y, x), (top, left))), within
+
+    def _means(self, group: Tensor, error: Tensor, tells: Tensor, least: float, groups: int | None = None) -> Tensor:
+        """(groups,) mean error of the pixels that tell; NaN for groups with fewer than `least` of them."""
+        groups = groups or self.cells
+        count = torch.bincount(group, tells.float(), groups)
+        total = torch.bincount(group, error * tells, groups)
+        return torch.where(count >= least, total / count, torch.nan)
+
+
+def _range(padded: Tensor, side: int) -> "_Range":
+    low, high = (sign * F.max_pool2d(sign * padded, side, 1)[0].flatten(1) for sign in (-1, 1))
+    return _Range(low, high)
+
+
+def _pair(vector: Tensor) -> Vector:
+    return float(vector[0]), float(vector[1])
+
+
+def _largest(image: Tensor) -> Tensor:
+    return F.max_pool2d(image, 3, 1, 1)
+
+
+def _inside_surfaces(frame: Frame) -> Tensor:
+    """(1, 1, H, W): the 3×3 pixels around show one surface, as far as instance and depth tell."""
+    inside: Tensor = frame["albedo"].isfinite().all(1, keepdim=True)
+    if (instance := frame.get("instance")) is not None:
+        inside = inside & (_largest(instance) == -_largest(-instance))
+    if (depth := frame.get("depth")) is not None:
+        inside = inside & (depth > 0) & (_largest(depth) < -ONE_SURFACE * _largest(-depth))
+    return inside

@@ -1,0 +1,56 @@
+"""Is the reference in the units of the colour? Means of blocks of pixels, over all frames, have one ratio."""
+
+from collections.abc import Iterator
+
+import torch
+import torch.nn.functional as F
+from torch import Tensor
+
+from nte.checking.values import Finding
+from nte.frames.frame import Frame
+
+BLOCK = 16  # pixels
+TOLD, FAILED = 1.2, 1.5  # factors between the two
+ALIKE = 1.35  # blocks within this factor of their median have one ratio
+AGREE = 0.7  # share of the blocks that must, for a scale and not noise or another light
+
+
+class ExposureTally:
+    """Sums of colour and reference over the frames of a clip, block by block."""
+
+    def __init__(self) -> None:
+        self._color: Tensor | None = None
+        self._reference: Tensor | None = None
+
+    def add(self, frame: Frame) -> None:
+        """Add a PyTorch frame of batch 1, if it has both channels. Pixels that are bad in one of them are left out."""
+        if "color" not in frame or "reference" not in frame:
+            return
+        both = torch.cat([frame["color"], frame["reference"]], 1)
+        good = (both.isfinite() & (both >= 0)).all(1, keepdim=True)
+        sums = F.avg_pool2d(torch.where(good, both, 0.0), BLOCK, ceil_mode=True).double()
+        color, reference = sums[:, :3].mean(1), sums[:, 3:].mean(1)
+        self._color = color if self._color is None else self._color + color
+        self._reference = reference if self._reference is None else self._reference + reference
+
+    def judge(self) -> Iterator[Finding]:
+        """A finding if the colour is brighter or darker than the reference by about the same factor everywhere."""
+        if self._color is None or self._reference is None:
+            return
+        color, reference = self._color.flatten(), self._reference.flatten()
+        if not (float(color.sum()) > 0 and float(reference.sum()) > 0):
+            if float(color.sum()) != float(reference.sum()):
+                dark = "reference" if float(color.sum()) > 0 else "color"
+                yield Finding(dark, "black everywhere", "the same light in color and reference")
+            return
+        lit = (reference > 0.01 * reference.mean()) & (color > 0)
+        ratios = (color[lit] / reference[lit]).log()
+        typical, of_means = float(ratios.median()), float((color.sum() / reference.sum()).log())
+        agree = float(((ratios - typical).abs() < torch.tensor(ALIKE).log()).double().mean())
+        closer = min(abs(typical), abs(of_means))  # noise moves the median one way, fireflies the mean the other
+        if typical * of_means <= 0 or closer < float(torch.tensor(TOLD).log()):
+            return
+        factor = float(torch.tensor(typical).exp())
+        found = f"color is {factor:.3g} times as bright (median of blocks; {agree:.0%} of them agree)"
+        fault = closer > float(torch.tensor(FAILED).log()) and agree > AGREE
+        yield Finding("reference", found, "the exposure and scale of color", fault)

@@ -1,0 +1,91 @@
+"""From votes to a verdict about the vectors: evidence is weighed, and where it is weak nothing is named."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from math import hypot
+from statistics import median
+from typing import Literal
+
+from nte.checking.votes import RIVALS, Votes
+from nte.motion.conventions import Convention
+
+Verdict = Literal["plausible", "undecidable", "implausible"]
+
+ENOUGH = 6  # votes, for any verdict
+WITHOUT_WORD = 0.1  # share of votes against the vectors below which nobody asks who explains them
+EXPLAINS_BAD, EXPLAINS_GOOD = 0.7, 0.8  # shares of the votes that a convention must explain to be named
+STILL_PX = 0.5  # vectors shorter than this do not move
+
+
+@dataclass(frozen=True)
+class Judgement:
+    """Verdict and reason; the convention that the vectors follow: ours, another one, or None if none is known."""
+
+    verdict: Verdict
+    reason: str
+    convention: Convention | None = None
+
+
+def judge_votes(pairs: Sequence[Votes]) -> Judgement:
+    """Weigh the votes of a clip's pairs of frames.
+
+    Votes against the vectors count if they come from at least half of the pairs that vote: one bad frame, or a
+    cut, does not condemn the clip.
+    """
+    total = Votes()
+    for pair in pairs:
+        total.add(pair)
+    bad = len(total.against)
+    voting = [pair for pair in pairs if pair.good or pair.against]
+    lasting = 2 * sum(bool(pair.against) for pair in voting) >= len(voting)
+    counts = f"{total.good} pieces of the picture confirm the vectors, {bad} contradict them"
+    if bad >= ENOUGH and lasting and bad > WITHOUT_WORD * (total.good + bad):
+        if (rival := _who_explains(total)) is not None:
+            explained = f"it explains {total.bad_by(rival)} of {bad} pieces of the picture that contradict the vectors"
+            return Judgement("implausible", f"'motion' has another convention: {rival}: {explained}", rival)
+        if total.weight_against > total.good:
+            return Judgement("implausible", f"{_what_moves(total)}: {counts}, and no known convention fits")
+    if total.good >= ENOUGH and total.good > total.weight_against:
+        return Judgement("plausible", counts, Convention())
+    return Judgement("undecidable", f"{counts}: {ENOUGH} are needed, and most must agree")
+
+
+def _who_explains(votes: Votes) -> Convention | None:
+    """The convention that explains what contradicts the vectors without losing what confirms them, if there is one.
+
+    Of several that explain nearly as much, the one that differs least: at constant speed «forward» and «opposite
+    sign» say the same, and where everything moves sideways nothing is known of y.
+    """
+    bad = len(votes.against)
+    able = [
+        rival for rival in RIVALS
+        if votes.bad_by(rival) >= EXPLAINS_BAD * bad and votes.good_by[rival] >= EXPLAINS_GOOD * votes.compared
+    ]  # fmt: skip
+    if not able:
+        return None
+    most = max(votes.bad_by(rival) + votes.good_by[rival] for rival in able)
+    close = [rival for rival in able if votes.bad_by(rival) + votes.good_by[rival] >= 0.95 * most]
+    return min(close, key=_strangeness)
+
+
+def _strangeness(convention: Convention) -> tuple[int, int]:
+    both_signs = convention.signs == (-1, -1)
+    differs = (convention.signs != (1, 1)) + convention.swapped + (convention.unit != "pixels") + convention.forward
+    return differs, 0 if both_signs else 1 if not convention.forward else 2
+
+
+def _what_moves(votes: Votes) -> str:
+    """How the vectors differ from what the picture does, in words."""
+    known = [(piece.given, piece.seen) for piece in votes.against if piece.given and piece.seen]
+    if not known:
+        return "'motion' does not lead to where objects were"
+    given, seen = (median(hypot(*pair[i]) for pair in known) for i in (0, 1))
+    if given < STILL_PX:
+        lengths = f"it moves by about {seen:.3g} px, they are {given:.2g} px long"
+        return f"the picture changes and the vectors do not: {lengths}"
+    along = [(g[0] * s[0] + g[1] * s[1]) / (hypot(*g) * hypot(*s)) for g, s in known if hypot(*g) and hypot(*s)]
+    ratio = seen / given
+    if along and median(along) > 0.95 and not 0.67 < ratio < 1.5:
+        factor = f"{ratio:.3g} times too short" if ratio > 1 else f"{1 / ratio:.3g} times too long"
+        return f"the vectors are {factor}: about {given:.3g} px where the picture moves by {seen:.3g} px"
+    return f"'motion' does not explain the albedo: about {given:.3g} px long where the picture moves by {seen:.3g} px"

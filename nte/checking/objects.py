@@ -1,0 +1,62 @@
+"""What objects say about motion vectors: an object must be found where its vectors lead.
+
+A pixel is found if one of the 3×3 pixels at the end of its vector shows the same instance. What hides an object in
+the previous frame hides it from any convention, so nothing follows from objects that nobody finds; nor from large
+ones, which everybody finds.
+"""
+
+from itertools import product
+
+import torch
+from torch import Tensor
+
+from nte.checking.votes import Against, Votes, rival_vectors
+from nte.frames.frame import Frame
+from nte.motion.warp import fetch_nearest, inside, pixel_centres
+
+FOUND, LOST = 0.8, 0.3  # share of an object's pixels
+LEAST = 8  # pixels of an object that votes
+
+
+def object_votes(previous: Frame, current: Frame) -> Votes:
+    """Votes of the instances that `current` shows; PyTorch frames, batch 1, with instance and motion.
+
+    An object speaks for the vectors (1, 2, H, W) that find it where neither no motion nor the opposite does, and
+    against those that lose it where a rival finds it.
+    """
+    motion = current["motion"]
+    objects = _Objects(previous["instance"], current["instance"])
+    given, still, opposite = (objects.found(vectors) for vectors in (motion, torch.zeros_like(motion), -motion))
+    good = (given >= FOUND) & (still <= LOST) & (opposite <= LOST)
+    lost = given <= LOST
+    votes = Votes(good=int(good.sum()))
+    if not lost.any():
+        return votes
+    shares = {rival: objects.found(vectors) for rival, vectors in rival_vectors(previous, current)}
+    votes.compared = votes.good
+    votes.good_by.update({rival: int((good & (share >= FOUND)).sum()) for rival, share in shares.items()})
+    for i in lost.nonzero()[:, 0].tolist():
+        if explained_by := frozenset(rival for rival, share in shares.items() if share[i] >= FOUND):
+            votes.against.append(Against(explained_by))
+    votes.weight_against = len(votes.against)
+    return votes
+
+
+class _Objects:
+    """The instances of a frame (1, 1, H, W) that have enough pixels."""
+
+    def __init__(self, before: Tensor, now: Tensor) -> None:
+        self.before, self.now = before, now
+        ids, self.number, self.size = torch.unique(now.flatten(), return_inverse=True, return_counts=True)
+        self.votes = (ids != 0) & (self.size >= LEAST)
+
+    def found(self, motion: Tensor) -> Tensor:
+        """(objects,) share of each object's pixels that vectors (1, 2, H, W) find; NaN for those that do not vote."""
+        target = pixel_centres(motion) + motion
+        within = inside(target)
+        target = torch.where(within, target, 0.0)
+        found = torch.zeros_like(within)
+        for offset in product((-1.0, 0.0, 1.0), repeat=2):
+            found |= fetch_nearest(self.before, target + target.new_tensor(offset).view(1, 2, 1, 1)) == self.now
+        count = torch.bincount(self.number, (found & within).flatten().float(), len(self.size))
+        return torch.where(self.votes, count / self.size, float("nan"))

@@ -1,0 +1,182 @@
+"""Are a clip's vectors and values plausible? (nte check; the criteria are in datasets/README.md)"""
+
+from collections import defaultdict
+from dataclasses import dataclass, field
+
+import torch
+from torch import Tensor
+
+from nte.checking.cells import cell_votes
+from nte.checking.exposure import ExposureTally
+from nte.checking.guides import GuideTally
+from nte.checking.judge import Judgement, Verdict, judge_votes
+from nte.checking.objects import object_votes
+from nte.checking.still import Stillness, stillness, without_motion
+from nte.checking.values import Finding, Tally, judge_values, tally_values
+from nte.checking.votes import Votes
+from nte.frames.clip import Clip
+from nte.frames.frame import Frame
+from nte.motion.conventions import Convention
+from nte.motion.geometric import Reprojection, frame_vectors, traditional_motion
+from nte.motion.warp import fetch_nearest, pixel_centres, warp
+
+MOVING_PX = 1.0
+CHANGING_ALBEDO = 0.02
+PAIRS = 12  # pairs of frames whose vectors are judged, at the most, spread over the clip
+COMPARED = ("albedo", "normal", "reference")
+
+
+@dataclass
+class Mean:
+    """A mean over pixels that arrive frame by frame."""
+
+    total: float = 0.0
+    count: int = 0
+
+    def add(self, error: Tensor, where: Tensor) -> None:
+        """Add error (1, 1, H, W) at the pixels of the mask `where`."""
+        self.total += float(error[where].double().sum())
+        self.count += int(where.sum())
+
+    @property
+    def value(self) -> float:
+        """The mean, NaN without pixels."""
+        return self.total / self.count if self.count else float("nan")
+
+
+@dataclass
+class CheckReport:
+    """What `check_clip` found. Errors are means of |difference| over channels and pixels."""
+
+    clip: str
+    frames: int
+    verdict: Verdict
+    reason: str
+    findings: list[Finding]  # of single channels, faults and what is worth telling
+    tallies: dict[str, Tally]  # channel → range, mean, bad pixels
+    votes: Votes
+    errors: dict[tuple[str, str, str], Mean]  # (channel, vectors, region) → error
+    disoccluded: float  # shares of all pixels
+    invalid: float
+    convention: Convention | None  # that the vectors follow: ours, another one, or none that is known
+    telling_frame: int  # the one with the most disoccluded pixels, for the picture
+
+    @property
+    def ratio(self) -> float:
+        """How much the vectors explain: albedo error without them over error with them, where something moves."""
+        unwarped, warped = (self.errors.get(("albedo", vectors, "changing")) for vectors in ("none", "traditional"))
+        return unwarped.value / warped.value if unwarped and warped and warped.total else float("nan")
+
+
+@dataclass
+class _Vectors:
+    """What is collected of pairs of frames."""
+
+    votes: list[Votes] = field(default_factory=list)
+    still: list[Stillness] = field(default_factory=list)
+    errors: dict[tuple[str, str, str], Mean] = field(default_factory=lambda: defaultdict(Mean))
+    disoccluded: Mean = field(default_factory=Mean)
+    invalid: Mean = field(default_factory=Mean)
+    telling: tuple[int, int] = (0, 1)  # disoccluded pixels, frame
+
+    def add(self, previous: Frame, current: Frame, vote: bool) -> None:
+        """Add two consecutive frames that have motion; `vote`: judge the vectors as well."""
+        dual = frame_vectors(current, previous.get("depth"))
+        everywhere = torch.ones_like(dual.valid)
+        self.disoccluded.add(dual.disoccluded.float(), everywhere)
+        self.invalid.add((~dual.valid).float(), everywhere)
+        if (hidden := int(dual.disoccluded.sum())) > self.telling[0]:
+            self.telling = hidden, current.index
+        _add_errors(self.errors, previous, current, dual)
+        if not vote:
+            return
+        self.still.append(stillness(previous, current))
+        votes = Votes()
+        if "albedo" in current:
+            votes.add(cell_votes(previous, current))
+        if "instance" in current:
+            votes.add(object_votes(previous, current))
+        self.votes.append(votes)
+
+
+def check_clip(clip: Clip) -> CheckReport:
+    """Look at every frame of a clip; raises NteError for files that cannot be read."""
+    tallies: dict[str, Tally] = defaultdict(Tally)
+    exposure, guides, vectors = ExposureTally(), GuideTally(), _Vectors()
+    voting = {round(1 + i * (len(clip) - 2) / max(PAIRS - 1, 1)) for i in range(PAIRS)}
+    previous: Frame | None = None
+    for frame in clip:
+        current = frame.torch()
+        tally_values(tallies, current)
+        exposure.add(current)
+        guides.add(current)
+        if previous is not None and "motion" in current:
+            vectors.add(previous, current, len(clip) <= PAIRS + 1 or current.index in voting)
+        previous = current
+    findings = [*judge_values(tallies), *exposure.judge(), *guides.judge()]
+    judgement = _judge(clip, vectors, findings)
+    total = Votes()
+    for votes in vectors.votes:
+        total.add(votes)
+    return CheckReport(
+        clip.name, len(clip), judgement.verdict, judgement.reason, findings, dict(tallies), total, dict(vectors.errors),
+        vectors.disoccluded.value, vectors.invalid.value, judgement.convention, min(vectors.telling[1], len(clip) - 1),
+    )  # fmt: skip
+
+
+def _judge(clip: Clip, vectors: _Vectors, findings: list[Finding]) -> Judgement:
+    """The verdict on the clip: impossible values first, then what the vectors' votes say."""
+    judgement = _judge_vectors(clip, vectors)
+    faults = [f"{finding.channel}: {finding.found}" for finding in findings if finding.fault]
+    if not faults:
+        return judgement
+    also = [judgement.reason] if judgement.verdict == "implausible" else []
+    return Judgement("implausible", "; ".join([*faults, *also]), judgement.convention)
+
+
+def _judge_vectors(clip: Clip, vectors: _Vectors) -> Judgement:
+    missing = [name for name in ("albedo", "motion") if name not in clip.channels]
+    if "motion" in missing or not {"albedo", "instance"} & {*clip.channels}:
+        return Judgement("undecidable", f"vectors not checked: that needs albedo and motion, without {missing[0]}")
+    if len(clip) < 2:
+        return Judgement("undecidable", "vectors not checked: that needs two frames")
+    judgement = judge_votes(vectors.votes)
+    if judgement.verdict != "implausible" and (stuck := without_motion(vectors.still)):
+        return Judgement("implausible", stuck)
+    return judgement
+
+
+def visible_in_both(previous: Frame, current: Frame, vectors: Reprojection) -> Tensor:
+    """(1, 1, H, W): nothing hid the surface, and all four pixels that are fetched show the same instance."""
+    visible = vectors.valid & ~vectors.disoccluded
+    if "instance" in current and "instance" in previous:
+        position = pixel_centres(current["motion"]) + vectors.motion
+        for corner in ((-0.5, -0.5), (0.5, -0.5), (-0.5, 0.5), (0.5, 0.5)):
+            tap = position + position.new_tensor(corner).view(1, 2, 1, 1)
+            visible = visible & (fetch_nearest(previous["instance"], tap) == current["instance"])
+    return visible
+
+
+def _difference(a: Tensor, b: Tensor) -> Tensor:
+    return (a - b).abs().mean(1, keepdim=True)
+
+
+def _add_errors(errors: dict[tuple[str, str, str], Mean], previous: Frame, current: Frame, dual: Reprojection) -> None:
+    traditional = traditional_motion(current["motion"])
+    visible = visible_in_both(previous, current, dual)
+    regions = {"visible": visible, "disoccluded": dual.disoccluded & dual.valid}
+    for name in (name for name in COMPARED if name in current and name in previous):
+        fetched = {
+            "none": previous[name],
+            "traditional": warp(previous[name], traditional.motion).image,
+            "dual": warp(previous[name], dual.motion).image,
+        }
+        finite = (current[name].isfinite() & fetched["none"].isfinite()).all(1, keepdim=True)
+        if name == "albedo":
+            moving = traditional.motion.square().sum(1, keepdim=True) > MOVING_PX**2
+            changes = _difference(current[name], previous[name]) > CHANGING_ALBEDO
+            regions = {**regions, "changing": visible & moving & changes}
+        for vectors, image in fetched.items():
+            difference = _difference(current[name], image)
+            for region, where in regions.items():
+                errors[name, vectors, region].add(difference, where & finite & difference.isfinite())

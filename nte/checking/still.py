@@ -1,0 +1,59 @@
+"""Vectors that say nothing moves, and a picture in which something does."""
+
+from collections.abc import Sequence
+from typing import NamedTuple
+
+import torch.nn.functional as F
+from torch import Tensor
+
+from nte.frames.frame import Frame
+from nte.motion.geometric import infinite_sky
+
+LONGEST_PX = 0.5  # of nearly all vectors of a frame in which nothing moves
+NEARLY_ALL = 0.999
+CHANGED = 0.01  # share of the pixels that show what was not there
+NEARER = 1.1  # ratio of depths
+ALBEDO = 0.05
+
+
+class Stillness(NamedTuple):
+    """Of a pair of frames: how long nearly all vectors are at the most, in pixels, and the share of changed pixels."""
+
+    longest: float
+    changed: float
+
+
+def stillness(previous: Frame, current: Frame) -> Stillness:
+    """Look at two PyTorch frames of batch 1 with motion, by depth and instance, or by albedo where both are missing.
+
+    If nothing moves by a pixel, each pixel shows what one of the 3×3 pixels there showed before, silhouettes included.
+    """
+    length = current["motion"].square().sum(1).sqrt().nan_to_num().flatten()
+    longest = float(length.kthvalue(max(1, int(NEARLY_ALL * len(length)))).values)
+    changed = None
+    if "depth" in current and "depth" in previous:
+        now, before = (infinite_sky(frame["depth"]) for frame in (current, previous))
+        changed = (now > NEARER * _largest(before)) | (NEARER * now < -_largest(-before))
+    elif "instance" in current and "instance" in previous:
+        now, before = current["instance"], previous["instance"]
+        changed = (now > _largest(before)) | (now < -_largest(-before))
+    elif "albedo" in current and "albedo" in previous:
+        now, before = current["albedo"], previous["albedo"]
+        changed = ((now > _largest(before) + ALBEDO) | (now < -_largest(-before) - ALBEDO)).any(1)
+    return Stillness(longest, 0.0 if changed is None else float(changed.float().mean()))
+
+
+def without_motion(pairs: Sequence[Stillness]) -> str:
+    """What is wrong if most pairs of frames change though no vector is as long as half a pixel; else nothing."""
+    stuck = [pair for pair in pairs if pair.longest < LONGEST_PX and pair.changed > CHANGED]
+    if not stuck or 2 * len(stuck) <= len(pairs):
+        return ""
+    changed, longest = max(pair.changed for pair in stuck), max(pair.longest for pair in stuck)
+    return (
+        f"the picture changes and the vectors do not: {changed:.1%} of the pixels show what was not within a pixel "
+        f"of them in the frame before, but vectors are {longest:.2g} px long at the most"
+    )
+
+
+def _largest(image: Tensor) -> Tensor:
+    return F.max_pool2d(image, 3, 1, 1)

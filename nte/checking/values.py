@@ -1,0 +1,155 @@
+"""Is every channel what it can be? Unit lengths, ranges, whole numbers, something seen (datasets/README.md)."""
+
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass, field
+
+import torch
+from torch import Tensor
+
+from nte.frames.bad import count_bad
+from nte.frames.channels import CHANNELS
+from nte.frames.frame import Frame
+
+SANITISED = ("radiance", "reflectance")  # kinds whose bad pixels denoisers take care of
+UNIT_SCALARS = ("roughness", "visibility", "reference_visibility", "time")  # in [0, 1]
+MANY = 0.01  # share of the pixels from which impossible values are a fault of the channel, not of a few pixels
+ROUNDING = 0.005  # of half floats, and of averages
+SAMPLED = 4096  # directions of a frame that are looked at, at the most
+
+
+@dataclass(frozen=True)
+class Finding:
+    """Something that is not as expected: a fault fails the check, anything else is told."""
+
+    channel: str
+    found: str
+    expected: str
+    fault: bool = True
+
+
+@dataclass
+class Tally:
+    """What is counted of one channel over a clip; counts are of pixels."""
+
+    pixels: int = 0
+    low: float = float("inf")
+    high: float = -float("inf")
+    total: float = 0.0
+    finite: int = 0  # values
+    bad: int = 0  # as nte.frames.bad counts them
+    first_bad: int | None = None  # frame
+    impossible: int = 0  # outside the channel's range, or an id that is not whole
+    seen: int = 0  # not all zero
+    directions: list[Tensor] = field(default_factory=list)  # (3, n), some of those that are not zero
+
+    @property
+    def mean(self) -> float:
+        """Over finite values; NaN without any."""
+        return self.total / self.finite if self.finite else float("nan")
+
+
+def tally_values(tallies: Mapping[str, Tally], frame: Frame) -> None:
+    """Add a PyTorch frame of batch 1; `tallies` has to make entries by itself (a defaultdict)."""
+    bad = count_bad(frame)
+    for name, values in frame.channels.items():
+        entry = tallies[name]
+        entry.pixels += values[0, 0].numel()
+        finite = values[values.isfinite()]
+        if finite.numel():
+            entry.low, entry.high = min(entry.low, float(finite.min())), max(entry.high, float(finite.max()))
+            entry.total += float(finite.double().sum())
+            entry.finite += finite.numel()
+        if bad.get(name):
+            entry.bad += bad[name]
+            entry.first_bad = frame.index if entry.first_bad is None else entry.first_bad
+        entry.seen += int((values.nan_to_num() != 0).any(1).sum())
+        entry.impossible += int(_impossible(name, values).any(1).sum())
+        if CHANNELS[name].kind == "direction":
+            vectors = values[0].flatten(1)
+            vectors = vectors[:, vectors.isfinite().all(0) & (vectors != 0).any(0)]
+            entry.directions.append(vectors[:, :: max(1, vectors.shape[1] // SAMPLED)])
+
+
+def _impossible(name: str, values: Tensor) -> Tensor:
+    """Which values (1, C, H, W) the channel cannot have, but for those that are not finite."""
+    kind = CHANNELS[name].kind
+    if kind == "id":
+        return values.isfinite() & ((values != values.round()) | (values < 0))
+    if kind == "depth":
+        return values.isfinite() & (values < 0)
+    if kind == "reflectance" or name in UNIT_SCALARS:
+        return values.isfinite() & ((values < -ROUNDING) | (values > 1 + ROUNDING))
+    return torch.zeros_like(values, dtype=torch.bool)
+
+
+def judge_values(tallies: Mapping[str, Tally]) -> list[Finding]:
+    """What is impossible, or worth telling, of the channels of a clip."""
+    found = [finding for name, entry in tallies.items() for finding in _judge(name, entry)]
+    depth = tallies.get("depth")
+    if depth and not depth.seen:
+        others = [n for n in ("normal", "instance", "position", "albedo") if n in tallies and tallies[n].seen]
+        if any(tallies[name].seen > MANY * tallies[name].pixels for name in others):
+            expected = "above 0 wherever a surface is seen: too small, negative or infinite depths count as misses"
+            found.append(Finding("depth", f"0 everywhere, though {' and '.join(others)} show surfaces", expected))
+    return found
+
+
+def _judge(name: str, entry: Tally) -> Iterator[Finding]:
+    row = CHANNELS[name]
+    many = MANY * entry.pixels
+    if entry.bad:
+        what, expected, fault = "not finite", "finite", True
+        if row.kind in SANITISED:
+            what, expected = "not finite, or negative", "finite and not negative; denoisers sanitise these pixels"
+            fault = entry.bad > many
+        elif row.kind == "motion":
+            what = "not finite, or longer than four images"
+        found = f"{what} in {entry.bad} pixels of {name}, the first in frame {entry.first_bad}"
+        yield Finding(name, found, expected, fault)
+    if row.kind == "direction":
+        yield from _judge_directions(name, entry)
+    elif entry.impossible:
+        share = f"in {entry.impossible / entry.pixels:.2%} of the pixels"
+        if row.kind == "id":
+            yield Finding(name, f"fractions, or negative, {share}", "whole numbers: ids are never averaged")
+        elif row.kind == "depth":
+            yield Finding(name, f"negative {share}", "distances in front of the camera, 0 for a miss")
+        elif entry.impossible > entry.bad:
+            found = f"{entry.low:.4g} to {entry.high:.4g}, outside {share}"
+            yield Finding(name, found, "within [0, 1]", entry.impossible > many)
+
+
+def _judge_directions(name: str, entry: Tally) -> Iterator[Finding]:
+    if not entry.directions:
+        return
+    vectors = torch.cat(entry.directions, 1)
+    if not vectors.numel():
+        if name == "normal":
+            yield Finding(name, "0 everywhere", "unit vectors where a surface is seen", fault=False)
+        return
+    length = vectors.norm(dim=0)
+    typical = float(length.median())
+    off = float(((length - 1).abs() > 0.1).float().mean())
+    if is_encoded(vectors):
+        expected = "unit vectors with components in [−1, 1]"
+        yield Finding(name, "looks stored as n/2 + 1/2: no component is negative", expected)
+    elif abs(typical - 1) > 0.05:
+        yield Finding(name, f"vectors of length {typical:.3g}", "length 1")
+    elif off > 0.05:
+        yield Finding(name, f"{off:.1%} of the vectors are not of length 1", "length 1, but for a few edges", False)
+
+
+def is_encoded(vectors: Tensor) -> bool:
+    """Do directions (3, n) look like n/2 + 1/2 of unit vectors n, as pictures store them; normalised since, or not?
+
+    Then no component is negative, and 2v − 1 has length 1; of a normalised one, u, some multiple does: |2su − 1| = 1
+    has a solution s where u's components add up to √2 or more, within 35° of the diagonal. Real directions may all
+    lie there by chance if they are nearly one direction, so those that hardly vary prove nothing.
+    """
+    if float((vectors < -ROUNDING).any(0).float().mean()) > MANY:
+        return False
+    unit = vectors / vectors.norm(dim=0)
+    if float(unit.mean(1).norm()) > 0.995:  # a mean angle of 6° or less to their mean
+        off = ((2 * vectors - 1).norm(dim=0) - 1).abs() < 0.02
+        return float(off.float().mean()) > 0.95 and float((vectors.norm(dim=0) - 1).abs().median()) > 0.05
+    return float((unit.sum(0) > 2**0.5 - 0.02).float().mean()) > 0.97

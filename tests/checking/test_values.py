@@ -1,0 +1,84 @@
+"""Every channel is judged by what it can be."""
+
+from collections.abc import Callable
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from nte.checking import CheckReport, check_clip, describe
+from nte.frames.clip import Clip
+from nte.importing.convert import unit
+from tests.synthetic import Pixels, disc_frame, write_clip
+
+MOVING = {"velocity": (5.0, -2.0), "wall_velocity": (-3.0, 1.5), "size": (64, 96)}
+
+
+def ball_normals(size: tuple[int, int]) -> Pixels:
+    """(3, H, W): a hemisphere that fills the image, all directions that face the viewer."""
+    y, x = (np.linspace(-0.7, 0.7, n) for n in size)
+    x, y = np.meshgrid(x, y)
+    return np.stack([x, -y, np.sqrt(1 - x**2 - y**2)]).astype(np.float32)
+
+
+def check(folder: Path, change: Callable[[dict[str, Pixels], int], dict[str, Pixels]]) -> CheckReport:
+    frames = [disc_frame(i, **MOVING) for i in range(3)]  # type: ignore[arg-type]
+    for i, frame in enumerate(frames):
+        frame["normal"] = ball_normals((64, 96))
+        frame |= {name: np.asarray(values, np.float32) for name, values in change(frame, i).items()}
+    return check_clip(Clip(write_clip(folder / "clip", frames)))
+
+
+def test_nothing_is_said_of_right_values(tmp_path: Path) -> None:
+    report = check(tmp_path, lambda f, i: {})
+    assert [f for f in report.findings if not f.found.startswith("aliased")] == []  # the disc really is aliased
+    assert report.verdict == "plausible"
+
+
+@pytest.mark.parametrize(
+    ("change", "told"),
+    [
+        (lambda f, i: {"normal": f["normal"] / 2 + 0.5}, "normal: looks stored as n/2 + 1/2"),
+        (lambda f, i: {"normal": unit(f["normal"] / 2 + 0.5)}, "normal: looks stored as n/2 + 1/2"),
+        (lambda f, i: {"normal": 3 * f["normal"]}, "normal: vectors of length 3"),
+        (lambda f, i: {"depth": -f["depth"]}, "depth: negative in 100.00% of the pixels"),
+        (lambda f, i: {"depth": 0 * f["depth"]}, "depth: 0 everywhere, though normal and instance and albedo"),
+        (lambda f, i: {"albedo": 255 * f["albedo"]}, "albedo: 25.5 to 229.5, outside in 100.00% of the pixels"),
+        (lambda f, i: {"roughness": 2 + f["depth"]}, "roughness: 5 to 7"),
+        (lambda f, i: {"visibility": -f["depth"]}, "visibility: -5 to -3"),
+        (lambda f, i: {"instance": f["instance"] / 3}, "instance: fractions, or negative, in"),
+        (lambda f, i: {"motion": f["motion"] * 1e6}, "longer than four images in 18432 pixels of motion, the first in"),
+        (lambda f, i: {"reference": 4 * f["reference"]}, "reference: color is 0.25 times as bright"),
+        (lambda f, i: {"reference": f["reference"] * np.nan}, "negative in 18432 pixels of reference, the first in"),
+    ],
+)
+def test_what_a_channel_cannot_be_fails(tmp_path: Path, change: Callable[..., dict[str, Pixels]], told: str) -> None:
+    report = check(tmp_path, change)
+    assert report.verdict == "implausible"
+    assert told in report.reason
+
+
+def test_a_few_bad_pixels_of_the_reference_are_counted_and_named(tmp_path: Path) -> None:
+    def harm(frame: dict[str, Pixels], index: int) -> dict[str, Pixels]:
+        reference = frame["reference"].copy()
+        if index == 2:
+            reference[0, 3, 4], reference[1, 5, 6], reference[2, 7, 8] = np.nan, np.inf, -20
+        return {"reference": reference}
+
+    report = check(tmp_path, harm)
+    assert report.verdict == "plausible"
+    told = describe(report)
+    assert "note: reference: not finite, or negative in 3 pixels of reference, the first in frame 2" in told
+    assert told.startswith("clip: plausible")
+
+
+def test_one_direction_is_not_taken_for_an_encoding(tmp_path: Path) -> None:
+    slanted = np.full((3, 64, 96), 3**-0.5)  # a wall seen at an angle: every component is positive, and right
+    assert check(tmp_path, lambda f, i: {"normal": slanted}).verdict == "plausible"
+
+
+def test_noise_is_no_other_exposure(tmp_path: Path) -> None:
+    rng = np.random.default_rng(0)
+    # One pixel in 40 carries all the light: what a path tracer gives with a small lamp.
+    report = check(tmp_path, lambda f, i: {"color": f["reference"] * 40 * (rng.random((1, 64, 96)) < 1 / 40)})
+    assert [finding for finding in report.findings if finding.channel == "reference"] == []
