@@ -9,15 +9,15 @@ from typing import Any, NamedTuple
 import torch
 from torch import Tensor
 
-from nte.color import demodulate, remodulate, sanitise
-from nte.denoiser import Result, check_size
+from nte.color import demodulate, remodulate
+from nte.denoiser import Result, check_size, sanitised
 from nte.errors import NteError
 from nte.filters.align import align, check_motion, check_range, search_of
 from nte.filters.blocks import fetch_history
 from nte.filters.composition import check_target
 from nte.filters.estimated import matched_grey
 from nte.frames.frame import Frame
-from nte.frames.scalars import sequence_scalars
+from nte.frames.scalars import sequence_exposure
 from nte.motion.correspondence import rejection_mask
 from nte.motion.geometric import Reprojection
 
@@ -63,16 +63,18 @@ class AlignAccumulate:
             )
         )
 
+    @sanitised
     def step(self, frame: Frame, state: Any, extras: tuple[str, ...] = ()) -> tuple[Result, Any]:
         """Merge the frame into the history; the state is the merged image and what was searched."""
         unknown = [name for name in extras if name not in EXTRAS]
         if unknown:
             raise NteError(f"align_accumulate: no extra '{unknown[0]}'; there are {', '.join(EXTRAS)}")
         tensors = frame.torch(self.device)
-        albedo = sanitise(tensors["albedo"], high=1.0) if self.demodulate else None
-        current = sanitise(tensors[self.target])
+        albedo = tensors["albedo"] if self.demodulate else None
+        current = tensors[self.target]
         current = current if albedo is None else demodulate(current, albedo)
-        exposure = self._exposure(frame, state).to(current)
+        carried = None if state is None else state.exposure
+        exposure = torch.from_numpy(sequence_exposure(frame, carried)).to(current)
         grey = matched_grey(current, exposure)
         merged, length = current, torch.ones_like(grey)
         motion, mask = current.new_zeros(frame.batch, 2, *frame.size), torch.ones_like(grey)
@@ -90,10 +92,3 @@ class AlignAccumulate:
         found = {"motion": motion, "mask": mask, "history_length": length}
         result = Result(image, {name: found[name] for name in extras}).like(frame)
         return result, _State(merged, grey, length, exposure)
-
-    def _exposure(self, frame: Frame, state: Any) -> Tensor:
-        """Of the sequence: carried, or the frame's own, or estimated from `color` of the first frame."""
-        if state is not None:
-            carried: Tensor = state.exposure
-            return carried
-        return torch.from_numpy(sequence_scalars(frame)[0])

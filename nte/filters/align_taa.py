@@ -8,14 +8,13 @@ from typing import Any, NamedTuple
 import torch
 from torch import Tensor
 
-from nte.color import sanitise
-from nte.denoiser import Result, check_size
+from nte.denoiser import Result, check_size, sanitised
 from nte.errors import NteError
 from nte.filters.align import Aligned, align, check_motion, check_range, search_of
 from nte.filters.blocks import clamp_history, neighbourhood_moments
 from nte.filters.estimated import matched_grey
 from nte.frames.frame import Frame
-from nte.frames.scalars import sequence_scalars
+from nte.frames.scalars import sequence_exposure
 from nte.motion.catmull_rom import warp_catmull_rom
 from nte.motion.correspondence import rejection_mask
 from nte.motion.warp import warp
@@ -58,18 +57,19 @@ class AlignTaa:
         looks = ["albedo", "normal"] if guides or tolerance == "adaptive" else []
         self.needs: tuple[str, ...] = ("color", *looks, *(["motion"] if motion == "geometric" else []))
 
+    @sanitised
     def step(self, frame: Frame, state: Any, extras: tuple[str, ...] = ()) -> tuple[Result, Any]:
         """Blend the frame with its history, the previous output, which is the state with what was searched."""
         unknown = [name for name in extras if name not in EXTRAS]
         if unknown:
             raise NteError(f"align_taa: no extra '{unknown[0]}'; there are {', '.join(EXTRAS)}")
         tensors = frame.torch(self.device)
-        current = sanitise(tensors["color"])
-        exposure = torch.from_numpy(sequence_scalars(frame)[0]).to(current) if state is None else state.exposure
+        current = tensors["color"]
+        carried = None if state is None else state.exposure
+        exposure = torch.from_numpy(sequence_exposure(frame, carried)).to(current)
         guides = None
         if "albedo" in self.needs:
-            normal = sanitise(tensors["normal"], low=-1.0, high=1.0)
-            guides = torch.cat([sanitise(tensors["albedo"], high=1.0), normal], 1)
+            guides = torch.cat([tensors["albedo"], tensors["normal"]], 1)
         searched = guides if self.guides and guides is not None else matched_grey(current, exposure)
         output = current
         mask = torch.zeros_like(current[:, :1])

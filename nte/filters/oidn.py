@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from nte.denoiser import Result, State
+from nte.denoiser import Result, State, sanitised
 from nte.errors import NteError, needs_extra
 from nte.frames.frame import Frame
 
@@ -37,12 +37,13 @@ class Oidn:
         self.quality = quality
         self._denoise = pyoidn.denoise
 
+    @sanitised
     def step(self, frame: Frame, state: State | None, extras: tuple[str, ...] = ()) -> tuple[Result, State]:
         """Denoise `color` (N, 3, H, W), each image of the batch by itself. Bad pixels count as 0."""
         arrays = frame.numpy()
-        color = _usable(arrays["color"], 0, np.inf)
-        albedo = _usable(arrays["albedo"], 0, 1) if "albedo" in frame else [None] * len(color)
-        normal = _usable(arrays["normal"], -1, 1) if "normal" in frame else [None] * len(color)
+        color = _interleaved(arrays["color"])
+        albedo = _interleaved(arrays["albedo"]) if "albedo" in frame else [None] * len(color)
+        normal = _interleaved(arrays["normal"]) if "normal" in frame else [None] * len(color)
         denoised = [
             self._denoise(c, a, n, hdr=True, clean_aux=a is not None or n is not None, quality=self.quality)
             for c, a, n in zip(color, albedo, normal, strict=True)
@@ -51,10 +52,9 @@ class Oidn:
         return Result(_like(image, frame["color"])), ()
 
 
-def _usable(values: npt.NDArray[Any], low: float, high: float) -> npt.NDArray[np.float32]:
-    """(N, H, W, C) of (N, C, H, W), clamped to [low, high]; what is not finite, or negative light, is 0."""
-    finite = np.where(np.isfinite(values), values, 0).clip(low, high)
-    return np.ascontiguousarray(finite.transpose(0, 2, 3, 1), np.float32)
+def _interleaved(values: npt.NDArray[Any]) -> npt.NDArray[np.float32]:
+    """(N, H, W, C) of (N, C, H, W)."""
+    return np.ascontiguousarray(values.transpose(0, 2, 3, 1), np.float32)
 
 
 def _like(image: npt.NDArray[np.float32], given: Any) -> Any:
