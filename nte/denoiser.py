@@ -64,7 +64,7 @@ _Step = TypeVar("_Step", bound=Callable[..., tuple[Result, State]])
 
 
 def sanitised(step: _Step) -> _Step:
-    """Wrap a denoiser's `step`: it sees usable values only (nte.frames.usable), and the mask of pixels that are.
+    """Wrap a denoiser's `step`: it sees usable values only (nte.frames.usable), and masks of the pixels that are.
 
     Channels that the denoiser does not read stay as they are. Arrays become tensors on its `device`, where it has
     one; the result is of the kind that was given. The cap on light is carried in the state, beside the step's own.
@@ -77,7 +77,7 @@ def sanitised(step: _Step) -> _Step:
         given = frame.torch(self.device) if hasattr(self, "device") else frame
         before = Sanitised(None, None) if state is None else state
         cap = light_cap(given, before.cap)
-        usable = usable_frame(given, (*self.needs, *self.optional), self.target, known_cap(cap))
+        usable = usable_frame(given, (*self.needs, *self.optional), known_cap(cap))
         result, inner = step(self, usable, before.inner, extras)
         return result.like(frame), Sanitised(cap, inner)
 

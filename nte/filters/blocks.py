@@ -6,7 +6,7 @@ import torch
 from torch import Tensor
 
 from nte.frames.frame import Frame
-from nte.frames.usable import USABLE
+from nte.frames.usable import mask_of
 from nte.motion.box import box_mean
 from nte.motion.geometric import Reprojection
 from nte.motion.warp import warp
@@ -47,9 +47,15 @@ def accumulate(current: Tensor, history: Tensor, valid: Tensor, alpha: float) ->
     return torch.where(valid, torch.lerp(history, current, alpha), current)
 
 
-def keep_where_bad(output: Tensor, history: Tensor, valid: Tensor, frame: Frame) -> Tensor:
-    """The output; where the current pixel says nothing (USABLE) and history is valid, history as it is."""
-    return torch.where(valid & (frame[USABLE] == 0), history, output)
+def keep_where_bad(output: Tensor, history: Tensor, valid: Tensor, frame: Frame, target: str) -> Tensor:
+    """The output; where the current pixel tells nothing and history is valid, history as it is."""
+    return torch.where(valid & (frame[mask_of(target)] == 0), history, output)
+
+
+def remembered(output: Tensor, valid: Tensor, frame: Frame, target: str) -> Tensor:
+    """The output as the next frame's history: NaN, which `fetch_history` drops, where neither of the two said
+    anything: the current pixel tells nothing and had no history."""
+    return torch.where(valid | (frame[mask_of(target)] > 0), output, float("nan"))
 
 
 def fetch_history(history: Tensor, reprojection: Reprojection, reset: Tensor | None) -> tuple[Tensor, Tensor]:

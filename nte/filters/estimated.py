@@ -15,6 +15,7 @@ from nte.denoiser import Denoiser, Result, State, check_size, sanitised
 from nte.errors import NteError
 from nte.frames.frame import Frame
 from nte.frames.scalars import sequence_exposure
+from nte.frames.usable import mask_of
 from nte.motion.correspondence import SEARCHES, Search, find_correspondence
 
 _TOLD_BY_OTHERS = ("motion", "forward_motion", "previous_forward_motion")  # vectors that would contradict ours
@@ -67,6 +68,7 @@ class EstimatedMotion:
         motion = color.new_zeros(frame.batch, 2, *frame.size)
         if state is not None:
             check_size(frame, state.grey)
+            grey = torch.where(frame.torch()[mask_of("color")] > 0, grey, state.grey)
             motion = find_correspondence(grey, state.grey, self.search).motion
             if frame.reset is not None:
                 starts = torch.as_tensor(np.asarray(frame.numpy().reset)).to(color.device) > 0

@@ -20,7 +20,7 @@ from nte.filters.composition import check_target
 from nte.filters.moments import brightness, estimated_variance, lengthen, running_mean_weight, with_square
 from nte.filters.reproject import History, Surface, previous_depth, reproject, surface_of
 from nte.frames.frame import Frame
-from nte.frames.usable import USABLE
+from nte.frames.usable import mask_of
 from nte.motion.geometric import traditional_motion
 
 SLOPE_FLOOR = 1e-4  # of the depth: what a rounded depth changes by on a wall that faces the camera
@@ -93,7 +93,8 @@ class Svgf:
         with record_function("svgf: accumulation"):
             length = lengthen(past.values[:, -1:], past.valid, self.history)
             alpha, moments_alpha = self._weights(tensors, light, surface, length)
-            alpha, moments_alpha = alpha * tensors[USABLE], moments_alpha * tensors[USABLE]
+            usable = tensors[mask_of(self.target)]
+            alpha, moments_alpha = alpha * usable, moments_alpha * usable
             moments = torch.lerp(past.values[:, -3:-1], with_square(brightness(light)), moments_alpha)
             light = torch.lerp(past.values[:, :-3], light, alpha)
         with record_function("svgf: variance"):
@@ -110,7 +111,7 @@ class Svgf:
         if unknown:
             raise NteError(f"extra '{unknown[0]}' is unknown; there are {', '.join(available)}")
         result = Result(self._remodulated(light, tensors), {name: available[name] for name in extras}).like(frame)
-        return result, SvgfState(torch.cat([history, moments, length], 1), surface, tensors.view)
+        return result, SvgfState(torch.cat([history, moments, length - (1 - usable)], 1), surface, tensors.view)
 
     def _fetch(self, frame: Frame, surface: Surface, state: SvgfState | None) -> History:
         """History along the motion vectors, section 4.1; nothing of it in a first frame."""

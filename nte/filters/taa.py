@@ -6,6 +6,8 @@ Supersampling»), clipping, or nothing.
 
 from typing import Any
 
+import torch
+
 from nte.denoiser import Result, check_size, sanitised
 from nte.errors import NteError
 from nte.filters.blocks import (
@@ -15,6 +17,7 @@ from nte.filters.blocks import (
     fetch_history,
     keep_where_bad,
     neighbourhood_moments,
+    remembered,
 )
 from nte.filters.composition import check_target
 from nte.frames.frame import Frame
@@ -47,7 +50,7 @@ class Taa:
         """Blend the frame into the history, which is the state: the previous output (N, C, H, W)."""
         tensors = frame.torch(self.device)
         current = tensors[self.target]
-        output = current
+        output, valid = current, torch.zeros_like(current[:, :1], dtype=torch.bool)
         if state is not None:
             check_size(frame, state)
             history, valid = fetch_history(state, traditional_motion(tensors["motion"]), tensors.reset)
@@ -55,5 +58,6 @@ class Taa:
             if self.clamp != "none":
                 limit = clamp_history if self.clamp == "clamp" else clip_history
                 limited = limit(history, neighbourhood_moments(current))
-            output = keep_where_bad(accumulate(current, limited, valid, self.alpha), history, valid, tensors)
-        return Result(output).like(frame), output
+            output = accumulate(current, limited, valid, self.alpha)
+            output = keep_where_bad(output, history, valid, tensors, self.target)
+        return Result(output).like(frame), remembered(output, valid, tensors, self.target)

@@ -35,7 +35,7 @@ def count_bad(frame: Frame) -> dict[str, int]:
         if row.kind in ("reflectance", "scalar"):
             bad = bad & ~((values > 1) & (values < float("inf")))
         if row.nan_means:
-            bad = bad & (values == values)
+            bad = bad & (values == values).all(1)[:, None]
         if number := int(bad.any(1).sum()):
             counts[name] = number
     return counts
@@ -47,7 +47,7 @@ def says_nothing_moved(frame: Frame) -> bool:
     if forward is None or motion is None or bool((forward != 0).any()):
         return False
     moves = (abs(motion) > STILL_PX) & (abs(motion) < float("inf"))
-    return float(moves.any(1).sum()) > MOVING * moves[:, 0].reshape(-1).shape[0]
+    return bool(int(moves.any(1).sum()) > MOVING * frame.batch * frame.size[0] * frame.size[1])
 
 
 class BadPixelReport:

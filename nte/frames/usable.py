@@ -1,10 +1,10 @@
 """What a denoiser makes of values that no renderer can mean: the one sanitiser, driven by the table of channels.
 
 radiance     [0, cap]. Negative components become 0, brighter ones the cap. A pixel that is NaN, infinite or
-             beyond FAULT caps becomes black, and the mask USABLE says that it tells nothing.
+             beyond FAULT caps becomes black, and a mask says that it tells nothing (`usable_frame`).
 reflectance  [0, 1], clamped. A pixel that is not finite becomes 0, which nte.color.divisor does not divide by.
 depth        [1e-15, 1e15] scene units; anything else is 0, a miss.
-direction    Components in [−1.01, 1.01]; anything else is 0: no normal, no sample.
+direction    Length up to 1.01; a longer one is made a unit vector; no number at all is 0: no normal, no sample.
 point        Up to 1e15; anything else is 0.
 motion       Up to 4 images along each axis, noisy ones 64; anything else is NaN: unknown, so there is no history.
 covariance   Up to the square of 64 images; anything else is NaN.
@@ -31,10 +31,9 @@ BRIGHTEST = 65504.0
 FAULT = 65504.0  # caps: beyond, it is no light but a fault
 ABSOLUTE = 1e15  # cap, depth and position whatever the exposure: over an albedo of 1e-3 and squared it still is finite
 NEAREST = 1e-15
-UNIT = 1.01  # largest component of a unit vector, rounded
+UNIT, LONG = 1.01, 1e3  # longest unit vector, rounded, and largest component of one that has lost its length
 IMAGES, NOISY_IMAGES = 4.0, 64.0  # a shadow or a reflection may really have been that far away
 LIT = 1 / 16  # of the 8×8 blocks must have light, or the level of the light is unknown
-USABLE = "usable"  # channel that `usable_frame` adds: 1 where the target's light says something, else 0
 
 
 def usable_radiance(values: Array, brightest: Array | float) -> Array:
@@ -60,8 +59,10 @@ def usable_depth(values: Array) -> Array:
 
 
 def usable_direction(values: Array) -> Array:
-    """Unit vectors (N, 3, H, W); 0 where they are broken."""
-    return _where((abs(values) <= UNIT).all(1)[:, None], values, 0.0)
+    """Vectors (N, 3, H, W) of length 1 at the most; 0 where they are broken."""
+    values = _where((abs(values) <= LONG).all(1)[:, None], values, 0.0)
+    squared = (values * values).sum(1)[:, None]
+    return values / _where(squared > UNIT * UNIT, squared, 1.0) ** 0.5
 
 
 def usable_vector(values: Array, images: float = IMAGES) -> Array:
@@ -76,14 +77,21 @@ def usable(row: Channel, values: Array, brightest: Array | float = ABSOLUTE) -> 
     return _USABLE[row.kind](row, values, brightest)
 
 
-def usable_frame(frame: Frame, names: Iterable[str], target: str, cap: npt.NDArray[np.float32]) -> Frame:
-    """The frame with these channels usable, and the mask USABLE of the light in `target`. cap: (N,), of radiance."""
+def mask_of(name: str) -> str:
+    """The channel (N, 1, H, W) of a usable frame that is 1 where light of this name tells something, else 0."""
+    return f"{name} usable"
+
+
+def usable_frame(frame: Frame, names: Iterable[str], cap: npt.NDArray[np.float32]) -> Frame:
+    """The frame with these channels usable, and `mask_of` those that are noisy light. cap: (N,), of radiance."""
     brightest = _like(cap.reshape(-1, 1, 1, 1), frame[next(iter(frame.channels))])
-    rows = (CHANNELS[name] for name in dict.fromkeys(names) if name in frame and name in CHANNELS)
-    found = {row.name: usable(row, frame[row.name], brightest) for row in rows}
-    if target in frame:
-        values = frame[target]
-        found[USABLE] = _like(says_something(values, brightest), values)
+    found: dict[str, Array] = {}
+    for row in (CHANNELS[name] for name in dict.fromkeys(names) if name in frame and name in CHANNELS):
+        values, mask = frame[row.name], mask_of(row.name)
+        found[row.name] = usable(row, values, brightest)
+        # A wrapper's frame has been looked at before: what told nothing then is black now.
+        if row.noisy and row.kind in ("radiance", "scalar") and mask not in frame:
+            found[mask] = _like(says_something(values, brightest), values)
     return frame.with_channels(**found)
 
 

@@ -82,7 +82,7 @@ def _test_sequence(size: tuple[int, int], frames: int, seed: int = 0) -> Iterato
         forward = -motion + np.where(rng.random((2, 1, *size)) < 0.1, 6.0, 0.0)
         forward[rng.random(shape)[:, None].repeat(2, 1) < 0.02] = np.nan
         channels = {
-            "color": color, "albedo": rng.random((2, 3, *size)), "normal": rng.uniform(-1, 1, (2, 3, *size)),
+            "color": color, "albedo": rng.random((2, 3, *size)), "normal": rng.uniform(-0.6, 0.6, (2, 3, *size)),
             "depth": depth, "motion": motion, "previous_forward_motion": forward,
         }  # fmt: skip
         yield Frame({name: values.astype(np.float32) for name, values in channels.items()}, index)

@@ -29,7 +29,10 @@ def test_a_good_frame_has_none() -> None:
         ("depth", np.nan, True), ("motion", -30, False), ("motion", 144.5, True), ("motion", -1e6, True),
         ("motion", np.nan, True), ("previous_forward_motion", np.nan, False),
         ("previous_forward_motion", np.inf, True), ("previous_forward_motion", 1e6, True),
-        ("shadow_motion", 1e6, False), ("shadow_motion", np.inf, True), ("reflection_motion", np.nan, False),
+        ("shadow_motion", 1000, False),
+        ("shadow_motion", 1e6, True), ("shadow_motion", np.inf, True),
+        ("normal", 1e9, True), ("depth", 3e38, True), ("color", 1e30, True), ("albedo", 19.5, False),
+        ("reflection_motion", np.nan, False),
     ],
 )  # fmt: skip
 def test_what_is_bad_depends_on_the_channel(name: str, value: float, bad: bool) -> None:
