@@ -5,7 +5,7 @@ from collections import Counter
 
 from nte.frames.channels import CHANNELS
 from nte.frames.frame import Frame
-from nte.frames.usable import usable
+from nte.frames.usable import LONG, usable
 
 STILL_PX = 0.5  # vectors that are longer say that something moves
 MOVING = 0.01  # share of the pixels with such vectors at which the picture moves
@@ -22,7 +22,7 @@ class ForwardMotionWarning(UserWarning):
 def count_bad(frame: Frame) -> dict[str, int]:
     """Number of bad pixels per channel, only channels that have some.
 
-    Bad is what `nte.frames.usable` replaces, but for a number that is merely too large for a share of 1.
+    Bad is what `nte.frames.usable` replaces, but for a share that is merely above 1 and a vector of another length.
     A NaN that says something in its channel (see CHANNELS) is not bad.
     """
     counts: dict[str, int] = {}
@@ -34,6 +34,8 @@ def count_bad(frame: Frame) -> dict[str, int]:
         bad = usable(row, values) != values
         if row.kind in ("reflectance", "scalar"):
             bad = bad & ~((values > 1) & (values < float("inf")))
+        if row.kind == "direction":
+            bad = bad & ~(abs(values) <= LONG)
         if row.nan_means:
             bad = bad & (values == values).all(1)[:, None]
         if number := int(bad.any(1).sum()):

@@ -14,6 +14,7 @@ MIDDLE_GREY = 0.18
 # A pixel that is 10⁴ times as bright as a block than which a tenth is brighter: a firefly, a fault or the sun.
 SPIKE, TENTH = 1e4, 0.9
 _BLOCK = 8
+FARTHEST = 1e15  # scene units: beyond, a depth is a miss
 _BRIGHTEST = 1e30  # the sum of a block of such samples is still finite
 _REC709 = np.array([0.2126, 0.7152, 0.0722], np.float32)
 
@@ -76,7 +77,7 @@ def median_depth(depth: npt.NDArray[np.float32]) -> npt.NDArray[np.float32]:
 
 
 def _known_depth(depth: npt.NDArray[np.float32]) -> npt.NDArray[np.float32]:
-    hits = (d[(d > 0) & np.isfinite(d)] for d in depth)
+    hits = (d[(d > 0) & (d <= FARTHEST)] for d in depth)
     return np.asarray([np.median(hit) if hit.size else np.nan for hit in hits], np.float32)
 
 

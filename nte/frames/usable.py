@@ -23,13 +23,13 @@ import numpy.typing as npt
 
 from nte.frames.channels import CHANNELS, Channel, Kind
 from nte.frames.frame import Array, Frame
-from nte.frames.scalars import given_exposure, known_exposure
+from nte.frames.scalars import FARTHEST, given_exposure, known_exposure
 
 # Of exposed radiance. x/(1 + x) is within half a step of white in 16 bits, and half floats end here: a light that is
 # brighter looks the same, while one sample of it would outweigh a history of any length.
 BRIGHTEST = 65504.0
 FAULT = 65504.0  # caps: beyond, it is no light but a fault
-ABSOLUTE = 1e15  # cap, depth and position whatever the exposure: over an albedo of 1e-3 and squared it still is finite
+ABSOLUTE = 1e15  # cap whatever the exposure: divided by an albedo of 1e-3 and squared it still is finite
 NEAREST = 1e-15
 UNIT, LONG = 1.01, 1e3  # longest unit vector, rounded, and largest component of one that has lost its length
 IMAGES, NOISY_IMAGES = 4.0, 64.0  # a shadow or a reflection may really have been that far away
@@ -55,7 +55,7 @@ def usable_reflectance(values: Array) -> Array:
 
 def usable_depth(values: Array) -> Array:
     """Depth (N, 1, H, W), 0 = miss; so is what is no distance."""
-    return _where((values >= NEAREST) & (values <= ABSOLUTE), values, 0.0)
+    return _where((values >= NEAREST) & (values <= FARTHEST), values, 0.0)
 
 
 def usable_direction(values: Array) -> Array:
@@ -129,10 +129,7 @@ def _light(frame: Frame) -> Array | None:
     for names in (("color",), ("emission", "direct", "indirect", "glossy"), ("indirect_radiance",)):
         parts = [frame[name] for name in names if name in frame]
         if parts:
-            total = parts[0]
-            for part in parts[1:]:
-                total = total + part
-            return total
+            return sum(_where(abs(part) <= ABSOLUTE * FAULT, part, 0.0) for part in parts[1:]) + parts[0]
     return None
 
 
@@ -165,7 +162,7 @@ _USABLE: dict[Kind, Callable[[Channel, Array, Array | float], Array]] = {
     "reflectance": lambda row, values, brightest: usable_reflectance(values),
     "scalar": _scalar,
     "depth": lambda row, values, brightest: usable_depth(values),
-    "point": lambda row, values, brightest: _where((abs(values) <= ABSOLUTE).all(1)[:, None], values, 0.0),
+    "point": lambda row, values, brightest: _where((abs(values) <= FARTHEST).all(1)[:, None], values, 0.0),
     "direction": lambda row, values, brightest: usable_direction(values),
     "id": lambda row, values, brightest: _where(_finite(values), values, 0.0),
     "motion": _vector,
