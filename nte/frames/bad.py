@@ -5,7 +5,7 @@ from collections import Counter
 
 from nte.frames.channels import CHANNELS
 from nte.frames.frame import Frame
-from nte.frames.usable import LONG, usable
+from nte.frames.usable import LONG, all_usable, usable
 
 STILL_PX = 0.5  # vectors that are longer say that something moves
 MOVING = 0.01  # share of the pixels with such vectors at which the picture moves
@@ -28,7 +28,7 @@ def count_bad(frame: Frame) -> dict[str, int]:
     counts: dict[str, int] = {}
     for name, values in frame.channels.items():
         row = CHANNELS.get(name)
-        if row is None:
+        if row is None or all_usable(row, values):
             continue
         # NaN differs from everything, itself too; written with operators that NumPy and PyTorch share.
         bad = usable(row, values) != values

@@ -16,6 +16,7 @@ the exported graph agree. Usable values come out bit for bit.
 """
 
 from collections.abc import Callable, Iterable
+from math import inf
 from typing import Any
 
 import numpy as np
@@ -88,11 +89,26 @@ def usable_frame(frame: Frame, names: Iterable[str], cap: npt.NDArray[np.float32
     found: dict[str, Array] = {}
     for row in (CHANNELS[name] for name in dict.fromkeys(names) if name in frame and name in CHANNELS):
         values, mask = frame[row.name], mask_of(row.name)
-        found[row.name] = usable(row, values, brightest)
+        fine = all_usable(row, values, float(brightest.min()))
+        if not fine:
+            found[row.name] = usable(row, values, brightest)
         # A wrapper's frame has been looked at before: what told nothing then is black now.
         if row.noisy and row.kind in ("radiance", "scalar") and mask not in frame:
-            found[mask] = _like(says_something(values, brightest), values)
+            first = values[:, :1]
+            found[mask] = first * 0 + 1 if fine else _like(says_something(values, brightest), values)
     return frame.with_channels(**found)
+
+
+def all_usable(row: Channel, values: Array, brightest: float = ABSOLUTE) -> bool:
+    """Whether two numbers, the least and the greatest, show that nothing is to be done: the usual case, and cheap."""
+    height, width = values.shape[-2:]
+    reach = (NOISY_IMAGES if row.noisy else IMAGES) * min(height, width)
+    ranges: dict[Kind, tuple[float, float]] = {
+        "radiance": (0.0, brightest), "reflectance": (0.0, 1.0), "depth": (NEAREST, FARTHEST),
+        "point": (-FARTHEST, FARTHEST), "motion": (-reach, reach),
+    }  # fmt: skip
+    low, high = (0.0, 1.0) if row.kind == "scalar" else ranges.get(row.kind, (inf, -inf))
+    return bool(values.min() >= low) and bool(values.max() <= high)  # NaN is neither
 
 
 def light_cap(frame: Frame, carried: npt.NDArray[np.float32] | None) -> npt.NDArray[np.float32]:
@@ -112,8 +128,8 @@ def light_cap(frame: Frame, carried: npt.NDArray[np.float32] | None) -> npt.NDAr
     light = _light(frame)
     if light is None:
         return carried
-    limit = _like(np.nan_to_num(carried, nan=-1.0).reshape(-1, 1, 1, 1), light)
-    if not bool((light > limit).any()):
+    # Nothing is brighter than the cap, or NaN, or the cap unknown: comparisons with NaN are false.
+    if bool(light.max() <= float(carried.min())):
         return carried
     own = BRIGHTEST / known_exposure(_numpy(light), LIT)
     return np.asarray(np.fmax(carried, own), np.float32)
