@@ -73,8 +73,8 @@ class BadPixelReport:
         if not self._told and says_nothing_moved(frame):
             self._told = True
             warnings.warn(
-                f"frame {frame.index}: previous_forward_motion is 0 everywhere while motion is not, so nothing counts "
-                "as disoccluded rightly: expected NaN where it is unknown, or no such channel",
+                f"frame {frame.index}: previous_forward_motion is 0 everywhere while motion is not, so disocclusions "
+                "are found where there are none: expected NaN where it is unknown, or no such channel",
                 ForwardMotionWarning,
                 stacklevel=3,
             )
