@@ -1,4 +1,4 @@
-"""Light and colour on tensors: luminance, sanitising, compression, display and demodulation.
+"""Light and colour on tensors: luminance, compression, display and demodulation.
 
 Radiance is linear and scene-referred, in [0, inf); every image is (N, C, H, W).
 """
@@ -7,22 +7,14 @@ import torch
 from torch import Tensor
 
 REC709 = (0.2126, 0.7152, 0.0722)
-ALBEDO_FLOOR = 1e-2  # the divisor of demodulation: darker surfaces would amplify noise without bound
+ALBEDO_FLOOR = 1e-2  # least divisor of demodulation: darker surfaces would amplify noise without bound
+BLACK = 1e-3  # an albedo below in all components tells nothing: a metal elsewhere, an emitter, the sky, a bad pixel
 
 
 def luminance(rgb: Tensor) -> Tensor:
     """Rec. 709 luminance (N, 1, H, W) of linear rgb (N, 3, H, W)."""
     weights = rgb.new_tensor(REC709).view(1, 3, 1, 1)
     return (rgb * weights).sum(1, keepdim=True)
-
-
-def sanitise(values: Tensor, low: float = 0.0, high: float = 1e30) -> Tensor:
-    """Clamp to [low, high] with NaN as `low`: what every denoiser does to its input first.
-
-    An infinite sample becomes 0 as well: it says nothing about how bright its pixel is.
-    """
-    usable = (values >= low) & (values < float("inf"))  # false for NaN
-    return torch.where(usable, values, low).clamp(max=high)
 
 
 def compress(radiance: Tensor) -> Tensor:
@@ -40,12 +32,22 @@ def display(radiance: Tensor, exposure: Tensor) -> Tensor:
 
 def demodulate(radiance: Tensor, albedo: Tensor, floor: float = ALBEDO_FLOOR) -> Tensor:
     """Radiance over albedo: the light without the texture. Undone exactly by `remodulate` with the same floor."""
-    return radiance / albedo.clamp(min=floor)
+    return radiance / divisor(albedo, floor)
 
 
 def remodulate(irradiance: Tensor, albedo: Tensor, floor: float = ALBEDO_FLOOR) -> Tensor:
     """Light times texture: the inverse of `demodulate`."""
-    return irradiance * albedo.clamp(min=floor)
+    return irradiance * divisor(albedo, floor)
+
+
+def divisor(albedo: Tensor, floor: float = ALBEDO_FLOOR) -> Tensor:
+    """What light is divided by (N, 3, H, W): the albedo, at least `floor`; towards 1 where it is black.
+
+    An albedo of 0 in all components does not say how much light arrives: divided by the floor, what a metal reflects
+    would become a firefly that history keeps. Between BLACK and 0 the divisor goes from the floor to 1.
+    """
+    known = (albedo.amax(1, keepdim=True) / BLACK).clamp(max=1)
+    return torch.lerp(torch.ones_like(albedo), albedo.clamp(min=floor), known)
 
 
 def per_sequence(scalar: Tensor) -> Tensor:

@@ -1,8 +1,9 @@
 """Everything is a denoiser: the protocol, and running one over a sequence."""
 
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from dataclasses import dataclass, field, replace
-from typing import Any, Protocol, runtime_checkable
+from functools import wraps
+from typing import Any, NamedTuple, Protocol, TypeVar, cast, runtime_checkable
 
 import numpy as np
 
@@ -10,6 +11,7 @@ from nte.errors import NteError
 from nte.frames.bad import BadPixelReport
 from nte.frames.channels import CHANNELS
 from nte.frames.frame import Array, Frame
+from nte.frames.usable import known_cap, light_cap, usable_frame
 
 State = Any  # whatever a denoiser carries from frame to frame
 
@@ -51,6 +53,37 @@ class Denoiser(Protocol):
         ...
 
 
+class Sanitised(NamedTuple):
+    """The state of a denoiser whose step is `sanitised`."""
+
+    cap: Any  # (N,) NumPy: the radiance at which the sequence's light is capped, NaN while unknown
+    inner: State
+
+
+_Step = TypeVar("_Step", bound=Callable[..., tuple[Result, State]])
+
+
+def sanitised(step: _Step) -> _Step:
+    """Wrap a denoiser's `step`: it sees usable values only (nte.frames.usable), and masks of the pixels that are.
+
+    Channels that the denoiser does not read stay as they are. Arrays become tensors on its `device`, where it has
+    one; the result is of the kind that was given. The cap on light is carried in the state, beside the step's own.
+    """
+
+    @wraps(step)
+    def whole(
+        self: Any, frame: Frame, state: Sanitised | None, extras: tuple[str, ...] = ()
+    ) -> tuple[Result, Sanitised]:
+        given = frame.torch(self.device) if hasattr(self, "device") else frame
+        before = Sanitised(None, None) if state is None else state
+        cap = light_cap(given, before.cap)
+        usable = usable_frame(given, (*self.needs, *self.optional), known_cap(cap))
+        result, inner = step(self, usable, before.inner, extras)
+        return result.like(frame), Sanitised(cap, inner)
+
+    return cast(_Step, whole)
+
+
 class Noisy:
     """The input itself: the baseline that everything must beat."""
 
@@ -58,8 +91,9 @@ class Noisy:
     optional: tuple[str, ...] = ()
     target = "color"
 
+    @sanitised
     def step(self, frame: Frame, state: State | None, extras: tuple[str, ...] = ()) -> tuple[Result, State]:
-        """Return `color` as it is."""
+        """Return `color` as it is, without bad pixels."""
         return Result(frame["color"]), ()
 
 

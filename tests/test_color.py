@@ -5,20 +5,13 @@ import torch
 from hypothesis import given
 from hypothesis import strategies as st
 
-from nte.color import compress, demodulate, display, luminance, per_sequence, remodulate, sanitise
+from nte.color import BLACK, compress, demodulate, display, divisor, luminance, per_sequence, remodulate
 
 
 def test_luminance_is_rec_709() -> None:
     rgb = torch.eye(3).view(3, 3, 1, 1)
     torch.testing.assert_close(luminance(rgb).flatten(), torch.tensor([0.2126, 0.7152, 0.0722]))
     assert luminance(torch.rand(2, 3, 4, 5)).shape == (2, 1, 4, 5)
-
-
-def test_sanitising() -> None:
-    inf, nan = float("inf"), float("nan")
-    values = torch.tensor([0.5, -1, nan, inf, -inf, 1e35, 0, 2])
-    assert sanitise(values).tolist() == torch.tensor([0.5, 0, 0, 0, 0, 1e30, 0, 2]).tolist()
-    assert sanitise(values, high=1.0).tolist() == [0.5, 0, 0, 0, 0, 1, 0, 1]
 
 
 def test_compression_is_log_of_one_plus_x() -> None:
@@ -51,3 +44,15 @@ def test_demodulation_is_undone_even_for_black_albedo(light: float, albedo: floa
 def test_more_light_never_looks_darker(transform: object) -> None:
     ramp = torch.logspace(-6, 6, 500).view(1, 1, 1, -1)
     assert (transform(ramp).diff() > -1e-7).all()  # type: ignore[operator]
+
+
+def test_a_black_albedo_is_not_divided_by() -> None:
+    def of(*albedo: float) -> list[float]:
+        return divisor(torch.tensor(albedo, dtype=torch.float32).view(1, 3, 1, 1), 0.01).flatten().tolist()
+
+    assert of(0, 0, 0) == [1, 1, 1]
+    assert of(0.9, 0, 0.3) == pytest.approx([0.9, 0.01, 0.3])  # a saturated colour is one
+    assert of(0.004, 0.002, 0.02) == pytest.approx([0.01, 0.01, 0.02])
+    steps = torch.linspace(0, 2 * BLACK, 2001).view(1, 1, 1, -1).expand(1, 3, 1, -1)
+    change = divisor(steps, 0.01).diff()
+    assert change.abs().max() < 1e-3  # no step that a textured surface would show

@@ -9,15 +9,16 @@ from typing import Any, NamedTuple
 import torch
 from torch import Tensor
 
-from nte.color import demodulate, remodulate, sanitise
-from nte.denoiser import Result, check_size
+from nte.color import demodulate, remodulate
+from nte.denoiser import Result, check_size, sanitised
 from nte.errors import NteError
 from nte.filters.align import align, check_motion, check_range, search_of
-from nte.filters.blocks import fetch_history
+from nte.filters.blocks import fetch_history, keep_where_bad, remembered
 from nte.filters.composition import check_target
 from nte.filters.estimated import matched_grey
 from nte.frames.frame import Frame
-from nte.frames.scalars import sequence_scalars
+from nte.frames.scalars import sequence_exposure
+from nte.frames.usable import mask_of
 from nte.motion.correspondence import rejection_mask
 from nte.motion.geometric import Reprojection
 
@@ -63,37 +64,36 @@ class AlignAccumulate:
             )
         )
 
+    @sanitised
     def step(self, frame: Frame, state: Any, extras: tuple[str, ...] = ()) -> tuple[Result, Any]:
         """Merge the frame into the history; the state is the merged image and what was searched."""
         unknown = [name for name in extras if name not in EXTRAS]
         if unknown:
             raise NteError(f"align_accumulate: no extra '{unknown[0]}'; there are {', '.join(EXTRAS)}")
         tensors = frame.torch(self.device)
-        albedo = sanitise(tensors["albedo"], high=1.0) if self.demodulate else None
-        current = sanitise(tensors[self.target])
+        albedo = tensors["albedo"] if self.demodulate else None
+        current = tensors[self.target]
         current = current if albedo is None else demodulate(current, albedo)
-        exposure = self._exposure(frame, state).to(current)
+        carried = None if state is None else state.exposure
+        exposure = torch.from_numpy(sequence_exposure(frame, carried)).to(current)
         grey = matched_grey(current, exposure)
         merged, length = current, torch.ones_like(grey)
+        kept = remembered(current, length < 1, tensors, self.target)
         motion, mask = current.new_zeros(frame.batch, 2, *frame.size), torch.ones_like(grey)
         if state is not None:
             check_size(frame, state.merged)
+            grey = torch.where(tensors[mask_of(self.target)] > 0, grey, state.grey)
             motion, valid, error = align(grey, state.grey, tensors, self.motion, self.search)
             mask = rejection_mask(error, self.kappa, self.eta)
             where = Reprojection(motion, valid, torch.zeros_like(valid))
             past, valid = fetch_history(torch.cat([state.merged, state.length], 1), where, tensors.reset)
             # The paper's α weights history: α′ = α (1 − m). Ours weights the current frame.
             length = torch.where(valid, 1 + past[:, 3:] * (1 - mask), 1.0)
-            weight = torch.where(valid, 1 - (1 - (1 / length).clamp(min=self.alpha)) * (1 - mask), 1.0)
-            merged = torch.lerp(past[:, :3], current, weight)
+            weight = 1 - (1 - (1 / length).clamp(min=self.alpha)) * (1 - mask)
+            merged = torch.where(valid, torch.lerp(past[:, :3], current, weight), current)
+            merged = keep_where_bad(merged, past[:, :3], valid, tensors, self.target)
+            kept = remembered(merged, valid, tensors, self.target)
         image = merged if albedo is None else remodulate(merged, albedo)
         found = {"motion": motion, "mask": mask, "history_length": length}
         result = Result(image, {name: found[name] for name in extras}).like(frame)
-        return result, _State(merged, grey, length, exposure)
-
-    def _exposure(self, frame: Frame, state: Any) -> Tensor:
-        """Of the sequence: carried, or the frame's own, or estimated from `color` of the first frame."""
-        if state is not None:
-            carried: Tensor = state.exposure
-            return carried
-        return torch.from_numpy(sequence_scalars(frame)[0])
+        return result, _State(kept, grey, length, exposure)

@@ -8,14 +8,14 @@ from typing import Any, NamedTuple
 import torch
 from torch import Tensor
 
-from nte.color import sanitise
-from nte.denoiser import Result, check_size
+from nte.denoiser import Result, check_size, sanitised
 from nte.errors import NteError
 from nte.filters.align import Aligned, align, check_motion, check_range, search_of
-from nte.filters.blocks import clamp_history, neighbourhood_moments
+from nte.filters.blocks import clamp_history, keep_where_bad, neighbourhood_moments, remembered
 from nte.filters.estimated import matched_grey
 from nte.frames.frame import Frame
-from nte.frames.scalars import sequence_scalars
+from nte.frames.scalars import sequence_exposure
+from nte.frames.usable import mask_of
 from nte.motion.catmull_rom import warp_catmull_rom
 from nte.motion.correspondence import rejection_mask
 from nte.motion.warp import warp
@@ -58,44 +58,50 @@ class AlignTaa:
         looks = ["albedo", "normal"] if guides or tolerance == "adaptive" else []
         self.needs: tuple[str, ...] = ("color", *looks, *(["motion"] if motion == "geometric" else []))
 
+    @sanitised
     def step(self, frame: Frame, state: Any, extras: tuple[str, ...] = ()) -> tuple[Result, Any]:
         """Blend the frame with its history, the previous output, which is the state with what was searched."""
         unknown = [name for name in extras if name not in EXTRAS]
         if unknown:
             raise NteError(f"align_taa: no extra '{unknown[0]}'; there are {', '.join(EXTRAS)}")
         tensors = frame.torch(self.device)
-        current = sanitise(tensors["color"])
-        exposure = torch.from_numpy(sequence_scalars(frame)[0]).to(current) if state is None else state.exposure
+        current = tensors["color"]
+        carried = None if state is None else state.exposure
+        exposure = torch.from_numpy(sequence_exposure(frame, carried)).to(current)
         guides = None
         if "albedo" in self.needs:
-            normal = sanitise(tensors["normal"], low=-1.0, high=1.0)
-            guides = torch.cat([sanitise(tensors["albedo"], high=1.0), normal], 1)
+            guides = torch.cat([tensors["albedo"], tensors["normal"]], 1)
         searched = guides if self.guides and guides is not None else matched_grey(current, exposure)
-        output = current
+        output, valid = current, torch.zeros_like(current[:, :1], dtype=torch.bool)
         mask = torch.zeros_like(current[:, :1])
         aligned = Aligned(current.new_zeros(frame.batch, 2, *frame.size), mask > 0, mask)
         if state is not None:
             check_size(frame, state.output)
+            if not self.guides:
+                searched = torch.where(tensors[mask_of("color")] > 0, searched, state.searched)
             aligned = align(searched, state.searched, tensors, self.motion, self.search)
             mask = rejection_mask(aligned.error, self.kappa, self.eta)
-            output = self._blend(current, mask, aligned, guides, state)
+            output, valid = self._blend(current, mask, aligned, guides, state, tensors)
             if tensors.reset is not None:
-                output = torch.where(tensors.reset.view(-1, 1, 1, 1) > 0, current, output)
+                starts = tensors.reset.view(-1, 1, 1, 1) > 0
+                output, valid = torch.where(starts, current, output), valid & ~starts
         found = {"motion": aligned.motion, "mask": mask}
         result = Result(output, {name: found[name] for name in extras}).like(frame)
-        return result, _State(output, searched, guides, exposure)
+        return result, _State(remembered(output, valid, tensors, "color"), searched, guides, exposure)
 
     def _blend(
-        self, current: Tensor, mask: Tensor, aligned: Aligned, guides: Tensor | None, state: _State
-    ) -> Tensor:  # fmt: skip
-        history = warp_catmull_rom(state.output, aligned.motion).image.clamp(min=0)
+        self, current: Tensor, mask: Tensor, aligned: Aligned, guides: Tensor | None, state: _State, frame: Frame
+    ) -> tuple[Tensor, Tensor]:  # fmt: skip
+        """(image, where it has a history)."""
+        past = warp_catmull_rom(state.output, aligned.motion).image.clamp(min=0)
+        valid = aligned.valid & past.isfinite().all(1, keepdim=True)
         moments = neighbourhood_moments(current)
         width: Tensor | float = 1.0
         if self.tolerance == "adaptive" and guides is not None and state.guides is not None:
             apart = (guides - warp(state.guides, aligned.motion).image).abs()
             apart = torch.maximum(apart[:, :3].mean(1, keepdim=True), apart[:, 3:].mean(1, keepdim=True))
             width = LOOSE + (TIGHT - LOOSE) * (apart / _DIFFERENT).clamp(max=1)
-        history = clamp_history(history, moments._replace(deviation=moments.deviation * width))
+        history = clamp_history(past, moments._replace(deviation=moments.deviation * width))
         # The paper's α weights history, and here the mask is inverted: α′ = α·m. Ours weights the current frame.
-        weight = torch.where(aligned.valid, 1 - (1 - self.alpha) * mask, 1.0)
-        return torch.lerp(history, current, weight)
+        blended = torch.where(valid, torch.lerp(history, current, 1 - (1 - self.alpha) * mask), current)
+        return keep_where_bad(blended, past, valid, frame, "color"), valid

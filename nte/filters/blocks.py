@@ -5,6 +5,8 @@ from typing import NamedTuple
 import torch
 from torch import Tensor
 
+from nte.frames.frame import Frame
+from nte.frames.usable import mask_of
 from nte.motion.box import box_mean
 from nte.motion.geometric import Reprojection
 from nte.motion.warp import warp
@@ -45,8 +47,19 @@ def accumulate(current: Tensor, history: Tensor, valid: Tensor, alpha: float) ->
     return torch.where(valid, torch.lerp(history, current, alpha), current)
 
 
+def keep_where_bad(output: Tensor, history: Tensor, valid: Tensor, frame: Frame, target: str) -> Tensor:
+    """The output; where the current pixel tells nothing and history is valid, history as it is."""
+    return torch.where(valid & (frame[mask_of(target)] == 0), history, output)
+
+
+def remembered(output: Tensor, valid: Tensor, frame: Frame, target: str) -> Tensor:
+    """The output as the next frame's history: NaN, which `fetch_history` drops, where neither of the two said
+    anything: the current pixel tells nothing and had no history."""
+    return torch.where(valid | (frame[mask_of(target)] > 0), output, float("nan"))
+
+
 def fetch_history(history: Tensor, reprojection: Reprojection, reset: Tensor | None) -> tuple[Tensor, Tensor]:
-    """(warped history, where it may be used): inside the previous frame and not in a sequence that restarts."""
+    """(warped history, where it may be used): finite, inside the previous frame, not in a sequence that restarts."""
     warped, valid = warp(history, reprojection.motion)
-    valid = valid & reprojection.valid
+    valid = valid & reprojection.valid & (warped.abs() < float("inf")).all(1, keepdim=True)
     return warped, valid if reset is None else valid & ~(reset.view(-1, 1, 1, 1) > 0)

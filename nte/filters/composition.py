@@ -3,8 +3,7 @@
 from collections.abc import Mapping
 from typing import Any
 
-from nte.color import sanitise
-from nte.denoiser import Denoiser, Result
+from nte.denoiser import Denoiser, Result, sanitised
 from nte.errors import NteError
 from nte.frames.frame import Frame
 
@@ -37,6 +36,7 @@ class Composition:
         self.needs: tuple[str, ...] = tuple(dict.fromkeys(["direct", *needed]))
         self.optional: tuple[str, ...] = tuple(dict.fromkeys(["emission", *used]))
 
+    @sanitised
     def step(
         self, frame: Frame, state: Mapping[str, Any] | None, extras: tuple[str, ...] = ()
     ) -> tuple[Result, Mapping[str, Any]]:
@@ -49,7 +49,7 @@ class Composition:
         for name, denoiser in self.denoisers.items():
             result, states[name] = denoiser.step(tensors, None if state is None else state[name])
             images[name] = result.image
-        image = sanitise(tensors["direct"]) * images["visibility"] + images["glossy"] + images["indirect"]
+        image = tensors["direct"] * images["visibility"] + images["glossy"] + images["indirect"]
         if "emission" in frame:
-            image = image + sanitise(tensors["emission"])
+            image = image + tensors["emission"]
         return Result(image, {name: images[name] for name in extras}).like(frame), states

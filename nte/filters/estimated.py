@@ -10,19 +10,23 @@ import numpy as np
 import torch
 from torch import Tensor
 
-from nte.color import display, luminance, sanitise
-from nte.denoiser import Denoiser, Result, State, check_size
+from nte.color import display, luminance
+from nte.denoiser import Denoiser, Result, State, check_size, sanitised
 from nte.errors import NteError
 from nte.frames.frame import Frame
-from nte.frames.scalars import sequence_scalars
+from nte.frames.scalars import sequence_exposure
+from nte.frames.usable import mask_of
 from nte.motion.correspondence import SEARCHES, Search, find_correspondence
 
 _TOLD_BY_OTHERS = ("motion", "forward_motion", "previous_forward_motion")  # vectors that would contradict ours
 
 
 def matched_grey(color: Tensor, exposure: Tensor) -> Tensor:
-    """What the search compares: displayed luminance (N, 1, H, W) in [0, 1] of radiance (N, 3, H, W); exposure (N,)."""
-    return display(luminance(sanitise(color)), exposure)
+    """What the search compares: displayed luminance (N, 1, H, W) in [0, 1] of radiance (N, 3, H, W); exposure (N,).
+
+    An exposure of NaN, of a sequence without light so far, counts as 1.
+    """
+    return display(luminance(color), exposure.nan_to_num(1))
 
 
 def search_for(noise: str) -> Search:
@@ -55,16 +59,16 @@ class EstimatedMotion:
         )
         self.optional: tuple[str, ...] = tuple(name for name in denoiser.optional if name not in _TOLD_BY_OTHERS)
 
+    @sanitised
     def step(self, frame: Frame, state: Any, extras: tuple[str, ...] = ()) -> tuple[Result, Any]:
         """Estimate the motion, then let the denoiser step; the state is its own and the image that was searched."""
         color = frame.torch()["color"]
-        exposure = frame.torch().exposure if state is None else state.exposure
-        if exposure is None:
-            exposure = torch.from_numpy(sequence_scalars(frame)[0]).to(color)
+        exposure = torch.from_numpy(sequence_exposure(frame, None if state is None else state.exposure)).to(color)
         grey = matched_grey(color, exposure)
         motion = color.new_zeros(frame.batch, 2, *frame.size)
         if state is not None:
             check_size(frame, state.grey)
+            grey = torch.where(frame.torch()[mask_of("color")] > 0, grey, state.grey)
             motion = find_correspondence(grey, state.grey, self.search).motion
             if frame.reset is not None:
                 starts = torch.as_tensor(np.asarray(frame.numpy().reset)).to(color.device) > 0

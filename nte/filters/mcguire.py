@@ -11,8 +11,7 @@ import torch
 import torch.nn.functional as F
 from torch import Tensor
 
-from nte.color import sanitise
-from nte.denoiser import Result
+from nte.denoiser import Result, sanitised
 from nte.errors import NteError
 from nte.filters.noise import uniform_noise
 from nte.frames.frame import Frame
@@ -39,12 +38,13 @@ class McGuire:
                 raise NteError(f"mcguire: {key} is {number}, expected a number above 0")
         self.samples, self.tile, self.extent, self.device = samples, tile, extent, device
 
+    @sanitised
     def step(self, frame: Frame, state: Any, extras: tuple[str, ...] = ()) -> tuple[Result, Any]:
         """Blur one frame; it has no state."""
         tensors = frame.torch(self.device)
-        color, depth = sanitise(tensors["color"]), tensors["depth"]
+        color, depth = tensors["color"], tensors["depth"]
         # Sky is infinitely far; a finite number keeps differences of two of them 0.
-        depth = torch.where(depth.isfinite() & (depth > 0), depth, 1e8)
+        depth = torch.where(depth > 0, depth, 1e8)
         half = _limited(tensors["shutter_motion"].nan_to_num(0, 0, 0) / 2, self.tile)
         dominant = dominant_motion(half, self.tile)
         blurred = self._gather(color, depth, half, dominant, frame.index)

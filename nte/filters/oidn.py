@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from nte.denoiser import Result, State
+from nte.denoiser import Result, State, sanitised
 from nte.errors import NteError, needs_extra
 from nte.frames.frame import Frame
 
@@ -55,13 +55,14 @@ class Oidn:
         self._denoise = pyoidn.denoise
         self._prefilters = _Prefilters(quality)
 
+    @sanitised
     def step(self, frame: Frame, state: State | None, extras: tuple[str, ...] = ()) -> tuple[Result, State]:
         """Denoise `color` (N, 3, H, W), each image of the batch by itself. Bad pixels count as 0."""
         arrays = frame.numpy()
         prefilter, clean_aux = self._switches(frame)
-        color = _usable(arrays["color"], 0, np.inf)
-        albedo = _usable(arrays["albedo"], 0, 1) if "albedo" in frame else [None] * len(color)
-        normal = _usable(arrays["normal"], -1, 1) if "normal" in frame else [None] * len(color)
+        color = _interleaved(arrays["color"])
+        albedo = _interleaved(arrays["albedo"]) if "albedo" in frame else [None] * len(color)
+        normal = _interleaved(arrays["normal"]) if "normal" in frame else [None] * len(color)
         denoised = []
         for image, *guides in zip(color, albedo, normal, strict=True):
             if prefilter:
@@ -127,10 +128,9 @@ def _release(device: Any, filters: dict[str, Any]) -> None:
     device.release()
 
 
-def _usable(values: npt.NDArray[Any], low: float, high: float) -> Pixels:
-    """(N, H, W, C) of (N, C, H, W), clamped to [low, high]; what is not finite, or negative light, is 0."""
-    finite = np.where(np.isfinite(values), values, 0).clip(low, high)
-    return np.ascontiguousarray(finite.transpose(0, 2, 3, 1), np.float32)
+def _interleaved(values: npt.NDArray[Any]) -> Pixels:
+    """(N, H, W, C) of (N, C, H, W)."""
+    return np.ascontiguousarray(values.transpose(0, 2, 3, 1), np.float32)
 
 
 def _like(image: Pixels, given: Any) -> Any:

@@ -8,8 +8,7 @@ from typing import Any
 
 import torch
 
-from nte.color import sanitise
-from nte.denoiser import Result
+from nte.denoiser import Result, sanitised
 from nte.errors import NteError
 from nte.frames.frame import Frame
 from nte.motion.warp import warp
@@ -31,10 +30,11 @@ class PostBlur:
             raise NteError(f"post_blur: samples is {samples}, expected 1 or more")
         self.samples, self.device = samples, device
 
+    @sanitised
     def step(self, frame: Frame, state: Any, extras: tuple[str, ...] = ()) -> tuple[Result, Any]:
         """Blur one frame; it has no state."""
         tensors = frame.torch(self.device)
-        color, motion = sanitise(tensors["color"]), tensors["shutter_motion"].nan_to_num(0, 0, 0)
+        color, motion = tensors["color"], tensors["shutter_motion"].nan_to_num(0, 0, 0)
         total, count = torch.zeros_like(color), torch.zeros_like(color[:, :1])
         for number in range(self.samples):
             fetched, inside = warp(color, motion * ((number + 0.5) / self.samples - 0.5))

@@ -12,14 +12,15 @@ import torch.nn.functional as F
 from torch import Tensor
 from torch.profiler import record_function
 
-from nte.color import demodulate, remodulate, sanitise
-from nte.denoiser import Result, check_size
+from nte.color import demodulate, remodulate
+from nte.denoiser import Result, check_size, sanitised
 from nte.errors import NteError
 from nte.filters.atrous import Edge, atrous_step
 from nte.filters.composition import check_target
 from nte.filters.moments import brightness, estimated_variance, lengthen, running_mean_weight, with_square
 from nte.filters.reproject import History, Surface, previous_depth, reproject, surface_of
 from nte.frames.frame import Frame
+from nte.frames.usable import mask_of
 from nte.motion.geometric import traditional_motion
 
 SLOPE_FLOOR = 1e-4  # of the depth: what a rounded depth changes by on a wall that faces the camera
@@ -88,6 +89,7 @@ class Svgf:
         self.needs: tuple[str, ...] = (target, *textured, "normal", "depth", "motion")
         self.optional: tuple[str, ...] = ("emission",) if target == "color" else ()
 
+    @sanitised
     @torch.no_grad()
     def step(self, frame: Frame, state: SvgfState | None, extras: tuple[str, ...] = ()) -> tuple[Result, SvgfState]:
         """Denoise `target` (N, C, H, W) of one frame."""
@@ -99,6 +101,8 @@ class Svgf:
         with record_function("svgf: accumulation"):
             length = lengthen(past.values[:, -1:], past.valid, self.history)
             length, alpha, moments_alpha = self._weights(tensors, light, surface, length)
+            usable = tensors[mask_of(self.target)]
+            alpha, moments_alpha = alpha * usable, moments_alpha * usable
             moments = torch.lerp(past.values[:, -3:-1], with_square(brightness(light)), moments_alpha)
             light = torch.lerp(past.values[:, :-3], light, alpha)
         with record_function("svgf: variance"):
@@ -115,7 +119,7 @@ class Svgf:
         if unknown:
             raise NteError(f"extra '{unknown[0]}' is unknown; there are {', '.join(available)}")
         result = Result(self._remodulated(light, tensors), {name: available[name] for name in extras}).like(frame)
-        return result, SvgfState(torch.cat([history, moments, length], 1), surface, tensors.view)
+        return result, SvgfState(torch.cat([history, moments, length - (1 - usable)], 1), surface, tensors.view)
 
     def _fetch(self, frame: Frame, surface: Surface, state: SvgfState | None) -> History:
         """History along the motion vectors, section 4.1; nothing of it in a first frame."""
@@ -143,19 +147,16 @@ class Svgf:
         Where an emitter's edge crosses a pixel, one sample may be darker than the mean emission: the difference is
         negative, and clamping it would brighten the mean.
         """
-        light = sanitise(frame[self.target])
+        light = frame[self.target]
         if "emission" in self.optional and "emission" in frame:
-            light = light - sanitise(frame["emission"])
-        return demodulate(light, self._albedo(frame), self.albedo_floor) if "albedo" in self.needs else light
+            light = light - frame["emission"]
+        return demodulate(light, frame["albedo"], self.albedo_floor) if "albedo" in self.needs else light
 
     def _remodulated(self, light: Tensor, frame: Frame) -> Tensor:
-        image = remodulate(light, self._albedo(frame), self.albedo_floor) if "albedo" in self.needs else light
+        image = remodulate(light, frame["albedo"], self.albedo_floor) if "albedo" in self.needs else light
         if "emission" in self.optional and "emission" in frame:
-            image = image + sanitise(frame["emission"])
+            image = image + frame["emission"]
         return image.clamp(min=0)
-
-    def _albedo(self, frame: Frame) -> Tensor:
-        return sanitise(frame["albedo"], high=1.0)
 
 
 def wavelet_level(

@@ -6,10 +6,19 @@ Supersampling»), clipping, or nothing.
 
 from typing import Any
 
-from nte.color import sanitise
-from nte.denoiser import Result, check_size
+import torch
+
+from nte.denoiser import Result, check_size, sanitised
 from nte.errors import NteError
-from nte.filters.blocks import accumulate, clamp_history, clip_history, fetch_history, neighbourhood_moments
+from nte.filters.blocks import (
+    accumulate,
+    clamp_history,
+    clip_history,
+    fetch_history,
+    keep_where_bad,
+    neighbourhood_moments,
+    remembered,
+)
 from nte.filters.composition import check_target
 from nte.frames.frame import Frame
 from nte.motion.geometric import traditional_motion
@@ -36,16 +45,19 @@ class Taa:
         self.clamp, self.alpha, self.target, self.device = clamp, alpha, target, device
         self.needs: tuple[str, ...] = (target, "motion")
 
+    @sanitised
     def step(self, frame: Frame, state: Any, extras: tuple[str, ...] = ()) -> tuple[Result, Any]:
         """Blend the frame into the history, which is the state: the previous output (N, C, H, W)."""
         tensors = frame.torch(self.device)
-        current = sanitise(tensors[self.target])
-        output = current
+        current = tensors[self.target]
+        output, valid = current, torch.zeros_like(current[:, :1], dtype=torch.bool)
         if state is not None:
             check_size(frame, state)
             history, valid = fetch_history(state, traditional_motion(tensors["motion"]), tensors.reset)
+            limited = history
             if self.clamp != "none":
                 limit = clamp_history if self.clamp == "clamp" else clip_history
-                history = limit(history, neighbourhood_moments(current))
-            output = accumulate(current, history, valid, self.alpha)
-        return Result(output).like(frame), output
+                limited = limit(history, neighbourhood_moments(current))
+            output = accumulate(current, limited, valid, self.alpha)
+            output = keep_where_bad(output, history, valid, tensors, self.target)
+        return Result(output).like(frame), remembered(output, valid, tensors, self.target)

@@ -11,17 +11,23 @@ import torch
 import torch.nn.functional as F
 from torch import Tensor, nn
 
-from nte.color import compress, demodulate, per_sequence, remodulate, sanitise
+from nte.color import compress, divisor, per_sequence
 from nte.denoiser import Result, check_size
 from nte.errors import NteError
 from nte.frames.frame import Frame
-from nte.frames.scalars import sequence_scalars
+from nte.frames.scalars import known_scalars
+from nte.frames.usable import (
+    BRIGHTEST,
+    usable_depth,
+    usable_direction,
+    usable_radiance,
+    usable_reflectance,
+    usable_vector,
+)
 from nte.models.kernels import apply_kernels, combine_scales
 from nte.models.unet import UNet
 from nte.motion.geometric import dual_motion, scatter_forward_motion, traditional_motion
 from nte.motion.warp import warp
-
-BRIGHTEST = 65504.0  # of exposed radiance: a firefly beyond it carries no information
 
 
 @dataclass
@@ -60,8 +66,20 @@ class TemporalState(NamedTuple):
 
     history: Tensor  # (N, 3, H, W)
     depth: Tensor  # (N, 1, H, W)
-    exposure: Tensor  # (N,)
-    depth_scale: Tensor  # (N,)
+    exposure: Tensor  # (N,), NaN until there was light
+    depth_scale: Tensor  # (N,), NaN until a surface was seen
+
+    def begun(self, frame: Frame, reset: Tensor) -> "TemporalState":
+        """With the exposure and depth scale of sequences that start here, or that had none yet."""
+        start = (reset > 0, ~self.exposure.isfinite(), ~self.depth_scale.isfinite())
+        if not torch.stack(start).any():
+            return self
+        own = (torch.as_tensor(scalar, device=reset.device) for scalar in known_scalars(frame))
+        exposure, depth_scale = (
+            torch.where(start[0] | unknown, scalar, carried)
+            for scalar, carried, unknown in zip(own, self[2:], start[1:], strict=True)
+        )
+        return self._replace(exposure=exposure, depth_scale=depth_scale)
 
 
 class Denoised(NamedTuple):
@@ -135,16 +153,13 @@ class TemporalDenoiser(nn.Module):
             reset = torch.ones(frame.batch, device=color.device)
             state = TemporalState(torch.zeros_like(color), torch.zeros_like(depth), reset, reset)
         check_size(frame, state.history)
-        if reset.any():  # a sequence that starts has an exposure and a depth scale of its own
-            own = (torch.as_tensor(scalar, device=color.device) for scalar in sequence_scalars(frame))
-            exposure, depth_scale = (torch.where(reset > 0, s, c) for s, c in zip(own, state[2:], strict=True))
-            state = state._replace(exposure=exposure, depth_scale=depth_scale)
+        state = state.begun(frame, reset)
         forward = tensors.get("previous_forward_motion")
         if forward is None:
             forward = scatter_forward_motion(tensors["motion"], depth)
         denoised = self(
             color, tensors["albedo"], tensors["normal"], depth, tensors["motion"], forward,
-            reset, state.exposure, state.depth_scale, state.history, state.depth,
+            reset, state.exposure.nan_to_num(1), state.depth_scale.nan_to_num(1), state.history, state.depth,
         )  # fmt: skip
         available = denoised._asdict()
         unknown = [name for name in extras if name not in available]
@@ -165,26 +180,29 @@ class TemporalDenoiser(nn.Module):
         """
         config = self.config
         scale = per_sequence(exposure)
-        albedo, depth = sanitise(albedo, high=1.0), sanitise(depth)
-        light = (sanitise(color) * scale).clamp(max=BRIGHTEST)
-        light = demodulate(light, albedo) if config.demodulate else light
+        albedo, depth, motion = usable_reflectance(albedo), usable_depth(depth), usable_vector(motion)
+        light = usable_radiance(color * scale, BRIGHTEST)
+        texture = divisor(albedo) if config.demodulate else None
+        light = light if texture is None else light / texture
 
         if config.motion == "dual":
-            vectors = dual_motion(motion, previous_forward_motion, depth, sanitise(previous_depth))
+            forward = usable_vector(previous_forward_motion)
+            vectors = dual_motion(motion, forward, depth, usable_depth(previous_depth))
         else:
             vectors = traditional_motion(motion)
         continues = per_sequence(reset) == 0
         valid, disoccluded = vectors.valid & continues, vectors.disoccluded & continues
-        warped = torch.where(valid, warp(history, vectors.motion).image, light)
+        warped = warp(history, vectors.motion).image
+        valid = valid & (warped.abs() < float("inf")).all(1, keepdim=True)
+        warped = torch.where(valid, warped, light)
 
-        normal = torch.where(normal.abs() <= 1.01, normal, 0.0)
-        features = [compress(light), albedo, normal, _normalised(depth, depth_scale)]
+        features = [compress(light), albedo, usable_direction(normal), _normalised(depth, depth_scale)]
         if config.feed_warped and config.temporal:
             features.append(compress(warped))
         if config.feed_masks:
             features += [valid.to(light.dtype), disoccluded.to(light.dtype)]
         filtered, alpha = self._filter(torch.cat(features, 1), light, warped)
-        image = remodulate(filtered, albedo) if config.demodulate else filtered
+        image = filtered if texture is None else filtered * texture
         return Denoised(image / scale, filtered, disoccluded.float(), valid.float(), alpha)
 
     def _filter(self, features: Tensor, light: Tensor, warped: Tensor) -> tuple[Tensor, Tensor]:

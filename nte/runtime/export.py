@@ -83,7 +83,7 @@ def _test_sequence(size: tuple[int, int], frames: int, seed: int = 0) -> Iterato
         forward = -motion + np.where(rng.random((2, 1, *size)) < 0.1, 6.0, 0.0)
         forward[rng.random(shape)[:, None].repeat(2, 1) < 0.02] = np.nan
         channels = {
-            "color": color, "albedo": rng.random((2, 3, *size)), "normal": rng.uniform(-1, 1, (2, 3, *size)),
+            "color": color, "albedo": rng.random((2, 3, *size)), "normal": rng.uniform(-0.6, 0.6, (2, 3, *size)),
             "depth": depth, "motion": motion, "previous_forward_motion": forward,
         }  # fmt: skip
         yield Frame({name: values.astype(np.float32) for name, values in channels.items()}, index)
@@ -125,12 +125,12 @@ def _description(denoiser: TemporalDenoiser) -> dict[str, object]:
         "smallest": SMALLEST,
         "conventions": {
             "layout": "float32 (N, C, H, W); x to the right, y down, pixel centres at +0.5",
-            "color": "linear radiance, scene-referred; bad pixels are sanitised inside",
+            "color": "linear radiance, scene-referred; bad pixels are sanitised, exposed light capped at 65504",
             "albedo": "[0, 1]",
             "normal": "unit, world space",
             "depth": "along the view axis, scene units; 0 = miss",
             "motion": "pixels, current to previous: previous = current + motion",
-            "previous_forward_motion": "pixels, on the previous frame, to the current one; NaN = unknown",
+            "previous_forward_motion": "pixels, previous frame to the current one; NaN = unknown, 0 = stands still",
             "reset": "(N,), 1 starts a sequence: history is ignored",
             "exposure": "(N,), 0.18 / exp(mean log luminance of the first frame), constant over a sequence",
             "depth_scale": "(N,), median hit depth of the first frame, constant over a sequence",

@@ -12,7 +12,7 @@ from nte.denoiser import Result, check_size
 from nte.errors import NteError
 from nte.frames.channels import CHANNELS
 from nte.frames.frame import Frame
-from nte.frames.scalars import sequence_scalars
+from nte.frames.scalars import known_scalars
 from nte.runtime.description import METADATA_KEY, STATE, check_seal, read_description
 
 Pixels = npt.NDArray[np.float32]
@@ -23,8 +23,16 @@ class OnnxState(NamedTuple):
     """The recurrent inputs of the next frame, and the sequence's scalars."""
 
     tensors: dict[str, Pixels]
-    exposure: Pixels
-    depth_scale: Pixels
+    exposure: Pixels  # (N,), NaN until there was light
+    depth_scale: Pixels  # (N,), NaN until a surface was seen
+
+    def begun(self, frame: Frame, reset: Pixels) -> "OnnxState":
+        """With the exposure and depth scale of sequences that start here, or that had none yet."""
+        starts = [(reset > 0) | np.isnan(carried) for carried in self[1:]]
+        if not np.any(starts):
+            return self
+        own = zip(starts, known_scalars(frame), self[1:], strict=True)
+        return OnnxState(self.tensors, *(np.where(start, scalar, carried) for start, scalar, carried in own))
 
 
 class OnnxDenoiser:
@@ -82,11 +90,9 @@ class OnnxDenoiser:
             reset = np.ones(frame.batch, np.float32)
             state = self._begin(frame)
         check_size(frame, state.tensors["history"])
-        if reset.any():  # a sequence that starts has an exposure and a depth scale of its own
-            exposure, depth_scale = sequence_scalars(arrays)
-            exposure = np.where(reset > 0, exposure, state.exposure)
-            state = OnnxState(state.tensors, exposure, np.where(reset > 0, depth_scale, state.depth_scale))
-        feed |= {"reset": reset, "exposure": state.exposure, "depth_scale": state.depth_scale, **state.tensors}
+        state = state.begun(arrays, reset)
+        scalars = {name: np.nan_to_num(getattr(state, name), nan=1.0) for name in ("exposure", "depth_scale")}
+        feed |= {"reset": reset, **scalars, **state.tensors}
         kept: dict[str, str] = self.info["state"]
         wanted = list(dict.fromkeys(["image", *(n for n in kept.values() if n in self._outputs), *extras]))
         outputs = dict(zip(wanted, self._session.run(wanted, self._only_inputs(feed)), strict=True))

@@ -29,9 +29,10 @@ def validate(
             result, state = denoiser.step(frame, state)
             if i < len(clip) - max(1, holdout):
                 continue
-            scale = per_sequence(state.exposure)
+            exposure = state.exposure.nan_to_num(1)
+            scale = per_sequence(exposure)
             errors.append((compress(result.image * scale) - compress(frame["reference"] * scale)).abs().mean())
-            pictures = [display(x, state.exposure) for x in (frame["color"], result.image, frame["reference"])]
+            pictures = [display(x, exposure) for x in (frame["color"], result.image, frame["reference"])]
             psnr.append(-10 * (pictures[1] - pictures[2]).square().mean().log10())
     scores = {"validation_l1": torch.stack(errors).mean().item(), "validation_psnr": torch.stack(psnr).mean().item()}
     return scores, torch.cat(pictures, 3)[0].cpu()

@@ -206,3 +206,13 @@ def test_a_switch_that_is_none_names_the_choices(key: str) -> None:
 def test_a_missing_pyoidn_names_the_extra(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setitem(sys.modules, "pyoidn", None)
     raises(r"pip install 'nte-denoiser\[compare\]'", Oidn)
+
+
+@pytest.mark.parametrize("quality", QUALITIES)
+@pytest.mark.parametrize("bright", [65000.0, 1e10, 1e20])
+def test_one_bright_pixel_stays_where_it_is(quality: str, bright: float) -> None:
+    noisy, _ = noisy_gradient(64, 160)
+    spoilt = noisy.copy()
+    spoilt[..., 32, 20] = bright
+    image, expected = denoise(Oidn(quality), color=spoilt), denoise(Oidn(quality), color=noisy)
+    assert image[..., 110:].mean() == pytest.approx(expected[..., 110:].mean(), rel=0.02)

@@ -5,7 +5,7 @@ import warnings
 import numpy as np
 import pytest
 
-from nte.frames.bad import BadPixelReport, BadPixelWarning, count_bad
+from nte.frames.bad import BadPixelReport, BadPixelWarning, ForwardMotionWarning, count_bad
 from nte.frames.frame import Frame
 from tests.synthetic import random_channels
 
@@ -29,7 +29,10 @@ def test_a_good_frame_has_none() -> None:
         ("depth", np.nan, True), ("motion", -30, False), ("motion", 144.5, True), ("motion", -1e6, True),
         ("motion", np.nan, True), ("previous_forward_motion", np.nan, False),
         ("previous_forward_motion", np.inf, True), ("previous_forward_motion", 1e6, True),
-        ("shadow_motion", 1e6, False), ("shadow_motion", np.inf, True), ("reflection_motion", np.nan, False),
+        ("shadow_motion", 1000, False),
+        ("shadow_motion", 1e6, True), ("shadow_motion", np.inf, True),
+        ("normal", 1e9, True), ("depth", 3e38, True), ("color", 1e30, True), ("albedo", 19.5, False),
+        ("reflection_motion", np.nan, False),
     ],
 )  # fmt: skip
 def test_what_is_bad_depends_on_the_channel(name: str, value: float, bad: bool) -> None:
@@ -63,3 +66,33 @@ def test_a_sequence_is_warned_of_once_with_frame_and_count() -> None:
         "frame 1: bad pixels (non-finite, negative or absurd) are sanitised: 3 in color, 1 in motion"
     )
     assert report.total == {"color": 6, "motion": 2}
+
+
+@pytest.mark.parametrize("kind", ["numpy", "torch"])
+def test_forward_motion_of_zeros_in_a_picture_that_moves_is_warned_of_once(kind: str) -> None:
+    channels = good()
+
+    def warned(*given: dict[str, np.ndarray]) -> list[str]:
+        report = BadPixelReport()
+        with warnings.catch_warnings(record=True) as caught:
+            warnings.simplefilter("always")
+            for frame in (Frame(c, i) for i, c in enumerate(given)):
+                report.look(frame.torch() if kind == "torch" else frame)
+        assert all(w.category is ForwardMotionWarning for w in caught)
+        return [str(w.message) for w in caught]
+
+    zeros = np.zeros_like(channels["motion"])
+    unknown = channels | {"previous_forward_motion": zeros}
+    found = warned(channels, unknown, unknown)
+    assert len(found) == 1
+    assert found[0].startswith("frame 1: previous_forward_motion is 0 everywhere while motion is not")
+    assert "NaN where it is unknown" in found[0]
+    partly = zeros.copy()
+    partly[:, :, 3, 4] = 2
+    still = np.full_like(zeros, 0.1)
+    for fine in (
+        channels, channels | {"motion": still, "previous_forward_motion": zeros},
+        channels | {"previous_forward_motion": partly}, channels | {"previous_forward_motion": zeros + np.nan},
+        {name: values for name, values in channels.items() if name != "previous_forward_motion"},
+    ):  # fmt: skip
+        assert not warned(fine)

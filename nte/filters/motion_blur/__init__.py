@@ -10,7 +10,7 @@ import torch
 from torch import Tensor
 from torch.profiler import record_function
 
-from nte.denoiser import Result, check_size
+from nte.denoiser import Result, check_size, sanitised
 from nte.errors import NteError
 from nte.filters.motion_blur.composition import compose, weighted_share
 from nte.filters.motion_blur.first_stage import (
@@ -103,6 +103,7 @@ class MotionBlur:
             iterations, accept, drop, shutter, tent=fetch == "tent", in_place=static == "place", weight=weight
         )
 
+    @sanitised
     def step(self, frame: Frame, state: State | None, extras: tuple[str, ...] = ()) -> tuple[Result, State]:
         """Reconstruct one blurred frame; a pixel without a moving sample within 15×15 passes through.
 

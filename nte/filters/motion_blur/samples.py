@@ -12,7 +12,6 @@ import torch
 import torch.nn.functional as F
 from torch import Tensor
 
-from nte.color import sanitise
 from nte.errors import NteError
 from nte.frames.frame import Frame
 
@@ -68,9 +67,8 @@ def in_chunks(pixels: Pixels, taps: int, work: Callable[[Pixels, Tensor], Tensor
 def read_samples(frame: Frame) -> tuple[Tensor, Size]:
     """Rows (N·H·W, 8) of a frame's samples: colour, vector, time, depth, moving (0 or 1).
 
-    Bad pixels: a colour as `sanitise` leaves it, a vector that is not finite is none, one that is longer than the
-    image's diagonal is as long as that, a time that is not finite is mid-shutter. Depth of sky is infinite. Raises
-    NteError for times outside [0, 1].
+    A vector that is not finite is none, one that is longer than the image's diagonal is as long as that, a time that
+    is not finite is mid-shutter. Depth of sky is infinite. Raises NteError for times outside [0, 1].
     """
     size = Size(frame.batch, *frame.size)
     time, motion, depth = frame["time"], frame["shutter_motion"], frame["shutter_depth"]
@@ -81,7 +79,7 @@ def read_samples(frame: Frame) -> tuple[Tensor, Size]:
     motion = motion * (longest / length.clamp(min=longest))
     seen = depth.isfinite() & (depth > 0)
     columns = [
-        sanitise(frame["color"]), motion, torch.where(time.isfinite(), time, 0.5),
+        frame["color"], motion, torch.where(time.isfinite(), time, 0.5),
         torch.where(seen, depth, float("inf")), (length > MOVING_PX).float(),
     ]  # fmt: skip
     return torch.cat(columns, 1).movedim(1, -1).reshape(-1, 8), size

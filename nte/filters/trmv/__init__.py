@@ -11,7 +11,7 @@ import torch
 from torch import Tensor
 from torch.profiler import record_function
 
-from nte.denoiser import Result, check_size
+from nte.denoiser import Result, check_size, sanitised
 from nte.errors import NteError
 from nte.filters.composition import COMPONENTS
 from nte.filters.trmv.cones import EQ_11, HALF_ANGLE, WEIGHTS
@@ -72,6 +72,7 @@ class Trmv:
         self.components = COMPONENTS if target == "color" else ()
         self.needs = self._needs()
 
+    @sanitised
     def step(self, frame: Frame, state: State | None, extras: tuple[str, ...] = ()) -> tuple[Result, State]:
         """Denoise one frame.
 

@@ -2,19 +2,15 @@
 
 from typing import NamedTuple
 
-import torch
 import torch.nn.functional as F
 from torch import Tensor
 from torch.profiler import record_function
 
-from nte.color import sanitise
 from nte.filters.bilateral import Edges, Guide, make_edges, make_guide
-from nte.frames.channels import CHANNELS
 from nte.frames.frame import Frame
 from nte.motion.geometric import Reprojection, frame_vectors, traditional_motion
 
 RADIUS = 15  # of the widest separable filter, 31×31
-_RANGES = {"radiance": (0.0, 1e30), "reflectance": (0.0, 1.0), "scalar": (0.0, 1.0), "depth": (0.0, 1e30)}
 
 
 class Surface(NamedTuple):
@@ -39,9 +35,8 @@ class Scene(NamedTuple):
 
 
 def prepare(frame: Frame, before: Surface | None) -> Scene:
-    """Sanitise a PyTorch frame, and compute what the effects share."""
+    """Compute what the effects share of a sanitised PyTorch frame."""
     with record_function("trmv/guide"):
-        frame = sane(frame)
         surface = Surface(frame["position"], F.normalize(frame["normal"], dim=1), frame["depth"], frame["roughness"])
         guide = make_guide(surface.normal, surface.depth, frame["roughness"])
         edges = make_edges(guide, RADIUS)
@@ -49,21 +44,3 @@ def prepare(frame: Frame, before: Surface | None) -> Scene:
         dual = frame_vectors(frame, None if before is None else before.depth)
         traditional = traditional_motion(frame["motion"])._replace(disoccluded=dual.disoccluded)
     return Scene(frame, surface, before, guide, edges, traditional, dual)
-
-
-def sane(frame: Frame) -> Frame:
-    """The frame without numbers that spread: light, reflectance and the like in their ranges, geometry finite.
-
-    Vectors keep their NaNs, which say something.
-    """
-
-    def clean(name: str, values: Tensor) -> Tensor:
-        kind = CHANNELS[name].kind
-        if kind in _RANGES:
-            return sanitise(values, *_RANGES[kind])
-        if kind in ("direction", "point"):
-            return torch.nan_to_num(values, 0, 0, 0)
-        return values
-
-    ours = {name: values for name, values in frame.channels.items() if name in CHANNELS}
-    return frame.with_channels(**{name: clean(name, values) for name, values in ours.items()})

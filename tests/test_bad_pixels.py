@@ -1,0 +1,255 @@
+"""Every denoiser, whatever a renderer may write: finite light that is not negative, and no lasting damage."""
+
+import math
+from collections.abc import Callable, Iterable, Mapping
+from pathlib import Path
+from typing import NamedTuple
+
+import numpy as np
+import numpy.typing as npt
+import pytest
+
+from nte import Denoiser, Frame, load_denoiser
+from nte.denoiser import Session
+from nte.frames.channels import CHANNELS
+from nte.runtime.export import export_onnx
+from tests.everything import floor_frame
+from tests.networks import small_network
+
+Pixels = npt.NDArray[np.float32]
+SIZE, WHERE = (18, 26), (8, 10)
+BEFORE, AFTER = (0, 8), 10  # frames with a bad pixel, and how many frames later the damage must be gone
+FRAMES = BEFORE[-1] + AFTER + 1
+BRIGHTER = float((floor_frame(0, SIZE)["albedo"].max((2, 3)) / floor_frame(0, SIZE)["albedo"][:, :, *WHERE]).max())
+nan, inf = float("nan"), float("inf")
+
+RADIANCE = tuple(name for name, row in CHANNELS.items() if row.kind == "radiance")
+VECTORS = tuple(name for name, row in CHANNELS.items() if row.kind in ("motion", "covariance"))
+Channels = dict[str, Pixels]
+
+
+def pixel(names: tuple[str, ...], value: float, component: int | None = None) -> Callable[[Channels], None]:
+    """Write one pixel of channels (C, H, W), or one component of it."""
+
+    def spoil(channels: Channels) -> None:
+        for name in names:
+            if name in channels:
+                channels[name][(slice(None) if component is None else component), *WHERE] = value
+
+    return spoil
+
+
+def whole(names: tuple[str, ...], value: float) -> Callable[[Channels], None]:
+    """Write whole channels."""
+
+    def spoil(channels: Channels) -> None:
+        for name in names:
+            if name in channels:
+                channels[name][:] = value
+
+    return spoil
+
+
+def all_nan(channels: Channels) -> None:
+    for name, values in channels.items():
+        if name != "time":
+            values[:] = nan
+
+
+def all_sky(channels: Channels) -> None:
+    whole(("albedo", "normal", "depth", "shutter_depth", "roughness", "position"), 0)(channels)
+
+
+# name → what it does to the channels of a frame
+PIXELS = {f"color {value}": pixel(RADIANCE, value) for value in (nan, inf, -inf, -1, 1e30, 3e38, 1e19, 6e4)}
+PIXELS["one component NaN"] = pixel(RADIANCE, nan, 1)
+GUIDES = {
+    f"{where.__name__} {name} {value}": where((name,), value)
+    for where, values in ((pixel, (0.0, nan, -1.0, 3e38)), (whole, (0.0, nan))) for value in values
+    for name in ("albedo", "normal", "depth")
+}  # fmt: skip
+MOVED = {
+    f"{where.__name__} vectors {value}": where(VECTORS, value)
+    for where, values in ((pixel, (nan, inf, 1e6, -3e38)), (whole, (nan, -3e38))) for value in values
+}  # fmt: skip
+LIGHT = {"all NaN": all_nan, "all black": whole(RADIANCE, 0.0), "color all NaN": whole(RADIANCE, nan)}
+CASES: dict[str, Callable[[Channels], None]] = {
+    "clean": lambda channels: None, **PIXELS, **GUIDES, **MOVED, **LIGHT,
+    "all sky": all_sky,
+}  # fmt: skip
+
+
+USABLE_LIGHT = 6e4  # below any cap: a method that remembers may remember it
+SPOT = f"color {USABLE_LIGHT}"
+SEARCHED = ("estimate+taa:clamp=none", "align_accumulate")  # no vectors are given, and no clamp bounds history
+TAUGHT = ("all", "whole albedo", "color all")  # cases of frames that a denoiser has to take as they are, if dark
+
+
+class Memory(NamedTuple):
+    """How a method forgets."""
+
+    alpha: Callable[[int], float]  # least weight of frame i, by its number
+    replaces: bool  # a frame unlike the history takes its place: history is clamped to it, or found nowhere in it
+
+    def left(self, start: int, pixel: bool) -> float:
+        """Weight of frame `start` in the mean, AFTER frames later.
+
+        α (1 − α)^n of one frame, of a running mean 1/n; but where the frame took the place of the whole history,
+        or was the first, (1 − α)^n.
+        """
+        kept = math.prod(1 - self.alpha(i) for i in range(start + 1, start + AFTER + 1))
+        return kept if start == 0 or (self.replaces and not pixel) else self.alpha(start) * kept
+
+
+def mean_until(floor: float) -> Callable[[int], float]:
+    """α of frame i: a running mean until `floor`."""
+    return lambda i: max(1 / (i + 1), floor)
+
+
+def tenth(frame: int) -> float:
+    return 0.1
+
+
+# In motion_blur a pixel has at least the weight of its own tap, 9/64 of the 5×5 kernel, and history ½.
+BLUR = (9 / 64) / (9 / 64 + 1 / 2)
+METHODS: Mapping[str, Memory | None] = {
+    "noisy": None, "post_blur": None, "mcguire": None,
+    "oidn:quality=fast": None, "oidn:quality=balanced": None, "oidn:quality=high": None,
+    "taa:clamp=none": Memory(tenth, False), "taa": Memory(tenth, True), "taa:clamp=clip": Memory(tenth, True),
+    "taa:target=components,clamp=none": Memory(tenth, False),
+    "estimate+taa": Memory(tenth, True), "estimate+taa:clamp=none": Memory(tenth, True),
+    "svgf": Memory(mean_until(0.05), False), "svgf:target=components": Memory(mean_until(0.05), False),
+    "asvgf": Memory(mean_until(0.1), True),
+    "trmv": Memory(mean_until(0.1), True), "trmv:indirect=colour": Memory(mean_until(0.1), True),
+    "trmv:clamp=inf": Memory(mean_until(0.1), False),
+    "align_taa": Memory(tenth, True), "align_taa:guides=true,tolerance=adaptive": Memory(tenth, True),
+    "align_accumulate": Memory(mean_until(0.1), True),
+    "align_accumulate:demodulate=true": Memory(mean_until(0.1), True),
+    "motion_blur": Memory(lambda i: BLUR, True),
+}  # fmt: skip
+NETWORKS = ("network", "network.onnx")
+
+
+@pytest.fixture(scope="session")
+def network_file(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    path = tmp_path_factory.mktemp("export") / "network.onnx"
+    export_onnx(small_network(demodulate=True, feed_masks=True), path, progress=lambda line: None)
+    return path
+
+
+def make(spec: str, network_file: Path) -> Denoiser:
+    if spec == "network":
+        return small_network(demodulate=True, feed_masks=True)
+    if "oidn" in spec:
+        pytest.importorskip("pyoidn")
+    return load_denoiser(str(network_file) if spec == "network.onnx" else spec)
+
+
+def given(denoiser: Denoiser, index: int, cases: Iterable[str]) -> Frame:
+    """Frame `index`: a batch element for each case in frame 0, then one for each in frame 8."""
+    names = (*denoiser.needs, *denoiser.optional)
+    frame = floor_frame(index, SIZE, len(BEFORE) * len(tuple(cases)))
+    if index in BEFORE:
+        for number, case in enumerate(cases, BEFORE.index(index) * len(tuple(cases))):
+            CASES[case]({name: values[number] for name, values in frame.channels.items()})
+    return Frame({name: frame[name] for name in names if name in frame}, index)
+
+
+def run(denoiser: Denoiser, frames: Iterable[int], cases: Iterable[str]) -> dict[int, Pixels]:
+    session = Session(denoiser)
+    return {i: session.denoise(given(denoiser, i, cases)) for i in frames}
+
+
+def concerned(denoiser: Denoiser) -> list[str]:
+    """The cases that change anything that the denoiser reads; the clean one first."""
+    names = (*denoiser.needs, *denoiser.optional)
+
+    def changes(case: str) -> bool:
+        channels = {n: v[0] for n, v in floor_frame(0, SIZE).channels.items() if n in names}
+        before = {n: v.copy() for n, v in channels.items()}
+        CASES[case](channels)
+        return any(not np.array_equal(v, before[n], equal_nan=True) for n, v in channels.items())
+
+    return ["clean", *(case for case in CASES if changes(case))]
+
+
+def network_memory(network_file: Path) -> Memory:
+    """What the network's α leaves at the most: of each clean frame, the least α of any pixel."""
+    network, state, alphas = make("network", network_file), None, []
+    for i in range(FRAMES):
+        result, state = network.step(given(network, i, ["clean"]), state, ("alpha",))
+        alphas.append(float(result.extras["alpha"].min()))
+    return Memory(alphas.__getitem__, True)
+
+
+@pytest.mark.filterwarnings("ignore::UserWarning")
+@pytest.mark.parametrize("spec", [*METHODS, *NETWORKS])
+def test_light_stays_finite_and_the_damage_does_not_last(spec: str, network_file: Path) -> None:
+    denoiser = make(spec, network_file)
+    memory = network_memory(network_file) if spec in NETWORKS else METHODS[spec]
+    cases = concerned(denoiser)
+    looked = range(FRAMES) if memory else sorted({*BEFORE, *(start + AFTER for start in BEFORE)})
+    images = run(denoiser, looked, cases)
+    for i, image in images.items():
+        assert np.isfinite(image).all(), f"frame {i}"
+        assert image.min() >= 0, f"frame {i}"
+    alone = run(denoiser, looked, ["clean"])
+    wrong = {}
+    for order, start in enumerate(BEFORE):
+        image, expected = images[start + AFTER], alone[start + AFTER][0].mean()
+        np.testing.assert_allclose(image[order * len(cases)], alone[start + AFTER][0], rtol=1e-3, atol=1e-4)
+        for number, case in enumerate(cases, order * len(cases)):
+            if case == SPOT and spec.startswith(SEARCHED):
+                # Vectors that were found may fetch one pixel twice; the weight in any of them is bounded.
+                light = memory.left(start, True) * BRIGHTER * USABLE_LIGHT if memory else 0
+                assert image[number].max() < 1.01 * alone[start + AFTER][0].max() + light
+                continue
+            error = abs(float(image[number].mean() / expected) - 1)
+            if not error < 0.01 + allowed(case, start, memory, denoiser, expected):
+                wrong[f"{case}, in frame {start}"] = error
+    assert not wrong
+
+
+def allowed(case: str, start: int, memory: Memory | None, denoiser: Denoiser, mean: float) -> float:
+    """Relative error of the mean beyond 1 %: the weight that is left, times the light that the frame brought."""
+    if memory is None:
+        return 0.0
+    if case == SPOT:
+        # Of the light components two are remembered. Light without texture may land on a brighter surface.
+        noisy = sum(name in denoiser.needs for name in ("color", "glossy", "indirect", "indirect_radiance"))
+        texture = BRIGHTER if "albedo" in denoiser.needs else 1
+        return memory.left(start, True) * noisy * texture * USABLE_LIGHT / (SIZE[0] * SIZE[1] * mean)
+    return memory.left(start, False) if case.startswith(TAUGHT) else 0.0
+
+
+@pytest.mark.filterwarnings("ignore::UserWarning")
+@pytest.mark.parametrize(
+    "spec",
+    ["taa", "taa:clamp=none", "taa:clamp=clip", "taa:target=components", "svgf", "svgf:target=components", "asvgf",
+     "align_taa", "align_accumulate", "estimate+taa"],
+)  # fmt: skip
+def test_a_frame_of_nan_weighs_nothing(spec: str, network_file: Path) -> None:
+    denoiser = make(spec, network_file)
+    images = run(denoiser, range(FRAMES), ["clean", "color all NaN", "all NaN"])
+    for order, start in enumerate(BEFORE):
+        clean, color, _ = images[start + AFTER][3 * order : 3 * order + 3]
+        assert color.mean() == pytest.approx(clean.mean(), rel=0.01)
+    if denoiser.target == "color" and "components" not in spec:
+        before, during = images[7][4].mean(), images[8][4].mean()
+        assert during > 0.8 * before  # the history stands in
+
+
+@pytest.mark.filterwarnings("ignore::UserWarning")
+@pytest.mark.parametrize("scale", [1e-6, 1e5])
+@pytest.mark.parametrize("spec", ["taa:clamp=none", "align_accumulate", "svgf", "oidn:quality=fast", "network"])
+def test_what_is_too_bright_is_a_matter_of_exposure(spec: str, scale: float, network_file: Path) -> None:
+    """Scenes in cd/m², or in units of a millionth: a lamp stays as it is, a fault is one."""
+    denoiser = make(spec, network_file)
+    frames = [floor_frame(i, SIZE, 3, scale) for i in range(2)]
+    lamp = 2e3 * scale
+    frames[1]["color"][1, :, 7:10, 9:12] = lamp
+    frames[1]["color"][2, :, 8, 10] = 1e30
+    session = Session(denoiser)
+    images = [session.denoise(frame) for frame in frames][1]
+    assert (images[1] - images[0]).mean() > 0.05 * lamp * 9 / (SIZE[0] * SIZE[1])
+    assert images[2].mean() == pytest.approx(images[0].mean(), rel=0.02)
