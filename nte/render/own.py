@@ -42,11 +42,13 @@ class OwnStage(Stage):
     """The XML scene of an animation. Its film, sampler and integrator are nte's, as for every clip."""
 
     def __init__(
-        self, animation: Animation, width: int, height: int, max_depth: int, unshadowed: bool = False, start: float = 0
+        self, animation: Animation, width: int, height: int, max_depth: int, unshadowed: bool = False, start: float = 0,
+        keep: bool = False,
     ) -> None:
+        """keep: the loaded scene for the next stage of the same XML, if this one is never set to a time."""
         self.width, self.height, self.start = width, height, start
         self.mi_scene: Any
-        self.mi_scene, self.media = load_xml(animation)
+        self.mi_scene, self.media = load_xml(animation, keep)
         self.shapes = list(self.mi_scene.shapes())
         self.distant = far_away(self.mi_scene)
         self._parameters = load_mitsuba().traverse(self.mi_scene)
@@ -271,7 +273,7 @@ def _at(matrix: Floats, name: str, value: Floats) -> Any:
 
 def check_scene(animation: Animation, components: bool) -> None:
     """Raise NteError, before anything is rendered, for what the XML does not load or have; for components: lights."""
-    stage = OwnStage(animation, 8, 8, 2)
+    stage = OwnStage(animation, 8, 8, 2, keep=True)  # which is all that loading costs: rendering goes on with it
     media, lights = stage.media, len(stage.mi_scene.emitters())
     del stage  # not kept by the error's traceback
     if components and media:

@@ -106,7 +106,7 @@ def normals_at(stage: Stage, hits: Hits, time: float) -> Floats:
     """Unit shading normals (P, 3) of `hits` at a time, outwards; the ray's direction for a miss."""
     normals = stage.places.normals(hits.instance, hits.place, time)
     normals = np.where(hits.instance[:, None] > 0, normals, hits.direction)
-    return np.asarray(normals / np.linalg.norm(normals, axis=1, keepdims=True))
+    return np.asarray(normals / np.maximum(np.linalg.norm(normals, axis=1, keepdims=True), 1e-30))
 
 
 def curvatures_at(stage: Stage, hits: Hits, time: float) -> Floats:

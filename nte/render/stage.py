@@ -16,6 +16,7 @@ from nte.render.backend import is_scalar, load_drjit, load_mitsuba, undisturbed
 from nte.render.places import Indices, Places, Triangles
 from nte.render.scene import Camera, DeformingObject, Material, Medium, Mesh, Scene, SceneObject
 from nte.render.unshadowed import unshadowed_integrator
+from nte.render.xml import forget_scene
 
 _DISTANT = 1e5, 1e3  # scene units, at least, and times the scene's size
 VEIL = 0.05  # the share of light that a veil reflects or swallows
@@ -29,6 +30,7 @@ class Stage:
 
     def __init__(self, scene: Scene, width: int, height: int, max_depth: int, unshadowed: bool = False) -> None:
         mi = load_mitsuba()
+        forget_scene()
         self.scene, self.width, self.height = scene, width, height
         max_depth = max(max_depth, scene.least_depth)
         media = any(obj.medium is not None for obj in scene.objects)

@@ -1,5 +1,6 @@
 """Loading somebody else's scene as it is: nothing in the XML needs a name or a change for nte's sake."""
 
+import os
 from itertools import chain, count
 from pathlib import Path
 from typing import Any
@@ -10,12 +11,30 @@ from nte.errors import NteError
 from nte.render.animation import Animation
 from nte.render.backend import load_mitsuba
 
+_Loaded = tuple[Any, bool]
+_kept: dict[str, _Loaded] = {}  # at most one: the scene that was loaded to be checked, until it is rendered
 
-def load_xml(animation: Animation) -> tuple[Any, bool]:
-    """The mi.Scene of an animation's XML, and whether there are media in it.
 
-    Raises NteError for what Mitsuba does not load, in its own words.
+def load_xml(animation: Animation, keep: bool = False) -> _Loaded:
+    """Load the mi.Scene of an animation's XML, and say whether there are media in it.
+
+    keep: for the next call, which takes it instead of loading it again if the XML and its values are the same. Raises
+    NteError for what Mitsuba does not load, in its own words.
     """
+    key = repr((animation.xml, os.stat(animation.xml).st_mtime_ns, sorted(animation.values.items())))
+    loaded = _kept.pop(key, None) or _load(animation)
+    forget_scene()
+    if keep:
+        _kept[key] = loaded
+    return loaded
+
+
+def forget_scene() -> None:
+    """Let go of a scene that was kept: others in the process would not be recorded beside it (Stage.frozen)."""
+    _kept.clear()
+
+
+def _load(animation: Animation) -> _Loaded:
     mi = load_mitsuba()
     config = mi.parser.ParserConfig(mi.variant())
     # Merging shapes of one material would lose their names.
@@ -34,7 +53,7 @@ def load_xml(animation: Animation) -> tuple[Any, bool]:
         _name_all(state)
         _check_transforms(animation.xml, state)
         made = mi.parser.instantiate(config, state)
-        media = any(node.type == mi.ObjectType.Medium for node in state.nodes)
+        media = any(node.type == mi.ObjectType.Medium for node in _used(state))
     except (RuntimeError, TypeError) as error:  # how Mitsuba says that something is wrong with a scene
         # Where the first line ends in a colon, the second says what it is about.
         first, *more = (line.strip() for line in str(error).strip().splitlines())
@@ -49,14 +68,47 @@ def load_xml(animation: Animation) -> tuple[Any, bool]:
 
 
 def _drop_unused(state: Any) -> None:
-    """Take the integrator and the samplers, which are nte's own, out of the parsed XML: plugins that this Mitsuba has
-    not, or has no more, are no obstacle there."""
-    mi = load_mitsuba()
+    """Take out of the parsed XML what nte does not use: plugins that this Mitsuba has not, or has no more, are no
+    obstacle there.
+
+    That is integrators and samplers, of films all but the size, on which a field of view may depend, sensors beside
+    the first, those that are shapes, and materials, textures and media that no shape or light refers to.
+    """
+    kinds = load_mitsuba().ObjectType
+    sensors = 0
     for node in state.nodes:
-        if node.type in (mi.ObjectType.Scene, mi.ObjectType.Sensor):
-            for key, child in _children(state, node):
-                if child.type in (mi.ObjectType.Integrator, mi.ObjectType.Sampler):
-                    del node.props[key]
+        for key, child in _children(state, node):
+            unused = child.type in (kinds.Integrator, kinds.Sampler)
+            if node.type == kinds.Shape:
+                unused = child.type == kinds.Sensor
+            elif node.type == kinds.Scene:
+                sensors += child.type == kinds.Sensor
+                unused = child.type not in (kinds.Shape, kinds.Emitter, kinds.Sensor)
+                unused |= child.type == kinds.Sensor and sensors > 1
+            if unused:
+                del node.props[key]
+            elif child.type == kinds.Film:
+                _plain_film(child)
+
+
+def _plain_film(film: Any) -> None:
+    """Make a film of any kind a plugin that there is, of the same size."""
+    film.props.set_plugin_name("hdrfilm")
+    for key in [key for key, _ in film.props.items() if key not in ("width", "height")]:
+        del film.props[key]
+
+
+def _used(state: Any) -> list[Any]:
+    """The nodes that the scene still refers to, through others or by itself."""
+    reference = load_mitsuba().Properties.ResolvedReference
+    found: set[int] = set()
+    ahead = [state.root]
+    while ahead:
+        values = [value for _, value in ahead.pop().props.items() if isinstance(value, reference)]
+        fresh = {value.index() for value in values} - found
+        found |= fresh
+        ahead += [state.nodes[index] for index in fresh]
+    return [state.nodes[index] for index in found]
 
 
 def _name_all(state: Any) -> None:

@@ -326,3 +326,49 @@ def test_lights_change_their_brightness(folder: Path, name: str) -> None:
         means.append(radiance(lit, 64, 5).mean())
     assert means[0] > 0.001
     np.testing.assert_allclose(np.divide(means, means[0]), (1, 2, 3, 1), rtol=1e-4)
+
+
+_SENSOR = """<sensor type="perspective"><float name="{fov}" value="40"/>{more}<transform name="{place}">
+  <lookat origin="0, 1, -5" target="0, 0, 0" up="0, 1, 0"/></transform>{film}</sensor>"""
+_BALL = '<shape type="sphere"><bsdf type="diffuse"/>{}</shape><emitter type="constant"/>'
+_SIZED = '<integer name="width" value="300"/><integer name="height" value="100"/>'
+_BY_HEIGHT = '<string name="fov_axis" value="y"/>'
+WIDE = np.degrees(2 * np.arctan(3 * np.tan(np.radians(20))))  # 40° are along the side three times shorter
+ODD_FILTER = '<rfilter type="odd"><float name="q" value="1"/></rfilter>'
+ODD_FORMAT = '<string name="pixel_format" value="odd"/>'
+OLD_FILM = f'<film type="ldrfilm">{_SIZED}<boolean name="banner" value="false"/><rfilter type="gaussian"/></film>'
+UNUSED = {  # what nte does not use → version, the head of the scene, the sensor's film, more of the sensor, of the ball
+    "a film of old": ("3.0.0", "", f'<film type="ldrfilm">{_SIZED}<float name="gamma" value="2.2"/></film>', "", ""),
+    "a filter": ("3.0.0", "", f'<film type="hdrfilm">{ODD_FILTER}</film>', "", ""),
+    "the film's settings": ("3.0.0", "", f'<film type="hdrfilm">{ODD_FORMAT}</film>', "", ""),
+    "a film by reference": ("3.0.0", '<film type="ldrfilm" id="f"/>', '<ref id="f"/>', "", ""),
+    "a film by parameter": ("3.0.0", '<default name="film" value="ldrfilm"/>', '<film type="$film"/>', "", ""),
+    "an integrator": ("3.0.0", '<integrator type="vcm"><integer name="depth" value="3"/></integrator>', "", "", ""),
+    "a sampler": ("3.0.0", "", '<sampler type="sobolx"/>', "", ""),
+    "a second sensor": ("3.0.0", "", "", "", '</shape><sensor type="odd"/><shape type="sphere">'),
+    "a sensor on a shape": ("3.0.0", "", "", "", '<sensor type="irradiancemeter"><film type="odd"/></sensor>'),
+    "a material": ("3.0.0", '<bsdf type="irawan" id="cloth"><string name="file" value="x"/></bsdf>', "", "", ""),
+    "a medium": ("3.0.0", '<medium type="odd" id="fog"/>', "", "", ""),
+    "an include": ("3.0.0", '<include filename="part.xml"/>', "", "", ""),
+    "an alias": ("3.0.0", '<bsdf type="odd" id="a"/><alias id="a" as="b"/>', "", "", ""),
+    "all of 0.5": ("0.5.0", '<integrator type="path"><integer name="maxDepth" value="3"/></integrator>',
+                   f'{OLD_FILM}<sampler type="ldsampler"><integer name="sampleCount" value="4"/></sampler>',
+                   '<string name="fovAxis" value="smaller"/>', ""),
+    "a field of view by height": ("3.0.0", "", f'<film type="odd">{_SIZED}</film>', _BY_HEIGHT, ""),
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("name", UNUSED)
+def test_what_is_not_used_is_not_loaded(tmp_path: Path, name: str) -> None:
+    version, head, film, more, ball = UNUSED[name]
+    place = "toWorld" if version < "2" else "to_world"
+    sensor = _SENSOR.format(fov="fov", more=more, place=place, film=film)
+    part = '<scene version="3.0.0"><integrator type="odd"/><film type="odd" id="f"/></scene>'
+    (tmp_path / "part.xml").write_text(part)
+    (tmp_path / "scene.xml").write_text(f'<scene version="{version}">{head}{sensor}{_BALL.format(ball)}</scene>')
+    (tmp_path / "still.yaml").write_text("xml: scene.xml")
+    made = OwnStage(read_animation(tmp_path / "still.yaml"), 8, 6, 2)
+    made.set_time(0)
+    assert not made.media
+    assert made.scene.camera.fov == pytest.approx(WIDE if more else 40, abs=1e-3)
+    assert radiance(made, 4, 1).mean() > 0.1
