@@ -160,7 +160,7 @@ class Clip:
     def _about(self, index: int) -> dict[str, Any]:
         """Scalars and cameras that clip.json has for a frame, with the batch axis."""
         about: dict[str, Any] = {}
-        for key in ("exposure", "depth_scale"):
+        for key in ("exposure", "depth_scale", "shutter"):
             if key in self.info:
                 about[key] = np.array([self.info[key]], np.float32)
         if "cameras" in self.info:
@@ -189,6 +189,9 @@ def _read_info(folder: Path) -> dict[str, Any]:
         found = info.get(key, 1)
         if type(found) not in (int, float) or not 0 < found < float("inf"):
             raise NteError(f"{path}: '{key}' is {found!r}, expected a positive number")
+    shutter = info.get("shutter", 1)
+    if type(shutter) not in (int, float) or not 0 < shutter <= 1:
+        raise NteError(f"{path}: 'shutter' is {shutter!r}, expected the open share of the frame, in (0, 1]")
     if "cameras" in info:
         _check_cameras(path, info["cameras"], info["frames"])
     return info

@@ -24,7 +24,7 @@ def first_stage(rows: Tensor, pixels: Pixels, reach: Tensor, depth_threshold: fl
     seen = moves & ~hidden(own, values, depth_threshold)
     weight = motion_weight(pixels.centres(), places, values[..., MOTION], values[..., TIME], reach[:, None])
     weight = (b3 * weight * seen)[..., None]
-    static = (b3 * (inside & ~moves))[..., None]
+    static = (b3 * (inside & ~moves & ~before(own[:, DEPTH], values, depth_threshold)))[..., None]
     behind = torch.cat([(static * values[..., COLOR]).sum(1), static.sum(1)], 1)
     kept = torch.cat([own[:, COLOR], torch.ones_like(own[:, :1])], 1)
     moving = torch.cat([values[..., COLOR], values[..., MOTION], torch.ones_like(weight)], 2)
@@ -37,6 +37,11 @@ def hidden(own: Tensor, values: Tensor, depth_threshold: float) -> Tensor:
     """(K, T): samples (K, T, 8) behind the pixel's own static one (K, 8), by this share of its depth or more."""
     limit = torch.where(own[:, MOVING] > 0, float("inf"), own[:, DEPTH] * (1 + depth_threshold))
     return values[..., DEPTH] > limit[:, None]
+
+
+def before(depth: Tensor, values: Tensor, depth_threshold: float) -> Tensor:
+    """(K, T): samples (K, T, 8) in front of these depths (K,), by this share of them or more."""
+    return values[..., DEPTH] < depth[:, None] * (1 - depth_threshold)
 
 
 def normalise(sums: Tensor) -> Tensor:

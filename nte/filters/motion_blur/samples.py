@@ -87,6 +87,24 @@ def read_samples(frame: Frame) -> tuple[Tensor, Size]:
     return torch.cat(columns, 1).movedim(1, -1).reshape(-1, 8), size
 
 
+def open_share(frame: Frame, given: float) -> Tensor:
+    """(N,): the open share of the frame, which `shutter_motion` spans: `given` if above 0, or the frame's, or 1.
+
+    Raises NteError for a share outside (0, 1].
+    """
+    if given or frame.shutter is None:
+        return torch.full((frame.batch,), given or 1.0, device=frame["time"].device)
+    wrong = ~((frame.shutter > 0) & (frame.shutter <= 1))
+    if wrong.any():
+        found = ", ".join(f"{float(share):g}" for share in frame.shutter[wrong])
+        raise NteError(
+            f"frame {frame.index}: shutter is {found}, expected the open share of the frame, in (0, 1]; vectors that "
+            "point backward in time have to be negated"
+        )
+    share: Tensor = frame.shutter
+    return share.expand(frame.batch)
+
+
 def _check_time(time: Tensor, index: int) -> None:
     wrong = (time < 0) | (time > 1)
     if wrong.any():
