@@ -1,4 +1,4 @@
-"""Bright bars on black in closed form, that move, turn, grow and shrink: what becomes of the light when they are blurred."""
+"""Bright bars on black in closed form, that move, grow and shrink: what becomes of their light in a blurred frame?"""
 
 from dataclasses import dataclass
 from functools import cached_property

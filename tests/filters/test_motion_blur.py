@@ -210,8 +210,8 @@ def test_missing_channels_name_the_recipe_that_has_them():
 
 
 @pytest.mark.parametrize(
-    "options", [{"factor": "x"}, {"steps": "x"}, {"iterations": 0}, {"accept": 9.0}, {"shutter": 1.5}, {"shutter": -0.5},
-                {"beta_l": float("nan")}, {"near": -1.0}],
+    "options", [{"factor": "x"}, {"steps": "x"}, {"iterations": 0}, {"accept": 9.0}, {"shutter": 1.5},
+                {"shutter": -0.5}, {"beta_l": float("nan")}, {"near": -1.0}],
 )  # fmt: skip
 def test_options_out_of_range_are_refused(options):
     with pytest.raises(NteError, match=f"motion_blur: .*{next(iter(options))}"):

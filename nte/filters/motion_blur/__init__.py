@@ -23,7 +23,16 @@ from nte.filters.motion_blur.first_stage import (
     normalise,
 )
 from nte.filters.motion_blur.prefilter import prefilter
-from nte.filters.motion_blur.samples import COLOR, MOVING, Pixels, Size, in_chunks, near_moving, open_share, read_samples
+from nte.filters.motion_blur.samples import (
+    COLOR,
+    MOVING,
+    Pixels,
+    Size,
+    in_chunks,
+    near_moving,
+    open_share,
+    read_samples,
+)
 from nte.filters.motion_blur.second_stage import second_stage
 from nte.filters.motion_blur.temporal import Reprojection, add_history
 from nte.filters.motion_blur.variance import Estimate, estimate_variance

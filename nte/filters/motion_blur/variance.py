@@ -43,7 +43,8 @@ def estimate_variance(rows: Tensor, pixels: Pixels, depth_threshold: float, naiv
     # Four columns instead of eight: reading them is what the estimate costs.
     narrow = torch.stack([motion.square().sum(1).sqrt(), angle, rows[:, DEPTH], rows[:, MOVING]], 1)
     table = in_chunks(tiles, 16**2, lambda some, _: _tile_statistics(narrow, some, depth_threshold, naive))[of_pixel]
-    return Estimate(*table[:, :4].unbind(1), table[:, 4:])
+    length, length_variance, angle, angle_variance = table[:, :4].unbind(1)
+    return Estimate(length, length_variance, angle, angle_variance, table[:, 4:])
 
 
 def _tiles(pixels: Pixels) -> tuple[Pixels, Tensor]:
