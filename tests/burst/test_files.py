@@ -106,7 +106,7 @@ def test_the_picture_is_turned_balanced_and_exposed_as_the_file_asks(tmp_path: P
     grey[..., :48, :] = 0.05  # the top of the sensor
     values = raw_values(sense(grey * neutral, mosaic_of("bayer"), None, 0)[0, 0].numpy())
     for name in ("a", "b"):
-        write_dng(tmp_path / f"{name}.dng", values, BAYER, BLACK, WHITE, 0.02, 6, tuple(neutral.flatten()), 1.0)
+        write_dng(tmp_path / f"{name}.dng", values, BAYER, BLACK, WHITE, 0.02, 6, (0.5, 1.0, 0.8), 1.0)
     files, out = [str(tmp_path / f"{name}.dng") for name in ("a", "b")], str(tmp_path / "out.exr")
     given = ["--noise", "1e-4", "1e-6", "--out", out]
     assert main(["merge-burst", *files, *given]) == 0

@@ -31,8 +31,12 @@ class Bar:
     shutter: float = 1.0
 
     def frame(self, index: int, seed: int = 0, batch: int = 1) -> Frame:
-        """Frame `index`: one sample per pixel, at a random time of the shutter, (N, C, H, W)."""
-        time = np.random.default_rng((seed, index + 100)).random((batch, *self.image))
+        """Frame `index`: one sample per pixel, at a random time of the shutter, (N, C, H, W).
+
+        The N times of a pixel are spread evenly over the shutter, so that the mean of the batch is all but the truth.
+        """
+        time = np.random.default_rng((seed, index + 100)).random(self.image)
+        time = (time + np.arange(batch)[:, None, None] / batch) % 1
         color, motion, inside = self._seen(index, time)
         channels = {
             "color": color, "time": time[:, None], "shutter_motion": motion,

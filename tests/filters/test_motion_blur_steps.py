@@ -218,7 +218,7 @@ def test_reprojection_of_a_slide_needs_one_iteration():
     size = Size(1, *SIZE)
     pixels = everywhere(size)
     motion = torch.tensor([[3.0, -2.0]]).expand(len(pixels.index), 2)
-    offset, accepted = find(history(motion), pixels, motion, opened(pixels), Reprojection(iterations=1))
+    offset, accepted, _ = find(history(motion), pixels, motion, opened(pixels), Reprojection(iterations=1))
     assert torch.equal(offset, torch.tensor([[-3, 2]]).expand_as(offset))
     inside = (pixels.x >= 3) & (pixels.y < SIZE[0] - 2)
     assert torch.equal(accepted, inside)
@@ -227,7 +227,7 @@ def test_reprojection_of_a_slide_needs_one_iteration():
 def test_a_shutter_of_half_the_frame_looks_twice_as_far():
     pixels = everywhere(Size(1, *SIZE))
     motion = torch.tensor([[2.0, 0.0]]).expand(len(pixels.index), 2)
-    offset, _ = find(history(motion), pixels, motion, 0.5 * opened(pixels), Reprojection())
+    offset, *_ = find(history(motion), pixels, motion, 0.5 * opened(pixels), Reprojection())
     assert offset[:, 0].unique().tolist() == [-4]
 
 
@@ -239,7 +239,8 @@ def test_the_second_iteration_finds_more_of_a_rotation():
     motion = 2 * math.sin(0.25) * torch.stack([-arm[:, 1], arm[:, 0]], 1)
     shares, error = {}, {}
     for iterations in (1, 2):
-        offset, accepted = find(history(motion), pixels, motion, opened(pixels), Reprojection(iterations, accept=1.0))
+        settings = Reprojection(iterations, accept=1.0)
+        offset, accepted, _ = find(history(motion), pixels, motion, opened(pixels), settings)
         shares[iterations] = accepted.float().mean().item()
         turn = torch.tensor([[math.cos(0.5), -math.sin(0.5)], [math.sin(0.5), math.cos(0.5)]])
         error[iterations] = (arm @ turn - arm - offset)[accepted].norm(dim=1).mean().item()

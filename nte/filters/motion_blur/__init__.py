@@ -168,7 +168,7 @@ class MotionBlur:
             if self.history and state is not None:
                 still, history = rows[pixels.index, MOVING] == 0, state.rows(frame.reset)
                 shutter = open_share(frame, self.shutter)[pixels.index // (pixels.size.height * pixels.size.width)]
-                added, accepted = add_history(sums, history, pixels, reach, shutter, self.reprojection)
+                added, accepted = add_history(sums, history, pixels, estimate.motion, reach, shutter, self.reprojection)
                 # A static pixel keeps its colour.
                 static = slice(STATIC_COLOR.start, STATIC_WEIGHT + 1)
                 added[:, static] = torch.where(still[:, None], sums[:, static], added[:, static])

@@ -13,12 +13,12 @@ from torch import Tensor
 from nte.filters.motion_blur.first_stage import (
     FACTOR,
     MOVING_COLOR,
-    MOVING_MOTION,
     MOVING_WEIGHT,
     STATIC_COLOR,
     STATIC_WEIGHT,
     before,
     hidden,
+    passing,
 )
 from nte.filters.motion_blur.samples import COLOR, DEPTH, MOTION, MOVING, TIME, WINDOW, Pixels, gather
 from nte.filters.motion_blur.variance import Estimate, counted
@@ -75,12 +75,8 @@ def weighted_share(
     cos, sin = estimate.angle.cos()[:, None], estimate.angle.sin()[:, None]
     offsets = torch.stack([x * cos - y * sin, x * sin + y * cos], -1).round().long()
     values, places, inside = gather(rows, pixels, offsets)
-    known = sums[:, MOVING_WEIGHT, None] > 0
-    passing = torch.where(
-        known, sums[:, MOVING_MOTION] / sums[:, MOVING_WEIGHT, None].clamp(min=1e-12), estimate.motion
-    )
     moves = (values[..., MOVING] > 0) & ~hidden(rows[pixels.index], values, depth_threshold)
-    motion = torch.where(moves[..., None], values[..., MOTION], passing[:, None])
+    motion = torch.where(moves[..., None], values[..., MOTION], passing(sums, estimate.motion)[:, None])
     weight = motion_weight(pixels.centres(), places, motion, values[..., TIME], reach[:, None]) * inside
     moving = weight * moves
     depth = torch.where(moving > 0, moving * values[..., DEPTH], 0).sum(1) / moving.sum(1).clamp(min=1e-12)

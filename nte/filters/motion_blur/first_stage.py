@@ -33,6 +33,12 @@ def first_stage(rows: Tensor, pixels: Pixels, reach: Tensor, depth_threshold: fl
     )
 
 
+def passing(sums: Tensor, near: Tensor) -> Tensor:
+    """Vectors (K, 2) of what passes the pixels: the moving buffer's, or, where that is empty, those `near` (K, 2)."""
+    weight = sums[:, MOVING_WEIGHT, None]
+    return torch.where(weight > 0, sums[:, MOVING_MOTION] / weight.clamp(min=1e-12), near)
+
+
 def hidden(own: Tensor, values: Tensor, depth_threshold: float) -> Tensor:
     """(K, T): samples (K, T, 8) behind the pixel's own static one (K, 8), by this share of its depth or more."""
     limit = torch.where(own[:, MOVING] > 0, float("inf"), own[:, DEPTH] * (1 + depth_threshold))
