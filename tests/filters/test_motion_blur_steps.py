@@ -12,7 +12,6 @@ from torch import Tensor
 from nte.filters.motion_blur.composition import Cover, compose, weighted_share
 from nte.filters.motion_blur.first_stage import (
     COLUMNS,
-    FACTOR,
     MOVING_COLOR,
     MOVING_MOTION,
     MOVING_WEIGHT,
@@ -218,7 +217,7 @@ def test_reprojection_of_a_slide_needs_one_iteration():
     size = Size(1, *SIZE)
     pixels = everywhere(size)
     motion = torch.tensor([[3.0, -2.0]]).expand(len(pixels.index), 2)
-    offset, accepted, _ = find(history(motion), pixels, motion, opened(pixels), Reprojection(iterations=1))
+    offset, accepted = find(history(motion), pixels, motion, opened(pixels), Reprojection(iterations=1))
     assert torch.equal(offset, torch.tensor([[-3, 2]]).expand_as(offset))
     inside = (pixels.x >= 3) & (pixels.y < SIZE[0] - 2)
     assert torch.equal(accepted, inside)
@@ -227,7 +226,7 @@ def test_reprojection_of_a_slide_needs_one_iteration():
 def test_a_shutter_of_half_the_frame_looks_twice_as_far():
     pixels = everywhere(Size(1, *SIZE))
     motion = torch.tensor([[2.0, 0.0]]).expand(len(pixels.index), 2)
-    offset, *_ = find(history(motion), pixels, motion, 0.5 * opened(pixels), Reprojection())
+    offset, _ = find(history(motion), pixels, motion, 0.5 * opened(pixels), Reprojection())
     assert offset[:, 0].unique().tolist() == [-4]
 
 
@@ -240,7 +239,7 @@ def test_the_second_iteration_finds_more_of_a_rotation():
     shares, error = {}, {}
     for iterations in (1, 2):
         settings = Reprojection(iterations, accept=1.0)
-        offset, accepted, _ = find(history(motion), pixels, motion, opened(pixels), settings)
+        offset, accepted = find(history(motion), pixels, motion, opened(pixels), settings)
         shares[iterations] = accepted.float().mean().item()
         turn = torch.tensor([[math.cos(0.5), -math.sin(0.5)], [math.sin(0.5), math.cos(0.5)]])
         error[iterations] = (arm @ turn - arm - offset)[accepted].norm(dim=1).mean().item()
@@ -301,9 +300,10 @@ def test_weighted_share_is_the_share_of_the_shutter():
 
 def test_composition_takes_what_there_is():
     rows = torch.zeros(5, COLUMNS)
-    rows[:, MOVING_COLOR], rows[:, STATIC_COLOR], rows[:, FACTOR] = 1, 3, 0.25
+    rows[:, MOVING_COLOR], rows[:, STATIC_COLOR] = 1, 3
     rows[:, MOVING_WEIGHT], rows[:, STATIC_WEIGHT] = torch.tensor([1.0, 1, 0, 1, 0]), torch.tensor([1.0, 0, 1, 0, 1])
     spare = torch.zeros(5, 9)
+    spare[:, 0] = 0.25
     spare[3, 5:], spare[4, 1:5] = torch.tensor([7.0, 7, 7, 2]), torch.tensor([5.0, 5, 5, 2])
     assert compose(rows, Cover.parts(spare))[:, 0].tolist() == [2.5, 1, 3, 5.5, 3.5]
 

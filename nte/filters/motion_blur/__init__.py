@@ -15,7 +15,6 @@ from nte.errors import NteError
 from nte.filters.motion_blur.composition import Cover, compose, plain_share, weighted_share
 from nte.filters.motion_blur.first_stage import (
     COLUMNS,
-    FACTOR,
     MOVING_WEIGHT,
     STATIC_COLOR,
     STATIC_WEIGHT,
@@ -52,10 +51,10 @@ class State:
 
     color: Tensor  # (N, 3, H, W)
     index: Tensor  # (K,) row numbers
-    values: Tensor  # (K, 11)
+    values: Tensor  # (K, 10)
 
     def rows(self, reset: Tensor | None) -> Tensor:
-        """(N·H·W, 11); nothing in sequences that restart."""
+        """(N·H·W, 10); nothing in sequences that restart."""
         batch = len(self.color)
         rows = self.color.new_zeros(batch * self.color[0, 0].numel(), COLUMNS)
         rows[:, STATIC_COLOR] = self.color.movedim(1, -1).reshape(-1, 3)
@@ -136,7 +135,7 @@ class MotionBlur:
         if len(pixels.index):
             estimate, cover, means, accepted = self._buffers(rows, pixels, state, tensors)
             composed = self._finish(means, pixels, estimate, cover)
-            found = {"factor": means[:, FACTOR], "reprojected": accepted.float(), "length": estimate.length}
+            found = {"factor": cover.factor, "reprojected": accepted.float(), "length": estimate.length}
             for name, values in maps.items():
                 values[pixels.index] = found[name][:, None]
             after = image.clone()
@@ -150,7 +149,7 @@ class MotionBlur:
     def _buffers(
         self, rows: Tensor, pixels: Pixels, state: State | None, frame: Frame
     ) -> tuple[Estimate, Cover, Tensor, Tensor]:
-        """Steps 1 to 5: the estimate, the cover, the means (K, 11), and where moving history was accepted (K,)."""
+        """Steps 1 to 5: the estimate, the cover, the means (K, 10), and where moving history was accepted (K,)."""
         with record_function("motion_blur/variance"):
             estimate = estimate_variance(rows, pixels, self.depth, self.chosen["angle"] == "naive")
             reach = estimate.reach(self.beta_a, self.beta_l)
@@ -162,13 +161,12 @@ class MotionBlur:
         with record_function("motion_blur/first stage"):
             sums = in_chunks(pixels, 25, lambda some, chunk: first_stage(filtered, some, reach[chunk], self.depth))
             cover = self._cover(filtered, pixels, sums, estimate, reach)
-            sums[:, FACTOR] = cover.factor
         accepted = torch.zeros(len(sums), dtype=torch.bool, device=sums.device)
         with record_function("motion_blur/temporal"):
             if self.history and state is not None:
                 still, history = rows[pixels.index, MOVING] == 0, state.rows(frame.reset)
                 shutter = open_share(frame, self.shutter)[pixels.index // (pixels.size.height * pixels.size.width)]
-                added, accepted = add_history(sums, history, pixels, estimate.motion, reach, shutter, self.reprojection)
+                added, accepted = add_history(sums, history, pixels, reach, shutter, self.reprojection)
                 # A static pixel keeps its colour.
                 static = slice(STATIC_COLOR.start, STATIC_WEIGHT + 1)
                 added[:, static] = torch.where(still[:, None], sums[:, static], added[:, static])

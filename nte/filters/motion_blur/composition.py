@@ -11,14 +11,13 @@ import torch
 from torch import Tensor
 
 from nte.filters.motion_blur.first_stage import (
-    FACTOR,
     MOVING_COLOR,
+    MOVING_MOTION,
     MOVING_WEIGHT,
     STATIC_COLOR,
     STATIC_WEIGHT,
     before,
     hidden,
-    passing,
 )
 from nte.filters.motion_blur.samples import COLOR, DEPTH, MOTION, MOVING, TIME, WINDOW, Pixels, gather
 from nte.filters.motion_blur.variance import Estimate, counted
@@ -75,8 +74,12 @@ def weighted_share(
     cos, sin = estimate.angle.cos()[:, None], estimate.angle.sin()[:, None]
     offsets = torch.stack([x * cos - y * sin, x * sin + y * cos], -1).round().long()
     values, places, inside = gather(rows, pixels, offsets)
+    known = sums[:, MOVING_WEIGHT, None] > 0
+    passing = torch.where(
+        known, sums[:, MOVING_MOTION] / sums[:, MOVING_WEIGHT, None].clamp(min=1e-12), estimate.motion
+    )
     moves = (values[..., MOVING] > 0) & ~hidden(rows[pixels.index], values, depth_threshold)
-    motion = torch.where(moves[..., None], values[..., MOTION], passing(sums, estimate.motion)[:, None])
+    motion = torch.where(moves[..., None], values[..., MOTION], passing[:, None])
     weight = motion_weight(pixels.centres(), places, motion, values[..., TIME], reach[:, None]) * inside
     moving = weight * moves
     depth = torch.where(moving > 0, moving * values[..., DEPTH], 0).sum(1) / moving.sum(1).clamp(min=1e-12)
@@ -84,11 +87,10 @@ def weighted_share(
 
 
 def compose(means: Tensor, cover: Cover) -> Tensor:
-    """(K, 3): colours of rows (K, 11); where a buffer is empty, its colour is the cover's, if that has one."""
+    """(K, 3): colours of rows (K, 10); where a buffer is empty, its colour is the cover's, if that has one."""
     moving, some_moves = _either(means[:, MOVING_COLOR], means[:, MOVING_WEIGHT], cover.moving)
     static, some_stands = _either(means[:, STATIC_COLOR], means[:, STATIC_WEIGHT], cover.static)
-    factor = means[:, FACTOR, None]
-    factor = torch.where(some_stands, factor, 1.0)
+    factor = torch.where(some_stands, cover.factor[:, None], 1.0)
     factor = torch.where(some_moves, factor, 0.0)
     return torch.lerp(static, moving, factor)
 
