@@ -27,7 +27,7 @@ FRAMES, BATCH = 2, 16
 
 def light_of(spec: str, bar: Bar) -> tuple[float, float, float]:
     """Light of the last frame, in which the bar is in the middle of the image, of its input and of the truth."""
-    session, frames = Session(load_denoiser(spec)), [bar.frame(index + 1 - FRAMES, batch=BATCH) for index in range(FRAMES)]
+    session, frames = Session(load_denoiser(spec)), [bar.frame(i + 1 - FRAMES, batch=BATCH) for i in range(FRAMES)]
     images = [session.denoise(frame) for frame in frames]
     means = (images[-1].mean(0), frames[-1]["color"].mean(0), bar.truth(0))
     ours, given, truth = (mean.sum((1, 2)) for mean in means)
@@ -55,7 +55,7 @@ def test_the_factor_stays_a_share_where_motion_converges() -> None:
     bar, session = Bar((40, 40), (0, 0), growth=-0.15, image=(56, 56)), Session(load_denoiser("motion_blur"))
     for index in range(5):
         extras = session.step(bar.frame(index - 2), ("factor",)).extras
-        assert 0 <= extras["factor"].min()
+        assert extras["factor"].min() >= 0
         assert extras["factor"].max() <= 1 + 1e-6
 
 

@@ -27,6 +27,7 @@ from nte.filters.motion_blur.samples import (
     MOVING,
     Pixels,
     Size,
+    check_direction,
     in_chunks,
     near_moving,
     open_share,
@@ -80,7 +81,7 @@ class MotionBlur:
     """
 
     needs: tuple[str, ...] = ("color", "time", "shutter_motion", "shutter_depth")
-    optional: tuple[str, ...] = ()
+    optional: tuple[str, ...] = ("motion",)
     target = "color"
 
     def __init__(
@@ -122,6 +123,9 @@ class MotionBlur:
         if state is not None:
             check_size(frame, state.color)
         tensors = frame.torch(self.device)
+        shutter = open_share(tensors, self.shutter)
+        if state is None:
+            check_direction(tensors)
         with record_function("motion_blur/samples"):
             rows, size = read_samples(tensors)
             image = rows[:, COLOR]
@@ -133,7 +137,7 @@ class MotionBlur:
                 raise NteError(f"motion_blur has no extra '{name}'; it has {', '.join(EXTRAS)}")
         means = rows.new_zeros(0, COLUMNS)
         if len(pixels.index):
-            estimate, cover, means, accepted = self._buffers(rows, pixels, state, tensors)
+            estimate, cover, means, accepted = self._buffers(rows, pixels, state, tensors, shutter)
             composed = self._finish(means, pixels, estimate, cover)
             found = {"factor": cover.factor, "reprojected": accepted.float(), "length": estimate.length}
             for name, values in maps.items():
@@ -147,7 +151,7 @@ class MotionBlur:
         return Result(after_image, given).like(frame), State(color, pixels.index, means)
 
     def _buffers(
-        self, rows: Tensor, pixels: Pixels, state: State | None, frame: Frame
+        self, rows: Tensor, pixels: Pixels, state: State | None, frame: Frame, shutter: Tensor
     ) -> tuple[Estimate, Cover, Tensor, Tensor]:
         """Steps 1 to 5: the estimate, the cover, the means (K, 10), and where moving history was accepted (K,)."""
         with record_function("motion_blur/variance"):
@@ -165,8 +169,8 @@ class MotionBlur:
         with record_function("motion_blur/temporal"):
             if self.history and state is not None:
                 still, history = rows[pixels.index, MOVING] == 0, state.rows(frame.reset)
-                shutter = open_share(frame, self.shutter)[pixels.index // (pixels.size.height * pixels.size.width)]
-                added, accepted = add_history(sums, history, pixels, reach, shutter, self.reprojection)
+                of_each = shutter[pixels.index // (pixels.size.height * pixels.size.width)]
+                added, accepted = add_history(sums, history, pixels, reach, of_each, self.reprojection)
                 # A static pixel keeps its colour.
                 static = slice(STATIC_COLOR.start, STATIC_WEIGHT + 1)
                 added[:, static] = torch.where(still[:, None], sums[:, static], added[:, static])
