@@ -8,6 +8,7 @@ import numpy as np
 import torch
 from torch import Tensor
 
+from nte.burst.defects import find_defects
 from nte.burst.merge import RADII, Merged, merge_burst
 from nte.burst.noise import NoiseModel, fit_noise
 from nte.burst.pictures import SUFFIXES, read_picture, write_picture
@@ -24,6 +25,7 @@ class Summary:
     noise: NoiseModel
     merged: Merged
     others: list[Path]
+    defects: int  # pixels of the sensor that were found to be hot or dead
 
 
 def merge_files(
@@ -34,12 +36,16 @@ def merge_files(
     radii: tuple[int, ...] = RADII,
     force: bool = False,
     reach: Callable[[int], object] = lambda done: None,
+    brightness: float = 0.0,
+    bits: int = 16,
+    keep_defects: bool = False,
 ) -> Summary:
-    """Merge raw photographs, or pictures (.exr, .png), and write one picture, .exr (linear) or .png.
+    """Merge raw photographs, or pictures (.exr, .png, .tif), and write one picture: .exr (linear), .png or .tif.
 
     reference: which file the others are aligned to, from 1 on. noise: None fits the model to the reference and a
-    neighbour. One frame beside the reference is in memory at a time. Raises NteError for files that do not go
-    together, and where `out` exists and not `force`.
+    neighbour. brightness: stops, added to what the file asks for. bits: of a .png or .tif, 8 or 16. keep_defects:
+    take hot and dead pixels of the sensor for what the scene shows. One frame beside the reference is in memory at a
+    time. Raises NteError for files that do not go together, and where `out` exists and not `force`.
     """
     pictures = _check(files, out, reference, force)
     first = files[reference - 1]
@@ -49,16 +55,22 @@ def merge_files(
     base = _tensor(read_picture(first)) if raw is None else _tensor(raw.values[None])
     if min(base.shape[-2:]) < _SMALLEST:
         raise NteError(f"{first}: is {_size(base)}: expected at least {_SMALLEST} pixels along each side")
+    neighbour = others[min(reference - 1, len(others) - 1)]
+    second = _read(neighbour, base, first, raw) if noise is None or (raw and not keep_defects) else base
     if noise is None:
-        noise = fit_noise(base, _read(others[min(reference - 1, len(others) - 1)], base, first, raw), mosaic)
+        noise = fit_noise(base, second, mosaic)
+    defects = find_defects(base, second, noise, mosaic) if raw and not keep_defects else None
 
     def frames() -> Iterator[Tensor]:
         return (_read(path, base, first, raw) for path in others)
 
-    merged = merge_burst(base, frames(), noise, mosaic, radii, reach)
+    clips = first.suffix.lower() != ".exr"  # a linear picture has no white level
+    merged = merge_burst(base, frames(), noise, mosaic, radii, reach, clips, defects)
     pixels = merged.image[0].numpy()
-    write_picture(out, pixels if pictures else develop(first, pixels[0]))
-    return Summary(noise, merged, others)
+    stops = brightness + (raw.brightness if raw else 0.0)
+    picture = pixels if pictures else develop(first, pixels[0])
+    write_picture(out, picture * np.float32(2.0**stops), bits)
+    return Summary(noise, merged, others, 0 if defects is None else int(defects.sum()))
 
 
 def _check(files: Sequence[Path], out: Path, reference: int, force: bool) -> bool:
@@ -73,7 +85,7 @@ def _check(files: Sequence[Path], out: Path, reference: int, force: bool) -> boo
     if not 1 <= reference <= len(files):
         raise NteError(f"--reference {reference}: expected the number of a file, from 1 to {len(files)}")
     if out.suffix.lower() not in SUFFIXES:
-        raise NteError(f"{out}: expected a name that ends in .exr (linear) or .png (as displayed)")
+        raise NteError(f"{out}: expected a name that ends in .exr (linear), .png or .tif (as displayed)")
     if out.resolve() in seen:
         raise NteError(f"{out}: is a file of the burst: choose another name")
     if out.exists() and not force:

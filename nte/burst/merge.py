@@ -12,6 +12,7 @@ import torch
 import torch.nn.functional as F
 from torch import Tensor
 
+from nte.burst.defects import mend
 from nte.burst.mosaic import Mosaic
 from nte.burst.noise import NoiseModel
 from nte.errors import NteError
@@ -21,6 +22,8 @@ from nte.motion.warp import warp
 # Windows over which differences are compared with the noise, and how many deviations of their mean count as noise.
 # A large one sees faint differences; a small one sees thin things that a large one would dilute.
 WINDOWS = ((7, 1.0), (3, 3.0))
+_SUBSTITUTE = 0.1  # weight of what stands in for a defect of the reference: any other frame knows better
+_WHITE = 1 - 1e-4  # from here on a sensor is saturated, whatever 16 bits make of its white level
 _PEAKS = 16  # of the phase correlation that are tried
 _FARTHEST = 4  # part of the image: what overlaps less says less
 RADII = (16, 8, 4, 2)  # of the search's patches: the gains of (10, 4, 2, 2) and (8, 8, 4, 4) are the same or lower
@@ -38,7 +41,7 @@ class Merged(NamedTuple):
     """The merged picture."""
 
     image: Tensor  # as the reference: mosaic (1, 1, H, W) or image (1, C, H, W)
-    weight: Tensor  # (1, 1, H, W): of how many frames each pixel is the mean, from 1 on
+    weight: Tensor  # (1, 1, H, W): of how many frames each pixel is the mean, from 1 on (defects: from 0.1)
     frames: list[Aligned]  # of the others, in their order
 
 
@@ -50,6 +53,8 @@ def merge_burst(
     mosaic: Mosaic | None = None,
     radii: tuple[int, ...] = RADII,
     reach: Callable[[int], object] = lambda done: None,
+    clips: bool = True,
+    defects: Tensor | None = None,
 ) -> Merged:
     """Mean of `reference` and of what fits in `others`, linear values of white level 1, each (1, C, H, W).
 
@@ -57,17 +62,26 @@ def merge_burst(
     of at least one channel, fetched bilinearly. A frame's pixel with an excess difference b is weighted by the
     inverse of its squared error, 1 / (1 + b²/σ²): at most half a deviation of a single frame's b remains.
     radii: of the search's patches, finest first, in blocks of the sensor or pixels. reach: told after each frame.
-    The frames are taken one by one. Raises NteError for frames of another size.
+    clips: whether values end at 1: what the reference shows saturated stays, since a mean with what other frames'
+    noise brought below would be darker. defects (1, 1, H, W), bool: pixels of the sensor, in every frame, that tell
+    nothing (`find_defects`). The frames are taken one by one. Raises NteError for frames of another size.
     """
-    grey = _grey(reference, mosaic)
-    total, weights, found = reference.clone(), torch.ones_like(reference[:, :1]), []
+    weights, found = torch.ones_like(reference[:, :1]), []
+    if defects is not None:
+        reference = mend(reference, defects, mosaic)
+        weights = torch.where(defects, _SUBSTITUTE, weights)
+    grey, total = _grey(reference, mosaic), weights * reference
     for number, frame in enumerate(others, 1):
         if frame.shape != reference.shape:
             raise NteError(f"frame {number} is {tuple(frame.shape)}, the reference {tuple(reference.shape)}")
+        if defects is not None:
+            frame = mend(frame, defects, mosaic)
         motion = find_motion(grey, _grey(frame, mosaic), radii)
         if mosaic is not None:
             motion = mosaic.spread(motion, *reference.shape[-2:])
             fetched, valid = mosaic.fetch(frame, motion)
+            if defects is not None:
+                valid = valid & ~mosaic.fetch(defects, motion)[0]
             mixed = torch.ones_like(weights)
         else:
             fetched, valid = warp(frame, motion)
@@ -78,7 +92,8 @@ def merge_burst(
         x, y = (float(component) for component in motion[0].flatten(1).median(1).values)
         found.append(Aligned((x, y), float(weight.mean())))
         reach(number)
-    return Merged(total / weights, weights, found)
+    image = total / weights
+    return Merged(torch.where(reference >= _WHITE, reference, image) if clips else image, weights, found)
 
 
 def find_motion(current: Tensor, previous: Tensor, radii: tuple[int, ...]) -> Tensor:

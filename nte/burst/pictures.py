@@ -1,25 +1,24 @@
-"""Pictures that are demosaiced already: linear EXR, and PNG as it is displayed."""
+"""Pictures that are demosaiced already: linear EXR, and PNG or TIFF as they are displayed."""
 
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import numpy.typing as npt
-from PIL import Image, UnidentifiedImageError
 
-from nte.errors import NteError
-from nte.files import make_folder
+from nte.errors import NteError, needs_extra
+from nte.files import make_folder, write_whole
 from nte.frames.exr import read_exr, write_exr
-from nte.frames.show import quantise, write_png
 
 Pixels = npt.NDArray[np.float32]
-SUFFIXES = (".exr", ".png")
+SUFFIXES = (".exr", ".png", ".tif", ".tiff")
 _RGB = (("color.R", "color.G", "color.B"), ("R", "G", "B"))
 
 
 def read_picture(path: Path) -> Pixels:
-    """(3, H, W), linear, from a .exr (layer `color`, or R, G, B) or a .png of 8 bits (decoded from sRGB).
+    """(3, H, W), linear, from a .exr (layer `color`, or R, G, B), or a .png or .tif of 8 or 16 bits (from sRGB).
 
-    Bad pixels (NaN, inf) become 0. Raises NteError for another file, or other layers.
+    Bad pixels (NaN, inf) become 0, transparency is ignored. Raises NteError for another file, or other layers.
     """
     if not path.is_file():
         raise NteError(f"{path}: {'is a folder' if path.exists() else 'does not exist'}: expected a picture")
@@ -29,27 +28,49 @@ def read_picture(path: Path) -> Pixels:
             if all(name in layers for name in names):
                 return np.nan_to_num(np.stack([layers[name] for name in names]), nan=0, posinf=0, neginf=0)
         raise NteError(f"{path}: has {', '.join(layers)}: expected the layers R, G and B, or those of color")
-    try:
-        with Image.open(path) as picture:
-            if picture.mode not in ("RGB", "RGBA", "P", "L") or _depth(path) == 16:
-                raise NteError(f"{path}: a PNG of {picture.mode}, {_depth(path)} bits: expected 8 bits, or save as EXR")
-            display = np.asarray(picture.convert("RGB"), np.float32).transpose(2, 0, 1) / 255
-    except (UnidentifiedImageError, OSError, SyntaxError) as error:
-        raise NteError(f"{path}: the PNG cannot be read: {error}") from error
-    return np.where(display <= 0.04045, display / 12.92, ((display + 0.055) / 1.055) ** 2.4).astype(np.float32)
+    shown = _decode(path)
+    return np.where(shown <= 0.04045, shown / 12.92, ((shown + 0.055) / 1.055) ** 2.4).astype(np.float32)
 
 
-def write_picture(path: Path, image: Pixels) -> None:
-    """Write linear (3, H, W) as .exr (R, G, B, float32), or as .png in sRGB, where [0, 1] is what shows."""
+def write_picture(path: Path, image: Pixels, bits: int = 16) -> None:
+    """Write linear (3, H, W) as .exr (R, G, B, float32), or as .png or .tif of 8 or 16 bits in sRGB.
+
+    In sRGB [0, 1] is what shows; what is beyond is clipped.
+    """
     if path.suffix.lower() == ".exr":
         write_exr(path, dict(zip("RGB", image, strict=True)))
         return
-    make_folder(path.parent)
+    cv2 = _opencv(path)
     shown = image.clip(0, 1)
-    write_png(path, quantise(np.where(shown <= 0.0031308, shown * 12.92, 1.055 * shown ** (1 / 2.4) - 0.055)))
+    shown = np.where(shown <= 0.0031308, shown * 12.92, 1.055 * shown ** (1 / 2.4) - 0.055)
+    most = 2**bits - 1
+    whole = np.round(shown * most).astype(np.uint16 if bits == 16 else np.uint8)
+    coded = cv2.imencode(path.suffix.lower(), np.ascontiguousarray(whole[::-1].transpose(1, 2, 0)))[1]
+    make_folder(path.parent)
+    write_whole(path, lambda temporary: temporary.write_bytes(coded.tobytes()))
 
 
-def _depth(path: Path) -> int:
-    """Bits per channel, which stand in the header's fixed place: Pillow reads 16-bit colour as 8 bits silently."""
-    with path.open("rb") as file:
-        return file.read(25)[-1]
+def _decode(path: Path) -> Pixels:
+    """(3, H, W) in [0, 1], as displayed. OpenCV, since Pillow reads and writes colour in 8 bits only."""
+    cv2 = _opencv(path)
+    kind = path.suffix.lower()[1:4].upper().replace("TIF", "TIFF")
+    coded = np.frombuffer(path.read_bytes(), np.uint8)
+    try:
+        whole = cv2.imdecode(coded, cv2.IMREAD_COLOR | cv2.IMREAD_ANYDEPTH | cv2.IMREAD_IGNORE_ORIENTATION)
+    except cv2.error as error:
+        raise NteError(f"{path}: the {kind} cannot be read: {str(error).splitlines()[0]}") from error
+    if whole is None:
+        raise NteError(f"{path}: the {kind} cannot be read: expected a whole file of 8 or 16 bits")
+    if whole.dtype not in (np.uint8, np.uint16):
+        raise NteError(f"{path}: a {kind} of {whole.dtype}: expected 8 or 16 bits, or save as EXR")
+    shown = whole[..., ::-1].transpose(2, 0, 1).astype(np.float32)
+    return np.ascontiguousarray(shown / np.float32(np.iinfo(whole.dtype).max))
+
+
+def _opencv(path: Path) -> Any:
+    try:
+        import cv2
+    except ImportError as error:
+        raise needs_extra("burst", f"{path}: pictures as they are displayed", error) from error
+    cv2.utils.logging.setLogLevel(cv2.utils.logging.LOG_LEVEL_SILENT)  # it prints beside what is raised
+    return cv2

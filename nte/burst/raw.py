@@ -7,6 +7,7 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
+from nte.burst.dng import read_dng
 from nte.burst.mosaic import Mosaic, pattern_of
 from nte.errors import NteError, needs_extra
 
@@ -16,27 +17,40 @@ _WHITE = 65535
 
 @dataclass(frozen=True)
 class Raw:
-    """A mosaic (H, W), linear: 0 is the black level (noise goes below), 1 the white level; and what took it."""
+    """Values of the sensor (H, W), linear: 0 is the black level (noise goes below), 1 the white level; what took them.
+
+    mosaic: None of a sensor that sees one colour. brightness: stops by which the file asks to be made brighter.
+    """
 
     values: Pixels
-    mosaic: Mosaic
+    mosaic: Mosaic | None
     camera: tuple[float, ...]  # colour matrix and white level: of one camera at one exposure of its own choice
     exposure: tuple[float, float, float]  # ISO, seconds, aperture; 0 where the file does not say
+    brightness: float = 0.0  # DNG's BaselineExposure
 
 
 def read_raw(path: Path) -> Raw:
     """Read the visible part of the sensor. Raises NteError for what LibRaw cannot read, or that is no mosaic."""
     with _open(path) as raw:
         try:
-            mosaic = pattern_of(raw.raw_colors_visible, raw.color_desc.decode())
+            one_colour = raw.num_colors == 1
+            mosaic = None if one_colour else pattern_of(raw.raw_colors_visible, raw.color_desc.decode())
         except NteError as error:
             raise NteError(f"{path}: {error}") from error
-        black = np.array(raw.black_level_per_channel, np.float32)[raw.raw_colors_visible]
-        white = float(raw.white_level)
+        tags, white = read_dng(path), float(raw.white_level)
+        if tags:  # LibRaw hands on the least level of a pattern that is larger than 2×2
+            height, width = raw.raw_image_visible.shape
+            black = tags.levels(height, width, raw.sizes.top_margin, raw.sizes.left_margin)
+        else:
+            levels = np.array(raw.black_level_per_channel, np.float32)
+            black = levels[np.zeros_like(raw.raw_colors_visible) if one_colour else raw.raw_colors_visible]
+        if not (black < white).all():
+            raise NteError(f"{path}: has a black level of {black.max():g} and a white level of {white:g}")
         values = (raw.raw_image_visible.astype(np.float32) - black) / (white - black)
         camera = (*np.asarray(raw.color_matrix, float).ravel(), *np.asarray(raw.rgb_xyz_matrix, float).ravel(), white)
         other = raw.other
-        return Raw(values, mosaic, camera, (other.iso_speed, other.shutter_speed, other.aperture))
+        exposure = other.iso_speed, other.shutter_speed, other.aperture
+        return Raw(values, mosaic, camera, exposure, tags.exposure if tags else 0.0)
 
 
 def develop(path: Path, values: Pixels) -> Pixels:
@@ -58,7 +72,9 @@ def develop(path: Path, values: Pixels) -> Pixels:
             )  # fmt: skip
         except rawpy.LibRawError as error:
             raise NteError(f"{path}: LibRaw cannot demosaic it: {_reason(error)}") from error
-    return np.ascontiguousarray(image.transpose(2, 0, 1).astype(np.float32) / _WHITE)
+    # A sensor of one colour gives one channel.
+    channels = np.broadcast_to(image, (*image.shape[:2], 3)).transpose(2, 0, 1)
+    return np.ascontiguousarray(channels, np.float32) / np.float32(_WHITE)
 
 
 def _open(path: Path) -> Any:

@@ -185,7 +185,7 @@ class Clip:
     def _about(self, index: int) -> dict[str, Any]:
         """Scalars and cameras that clip.json has for a frame, with the batch axis."""
         about: dict[str, Any] = {"clean_guides": self.clean_guides}
-        for key in ("exposure", "depth_scale"):
+        for key in ("exposure", "depth_scale", "shutter"):
             if key in self.info:
                 about[key] = np.array([self.info[key]], np.float32)
         if "cameras" in self.info:
@@ -216,6 +216,9 @@ def _read_info(folder: Path) -> dict[str, Any]:
             raise NteError(f"{path}: '{key}' is {found!r:.40}, expected a positive number")
     if type(info.get("clean_guides")) not in (bool, type(None)):
         raise NteError(f"{path}: 'clean_guides' is {info['clean_guides']!r}, expected true, false or null for unknown")
+    shutter = info.get("shutter", 1)
+    if type(shutter) not in (int, float) or not 0 < shutter <= 1:
+        raise NteError(f"{path}: 'shutter' is {shutter!r}, expected the open share of the frame, in (0, 1]")
     if "cameras" in info:
         _check_cameras(path, info["cameras"], info["frames"])
     return info

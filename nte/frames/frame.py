@@ -20,16 +20,18 @@ Array: TypeAlias = Any  # a NumPy array or a PyTorch tensor: base code uses only
 class Frame:
     """Channels of one frame as (N, C, H, W) arrays, all NumPy or all PyTorch, with what belongs to them.
 
-    exposure, depth_scale and reset are (N,); view and projection (N, 4, 4), column vectors, world → view →
+    exposure, depth_scale, shutter and reset are (N,); view and projection (N, 4, 4), column vectors, world → view →
     [0, 1]² with y down. exposure and depth_scale belong to the sequence: None means «estimate them from the
-    first frame». reset marks batch elements that start a new sequence. clean_guides: whether albedo and normal are
-    free of noise and antialiased, the mean over each pixel; None where nobody said so, and then they count as noisy.
+    first frame». shutter is the open share of the frame that `shutter_motion` spans, in (0, 1]; None means 1.
+    reset marks batch elements that start a new sequence. clean_guides: whether albedo and normal are free of noise
+    and antialiased, the mean over each pixel; None where nobody said so, and then they count as noisy.
     """
 
     channels: Mapping[str, Array]
     index: int = 0
     exposure: Array | None = None
     depth_scale: Array | None = None
+    shutter: Array | None = None
     reset: Array | None = None
     view: Array | None = None
     projection: Array | None = None
@@ -108,7 +110,7 @@ class Frame:
 
     def _map(self, convert: Any) -> Frame:
         changed: dict[str, Any] = {"channels": {name: convert(array) for name, array in self.channels.items()}}
-        for name in ("exposure", "depth_scale", "reset", "view", "projection"):
+        for name in ("exposure", "depth_scale", "shutter", "reset", "view", "projection"):
             value = getattr(self, name)
             changed[name] = None if value is None else convert(value)
         return replace(self, **changed)

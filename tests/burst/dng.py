@@ -17,27 +17,38 @@ _XYZ_TO_SRGB = (3.2404542, -1.5371385, -0.4985314, -0.969266, 1.8760108, 0.04155
 
 
 def write_dng(
-    path: Path, raw: np.ndarray, pattern: np.ndarray, black: tuple[int, ...] = (64,) * 4, white: int = 1023,
-    seconds: float = 0.02,
+    path: Path, raw: np.ndarray, pattern: np.ndarray | None, black: tuple[int, ...] = (64,) * 4, white: int = 1023,
+    seconds: float = 0.02, orientation: int = 1, neutral: tuple[float, float, float] = (1, 1, 1),
+    baseline: float | None = None, active: tuple[int, int, int, int] | None = None,
 ) -> Path:  # fmt: skip
-    """Write raw values (H, W), uint16; the camera's colours are those of sRGB, and its white balance is 1.
+    """Write raw values (H, W), uint16; the camera's colours are those of sRGB. pattern: None without a filter array.
 
-    black: levels of each 2×2 pixels, row by row.
+    black: levels of a square of pixels, row by row: 4 for 2×2, 16 for 4×4. neutral: what the camera saw of white.
+    baseline: BaselineExposure, EV. active: top, left, bottom, right of the pixels that are the picture.
     """
     height, width = raw.shape
-    rows, columns = pattern.shape
+    rows, columns = (2, 2) if pattern is None else pattern.shape
+    side = round(len(black) ** 0.5)
     data = raw.astype("<u2").tobytes()
+    seen = [part for value in neutral for part in (round(value * 10000), 10000)]
     matrix = [part for value in _XYZ_TO_SRGB for part in (round(value * 10000), 10000)]
     tags = {
         254: (_LONG, [0]), 256: (_LONG, [width]), 257: (_LONG, [height]), 258: (_SHORT, [16]), 259: (_SHORT, [1]),
-        262: (_SHORT, [32803]), 271: (_ASCII, b"nte\0"), 272: (_ASCII, b"Test\0"), 273: (_LONG, [8]),
-        274: (_SHORT, [1]), 277: (_SHORT, [1]), 278: (_LONG, [height]), 279: (_LONG, [len(data)]), 284: (_SHORT, [1]),
-        33421: (_SHORT, [rows, columns]), 33422: (_BYTE, pattern.ravel().tolist()),
+        262: (_SHORT, [34892 if pattern is None else 32803]), 271: (_ASCII, b"nte\0"), 272: (_ASCII, b"Test\0"),
+        273: (_LONG, [8]), 274: (_SHORT, [orientation]), 277: (_SHORT, [1]), 278: (_LONG, [height]),
+        279: (_LONG, [len(data)]), 284: (_SHORT, [1]),
+        33421: (_SHORT, [rows, columns]), 33422: (_BYTE, [0] * 4 if pattern is None else pattern.ravel().tolist()),
         33434: (_RATIONAL, [round(seconds * 1000), 1000]),
-        50706: (_BYTE, [1, 4, 0, 0]), 50708: (_ASCII, b"Test\0"), 50713: (_SHORT, [2, 2]),
+        50706: (_BYTE, [1, 4, 0, 0]), 50708: (_ASCII, b"Test\0"), 50713: (_SHORT, [side, side]),
         50714: (_SHORT, black),
-        50717: (_LONG, [white]), 50721: (_SRATIONAL, matrix), 50728: (_RATIONAL, [1, 1] * 3), 50778: (_SHORT, [21]),
+        50717: (_LONG, [white]), 50721: (_SRATIONAL, matrix), 50728: (_RATIONAL, seen), 50778: (_SHORT, [21]),
     }  # fmt: skip
+    if pattern is None:
+        del tags[33421], tags[33422]
+    if baseline is not None:
+        tags[50730] = (_SRATIONAL, [round(baseline * 100), 100])
+    if active is not None:
+        tags[50829] = (_LONG, list(active))
     directory = 8 + len(data)
     extra = directory + 2 + 12 * len(tags) + 4
     entries, values = b"", b""

@@ -22,11 +22,12 @@ SHIFTS = [(0, 0), (2.4, -1.3), (-5.2, 3.8), (7.1, 6.6)]
 BLACK, WHITE = (60, 64, 68, 64), 4095
 
 
-def raw_values(mosaic: np.ndarray) -> np.ndarray:
-    """12 bits, as a sensor gives them, of a linear mosaic (H, W); each of four pixels has its black level."""
+def raw_values(mosaic: np.ndarray, levels: tuple[int, ...] = BLACK) -> np.ndarray:
+    """12 bits, as a sensor gives them, of a linear mosaic (H, W); each pixel of a square has its black level."""
     height, width = mosaic.shape
-    black = np.tile(np.reshape(BLACK, (2, 2)), (height // 2, width // 2))
-    return np.round(black + mosaic * (WHITE - black.mean())).clip(0, WHITE).astype(np.uint16)
+    side = round(len(levels) ** 0.5)
+    black = np.tile(np.reshape(levels, (side, side)), (-(-height // side), -(-width // side)))[:height, :width]
+    return np.round(black + mosaic * (WHITE - black)).clip(0, WHITE).astype(np.uint16)
 
 
 def raw_burst(folder: Path, name: str, size: tuple[int, int] = SIZE, frames: int = 4) -> tuple[list[Path], np.ndarray]:
@@ -55,16 +56,78 @@ def test_raw_photographs_are_merged_before_demosaicing(
     assert gains > 2.5  # of 10·log₁₀ 4 = 6.0; what demosaicing itself costs is in both
 
 
+def levels(side: int) -> tuple[int, ...]:
+    """Black levels of a square of pixels, no two alike: the values of one say nothing of another's."""
+    return tuple(60 + 7 * (5 * i % side**2) for i in range(side**2))
+
+
 @pytest.mark.parametrize("name", PATTERNS)
-def test_a_raw_file_is_read_and_developed_without_a_change_of_level(name: str, tmp_path: Path) -> None:
+@pytest.mark.parametrize("side", [1, 2, 4, 6])
+def test_a_raw_file_is_read_to_its_last_bit_and_developed_without_a_change_of_level(
+    name: str, side: int, tmp_path: Path
+) -> None:
+    """Half a step of 12 bits: a twentieth of the difference between two black levels."""
     colour = torch.tensor([0.2, 0.4, 0.6]).view(1, 3, 1, 1).expand(1, 3, *SIZE)
     mosaic = sense(colour, mosaic_of(name), None, 0)[0, 0].numpy()
-    path = write_dng(tmp_path / "flat.dng", raw_values(mosaic), PATTERNS[name], BLACK, WHITE)
+    path = write_dng(tmp_path / "flat.dng", raw_values(mosaic, levels(side)), PATTERNS[name], levels(side), WHITE)
     raw = read_raw(path)
     assert raw.mosaic == mosaic_of(name)
-    np.testing.assert_allclose(raw.values, mosaic, atol=2e-3)
+    np.testing.assert_allclose(raw.values, mosaic, rtol=0, atol=0.51 / (WHITE - max(levels(side))))
     developed = develop(path, mosaic)
     np.testing.assert_allclose(developed, colour[0].numpy(), atol=2e-4)
+
+
+def test_the_black_pattern_starts_at_the_active_area(tmp_path: Path) -> None:
+    """Masked pixels around it shift the visible pattern by their number."""
+    mosaic = np.full((96, 120), 0.3, np.float32)
+    sensor = np.zeros((104, 132), np.uint16)
+    sensor[5:101, 7:127] = raw_values(mosaic, levels(4))
+    path = write_dng(tmp_path / "masked.dng", sensor, BAYER, levels(4), WHITE, active=(5, 7, 101, 127))
+    values = read_raw(path).values
+    np.testing.assert_allclose(values, 0.3, rtol=0, atol=1.5e-4)
+
+
+def test_a_sensor_of_one_colour_is_merged_as_one_colour(tmp_path: Path) -> None:
+    clean = [scene((96, 120), shift)[:, 1:2] for shift in SHIFTS]
+    for i, image in enumerate(clean):
+        values = raw_values(sense(image, None, NOISE, i)[0, 0].numpy(), (64,))
+        write_dng(tmp_path / f"{i}.dng", values, None, (64,), WHITE)
+    paths, out = [tmp_path / f"{i}.dng" for i in range(4)], tmp_path / "grey.exr"
+    assert main(["merge-burst", *map(str, paths), "--out", str(out)]) == 0
+    merged, alone = torch.from_numpy(read_picture(out)), torch.from_numpy(read_raw(paths[0]).values)
+    assert torch.equal(merged[0], merged[1])
+    assert torch.equal(merged[0], merged[2])
+    assert psnr(merged[:1], clean[0][0]) > psnr(alone[None], clean[0][0]) + 4
+
+
+def test_the_picture_is_turned_balanced_and_exposed_as_the_file_asks(tmp_path: Path) -> None:
+    """Held upright, a white that the sensor saw as (0.5, 1, 0.8), and to be made brighter by one stop."""
+    neutral, grey = torch.tensor([0.5, 1.0, 0.8]).view(1, 3, 1, 1), torch.full((1, 3, 96, 120), 0.1)
+    grey[..., :48, :] = 0.05  # the top of the sensor
+    values = raw_values(sense(grey * neutral, mosaic_of("bayer"), None, 0)[0, 0].numpy())
+    for name in ("a", "b"):
+        write_dng(tmp_path / f"{name}.dng", values, BAYER, BLACK, WHITE, 0.02, 6, (0.5, 1.0, 0.8), 1.0)
+    files, out = [str(tmp_path / f"{name}.dng") for name in ("a", "b")], str(tmp_path / "out.exr")
+    given = ["--noise", "1e-4", "1e-6", "--out", out]
+    assert main(["merge-burst", *files, *given]) == 0
+    picture = read_picture(Path(out))
+    assert picture.shape == (3, 120, 96)
+    np.testing.assert_allclose(picture[:, 8:-8, 8:40], 0.2, atol=2e-3)  # 6: turned clockwise, what was left is above
+    np.testing.assert_allclose(picture[:, 8:-8, 56:-8], 0.1, atol=2e-3)
+    assert main(["merge-burst", *files, *given, "--brightness", "-2", "--force"]) == 0
+    np.testing.assert_allclose(read_picture(Path(out)), picture / 4, rtol=1e-6)
+
+
+@pytest.mark.parametrize("suffix", [".png", ".tif"])
+def test_sixteen_bits_hold_what_eight_cannot(suffix: str, tmp_path: Path) -> None:
+    image = np.stack([np.linspace(low, low + 0.02, 64 * 80).reshape(64, 80) for low in (0.0, 0.3, 0.97)])
+    path = tmp_path / f"one{suffix}"
+    write_picture(path, image.astype(np.float32))
+    np.testing.assert_allclose(read_picture(path), image, atol=2e-5)
+    assert len(np.unique(read_picture(path)[1])) > 600
+    write_picture(path, image.astype(np.float32), 8)
+    np.testing.assert_allclose(read_picture(path), image, atol=5e-3)
+    assert len(np.unique(read_picture(path)[1])) < 12
 
 
 def test_the_patterns_of_the_files_are_those_of_the_sensors(tmp_path: Path) -> None:
@@ -74,7 +137,7 @@ def test_the_patterns_of_the_files_are_those_of_the_sensors(tmp_path: Path) -> N
             assert raw.raw_pattern.shape == pattern.shape
 
 
-@pytest.mark.parametrize("suffix", [".exr", ".png"])
+@pytest.mark.parametrize("suffix", [".exr", ".png", ".tif"])
 def test_pictures_are_merged_at_full_resolution(suffix: str, tmp_path: Path) -> None:
     clean = [scene((200, 240), shift) for shift in SHIFTS]
     paths = [tmp_path / f"{i}{suffix}" for i in range(4)]
@@ -117,7 +180,11 @@ def told(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.Capture
         write_picture(Path(f"{name}.exr"), np.full((3, size, 120), 0.5, np.float32))
     write_exr(Path("depth.exr"), {"depth.Z": np.ones((96, 120), np.float32)})
     write_picture(Path("a.png"), np.full((3, 96, 120), 0.5, np.float32))
-    Image.fromarray(np.zeros((96, 120), np.uint16)).save("deep.png")
+    Image.fromarray(np.zeros((96, 120), np.float32)).save("float.tif")
+    Path("bad.tif").write_bytes(b"II*\0")
+    write_picture(Path("b.tif"), np.full((3, 96, 120), 0.5, np.float32))
+    write_dng(Path("levels.dng"), raw, BAYER, (64, 64, 64))
+    write_dng(Path("white.dng"), raw, BAYER, (1023,) * 4)
     Path("bad.png").write_bytes(b"\x89PNG\r\n")
     Path("exists.exr").write_bytes(b"mine")
 
@@ -150,7 +217,11 @@ def told(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.Capture
         ("a.exr a.png", "a.png: is .png, a.exr is .exr"),
         ("a.exr c.exr", "c.exr: is 120x80, a.exr is 120x96"),
         ("a.exr depth.exr", "depth.exr: has depth.Z: expected the layers R, G and B"),
-        ("a.png deep.png", "deep.png: a PNG of I;16, 16 bits: expected 8 bits"),
+        ("a.png float.tif", "float.tif: is .tif, a.png is .png"),
+        ("float.tif b.tif", "float.tif: the TIFF cannot be read: expected a whole file of 8 or 16 bits"),
+        ("bad.tif b.tif", "bad.tif: the TIFF cannot be read"),
+        ("levels.dng a.dng", "levels.dng: has 3 black levels for 2x2 pixels: expected 4"),
+        ("white.dng a.dng", "white.dng: has a black level of 1023 and a white level of 1023"),
         ("a.png bad.png", "bad.png: the PNG cannot be read"),
         ("a.exr b.exr --reference 3", "--reference 3: expected the number of a file, from 1 to 2"),
         ("a.exr b.exr --noise -1 0", "noise model a = -1.0, b = 0.0"),

@@ -3,6 +3,7 @@
 import pytest
 import torch
 
+from nte.burst.defects import find_defects, mend
 from nte.burst.merge import Merged, merge_burst
 from nte.burst.noise import NoiseModel, fit_noise
 from nte.errors import NteError
@@ -97,3 +98,57 @@ def test_another_picture_is_not_used() -> None:
 def test_frames_of_another_size_are_refused() -> None:
     with pytest.raises(NteError, match="frame 1 is"):
         merge_burst(torch.zeros(1, 1, 64, 64), [torch.zeros(1, 1, 64, 66)], NOISE, mosaic_of("bayer"))
+
+
+def hot(frames: list[torch.Tensor]) -> tuple[list[torch.Tensor], torch.Tensor]:
+    """The frames with the same hot and dead pixels of the sensor, and where they are, (1, 1, H, W) bool."""
+    generator = torch.Generator().manual_seed(3)
+    number = torch.rand(frames[0].shape, generator=generator)
+    bright, dead = number < 5e-4, number > 1 - 2e-4
+    return [frame.masked_fill(bright, 0.98).masked_fill(dead, -0.02) for frame in frames], bright | dead
+
+
+@pytest.mark.parametrize("kind", PATTERNS)
+def test_hot_and_dead_pixels_are_found_filled_and_in_nobodys_way(kind: str) -> None:
+    """As good as a burst of a sound sensor, in the defects' places and around them."""
+    mosaic = mosaic_of(kind)
+    clean = [scene(SIZE, shift) for shift in PARTS]
+    sound = [sense(image, mosaic, NOISE, seed) for seed, image in enumerate(clean)]
+    frames, places = hot(sound)
+    truth = sense(clean[0], mosaic, None, 0)
+    found = find_defects(frames[0], frames[1], NOISE, mosaic)
+    seen = places & ((frames[0] - truth).abs() > 0.5)  # what hardly differs from what belongs there does no harm
+    assert (found & seen).sum() > 0.9 * seen.sum()
+    assert (found & ~places).sum() <= 2
+    done = merge_burst(frames[0], frames[1:], NOISE, mosaic, defects=found)
+    without = merge_burst(sound[0], sound[1:], NOISE, mosaic)
+    kept = merge_burst(frames[0], frames[1:], NOISE, mosaic)
+    inner = torch.zeros_like(found)
+    inner[..., 16:-16, 16:-16] = True
+    around = (torch.nn.functional.max_pool2d(seen.float(), 7, 1, 3) > 0) & inner
+    errors = [float((one.image - truth)[around].square().mean()) for one in (done, without, kept)]
+    assert errors[0] < 1.5 * errors[1]
+    assert errors[2] > 5 * errors[0]
+    assert float(done.weight[around & ~seen].mean()) > 0.9 * float(without.weight[around & ~seen].mean())
+
+
+def test_mending_takes_the_neighbours_of_the_colour() -> None:
+    mosaic = mosaic_of("xtrans")
+    image = torch.tensor([0.1, 0.5, 0.9])[mosaic.colours(30, 36)][None, None]
+    defects = torch.rand(1, 1, 30, 36, generator=torch.Generator().manual_seed(0)) < 0.03
+    torch.testing.assert_close(mend(image.masked_fill(defects, 7.0), defects, mosaic), image)
+
+
+@pytest.mark.parametrize("kind", KINDS)
+def test_what_is_saturated_stays(kind: str) -> None:
+    """Light beyond white, whose noise brings some pixels of some frames below it."""
+    mosaic = None if kind == "rgb" else mosaic_of(kind)
+    clean = scene(SIZE).clone()
+    clean[..., 60:120, 80:200] = 1.01
+    frames = [sense(clean, mosaic, NOISE, seed).clamp(max=1) for seed in range(4)]
+    done = merge_burst(frames[0], frames[1:], NOISE, mosaic)
+    white = frames[0] == 1
+    assert 0.3 < float(white[..., 60:120, 80:200].float().mean()) < 0.9
+    assert (done.image[white] == 1).all()
+    linear = merge_burst(frames[0], frames[1:], NOISE, mosaic, clips=False)
+    assert float(linear.image[white].mean()) < 0.999

@@ -9,10 +9,9 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from torch import Tensor
 
-from nte.filters.motion_blur.composition import compose, weighted_share
+from nte.filters.motion_blur.composition import Cover, compose, weighted_share
 from nte.filters.motion_blur.first_stage import (
     COLUMNS,
-    FACTOR,
     MOVING_COLOR,
     MOVING_MOTION,
     MOVING_WEIGHT,
@@ -56,7 +55,7 @@ def everywhere(size: Size) -> Pixels:
 
 
 def estimated(count: int, length: float, angle: float = 0.0, variance: float = 0.0) -> Estimate:
-    columns = [torch.full((count,), value) for value in (length, 0.0, angle, variance, 1.0)]
+    columns = [torch.full((count,), value) for value in (length, 0.0, angle, variance)]
     return Estimate(*columns, torch.tensor([[length, 0.0]]).expand(count, 2))
 
 
@@ -98,7 +97,7 @@ def test_weight_falls_linearly_and_ends():
 
 
 def test_reach_is_limited_to_four():
-    estimate = Estimate(*(torch.tensor([1.0, 1.0]) for _ in range(5)), torch.zeros(2, 2))
+    estimate = Estimate(*(torch.tensor([1.0, 1.0]) for _ in range(4)), torch.zeros(2, 2))
     estimate = estimate._replace(length_variance=torch.tensor([0.05, 9.0]), angle_variance=torch.tensor([0.5, 1.0]))
     assert estimate.reach(1.0, 10.0).tolist() == pytest.approx([1.5 * 1.5, 4.0])
     assert estimate.reach(0.0, 0.0).tolist() == [1, 1]
@@ -124,8 +123,7 @@ def test_variance_estimate_is_that_of_a_loop():
         cover = math.inf if tile[:, MOVING].any() else 1.05 * tile[:, DEPTH].max().item()
         window = [(math.hypot(b - x - 0.5, a - y - 0.5), a, b) for a in range(max(0, y - 7), min(SIZE[0], y + 9))
                   for b in range(max(0, x - 7), min(SIZE[1], x + 9))]  # fmt: skip
-        all_of_it = [image[a, b] for _, a, b in sorted(window)]
-        moving = [s for s in all_of_it if s[MOVING] > 0 and s[DEPTH] <= cover]
+        moving = [s for s in (image[a, b] for _, a, b in sorted(window)) if s[MOVING] > 0 and s[DEPTH] <= cover]
         lengths = np.array([math.hypot(*s[MOTION].tolist()) for s in moving])
         angles = np.array([math.atan2(s[MOTION][1], s[MOTION][0]) for s in moving])
         relative = angles - angles[0]
@@ -135,7 +133,6 @@ def test_variance_estimate_is_that_of_a_loop():
         turned = found.angle[number].item() - angles[0] - relative.mean()
         assert math.sin(turned) == pytest.approx(0, abs=1e-4)
         assert found.angle_variance[number].item() == pytest.approx(relative.var() / (math.pi / 2) ** 2, rel=1e-3)
-        assert found.share[number].item() == pytest.approx(len(moving) / len(all_of_it))
 
 
 @pytest.mark.parametrize(("naive", "variance"), [(False, 0.0), (True, 1.0)])
@@ -211,11 +208,16 @@ def history(motion: Tensor) -> Tensor:
     return rows
 
 
+def opened(pixels: Pixels) -> Tensor:
+    """A shutter that is open all the time."""
+    return torch.ones(len(pixels.index))
+
+
 def test_reprojection_of_a_slide_needs_one_iteration():
     size = Size(1, *SIZE)
     pixels = everywhere(size)
     motion = torch.tensor([[3.0, -2.0]]).expand(len(pixels.index), 2)
-    offset, accepted = find(history(motion), pixels, motion, Reprojection(iterations=1))
+    offset, accepted = find(history(motion), pixels, motion, opened(pixels), Reprojection(iterations=1))
     assert torch.equal(offset, torch.tensor([[-3, 2]]).expand_as(offset))
     inside = (pixels.x >= 3) & (pixels.y < SIZE[0] - 2)
     assert torch.equal(accepted, inside)
@@ -224,7 +226,7 @@ def test_reprojection_of_a_slide_needs_one_iteration():
 def test_a_shutter_of_half_the_frame_looks_twice_as_far():
     pixels = everywhere(Size(1, *SIZE))
     motion = torch.tensor([[2.0, 0.0]]).expand(len(pixels.index), 2)
-    offset, _ = find(history(motion), pixels, motion, Reprojection(shutter=0.5))
+    offset, _ = find(history(motion), pixels, motion, 0.5 * opened(pixels), Reprojection())
     assert offset[:, 0].unique().tolist() == [-4]
 
 
@@ -236,7 +238,8 @@ def test_the_second_iteration_finds_more_of_a_rotation():
     motion = 2 * math.sin(0.25) * torch.stack([-arm[:, 1], arm[:, 0]], 1)
     shares, error = {}, {}
     for iterations in (1, 2):
-        offset, accepted = find(history(motion), pixels, motion, Reprojection(iterations, accept=1.0))
+        settings = Reprojection(iterations, accept=1.0)
+        offset, accepted = find(history(motion), pixels, motion, opened(pixels), settings)
         shares[iterations] = accepted.float().mean().item()
         turn = torch.tensor([[math.cos(0.5), -math.sin(0.5)], [math.sin(0.5), math.cos(0.5)]])
         error[iterations] = (arm @ turn - arm - offset)[accepted].norm(dim=1).mean().item()
@@ -247,7 +250,7 @@ def test_the_second_iteration_finds_more_of_a_rotation():
 def test_what_is_far_off_is_dropped():
     pixels = everywhere(Size(1, *SIZE))
     motion = torch.tensor([[2.0, 0.0]]).expand(len(pixels.index), 2)
-    assert not find(history(-20 * motion), pixels, motion, Reprojection())[1].any()
+    assert not find(history(-20 * motion), pixels, motion, opened(pixels), Reprojection())[1].any()
 
 
 def test_steps_of_the_second_stage():
@@ -288,7 +291,7 @@ def test_weighted_share_is_the_share_of_the_shutter():
     rows[:, DEPTH], rows[:, MOTION.start] = 5 - moves.float(), 20 * moves.float()
     estimate, reach = estimate_variance(rows, pixels, 0.05), torch.ones(2400)
     sums = first_stage(rows, pixels, reach, 0.05)
-    share = weighted_share(rows, pixels, sums, estimate, reach, 0.05).view(40, 60)
+    share = weighted_share(rows, pixels, sums, estimate, reach, 0.05)[:, 0].view(40, 60)
     x = torch.arange(60) + 0.5
     expected = ((15 - (x - 30).abs()) / 20).clamp(0, 0.5)
     torch.testing.assert_close(share.mean(0), expected, atol=0.12, rtol=0)
@@ -296,10 +299,13 @@ def test_weighted_share_is_the_share_of_the_shutter():
 
 
 def test_composition_takes_what_there_is():
-    rows = torch.zeros(3, COLUMNS)
-    rows[:, MOVING_COLOR], rows[:, STATIC_COLOR], rows[:, FACTOR] = 1, 3, 0.25
-    rows[:, MOVING_WEIGHT], rows[:, STATIC_WEIGHT] = torch.tensor([1.0, 1, 0]), torch.tensor([1.0, 0, 1])
-    assert compose(rows)[:, 0].tolist() == [2.5, 1, 3]
+    rows = torch.zeros(5, COLUMNS)
+    rows[:, MOVING_COLOR], rows[:, STATIC_COLOR] = 1, 3
+    rows[:, MOVING_WEIGHT], rows[:, STATIC_WEIGHT] = torch.tensor([1.0, 1, 0, 1, 0]), torch.tensor([1.0, 0, 1, 0, 1])
+    spare = torch.zeros(5, 9)
+    spare[:, 0] = 0.25
+    spare[3, 5:], spare[4, 1:5] = torch.tensor([7.0, 7, 7, 2]), torch.tensor([5.0, 5, 5, 2])
+    assert compose(rows, Cover.parts(spare))[:, 0].tolist() == [2.5, 1, 3, 5.5, 3.5]
 
 
 def test_kernel_is_b3():

@@ -63,18 +63,18 @@ def test_bad_pixels_survive_for_the_denoiser_to_see(tmp_path: Path) -> None:
 
 def test_a_frame_has_its_channels_index_and_the_clip_s_scalars_and_cameras(tmp_path: Path) -> None:
     cameras = [{"view": np.full((4, 4), i).tolist(), "projection": np.eye(4).tolist()} for i in range(3)]
-    clip = Clip(write_clip(tmp_path / "c", small_frames(3), exposure=2.5, depth_scale=4, cameras=cameras))
+    clip = Clip(write_clip(tmp_path / "c", small_frames(3), exposure=2.5, depth_scale=4, shutter=0.5, cameras=cameras))
     assert len(clip) == 3
     assert [frame.index for frame in clip] == [0, 1, 2]
     frame = clip.frame(2)
     assert frame.size == SIZE
     assert frame["color"].shape == (1, 3, *SIZE)
-    assert (frame.exposure, frame.depth_scale) == ([2.5], [4])
+    assert (frame.exposure, frame.depth_scale, frame.shutter) == ([2.5], [4], [0.5])
     assert frame.view.shape == (1, 4, 4)
     assert (frame.view == 2).all()
     assert set(frame.channels) == set(clip.channels)
     bare = Clip(write_clip(tmp_path / "bare", small_frames(1))).frame(0)
-    assert bare.exposure is bare.depth_scale is bare.view is None
+    assert bare.exposure is bare.depth_scale is bare.shutter is bare.view is None
 
 
 @pytest.mark.parametrize(
@@ -188,6 +188,8 @@ GOOD = {"format": "nte-clip/1", "width": 16, "height": 12, "frames": 1}
         (GOOD | {"seeds": "two"}, "'seeds' is 'two'"),
         (GOOD | {"exposure": "bright"}, "'exposure' is 'bright', expected a positive number"),
         (GOOD | {"exposure": 0}, "'exposure' is 0"),
+        (GOOD | {"shutter": -0.5}, "'shutter' is -0.5, expected the open share of the frame"),
+        (GOOD | {"shutter": 180}, "'shutter' is 180"),
         (GOOD | {"depth_scale": -1}, "'depth_scale' is -1"),
         (GOOD | {"clean_guides": "yes"}, "'clean_guides' is 'yes', expected true, false or null"),
         (GOOD | {"clean_guides": 1}, "'clean_guides' is 1"),

@@ -12,10 +12,9 @@ from torch.profiler import record_function
 
 from nte.denoiser import Result, check_size, sanitised
 from nte.errors import NteError
-from nte.filters.motion_blur.composition import compose, weighted_share
+from nte.filters.motion_blur.composition import Cover, compose, plain_share, weighted_share
 from nte.filters.motion_blur.first_stage import (
     COLUMNS,
-    FACTOR,
     MOVING_WEIGHT,
     STATIC_COLOR,
     STATIC_WEIGHT,
@@ -23,7 +22,17 @@ from nte.filters.motion_blur.first_stage import (
     normalise,
 )
 from nte.filters.motion_blur.prefilter import prefilter
-from nte.filters.motion_blur.samples import COLOR, MOVING, Pixels, Size, in_chunks, near_moving, read_samples
+from nte.filters.motion_blur.samples import (
+    COLOR,
+    MOVING,
+    Pixels,
+    Size,
+    check_direction,
+    in_chunks,
+    near_moving,
+    open_share,
+    read_samples,
+)
 from nte.filters.motion_blur.second_stage import second_stage
 from nte.filters.motion_blur.temporal import Reprojection, add_history
 from nte.filters.motion_blur.variance import Estimate, estimate_variance
@@ -43,10 +52,10 @@ class State:
 
     color: Tensor  # (N, 3, H, W)
     index: Tensor  # (K,) row numbers
-    values: Tensor  # (K, 11)
+    values: Tensor  # (K, 10)
 
     def rows(self, reset: Tensor | None) -> Tensor:
-        """(N·H·W, 11); nothing in sequences that restart."""
+        """(N·H·W, 10); nothing in sequences that restart."""
         batch = len(self.color)
         rows = self.color.new_zeros(batch * self.color[0, 0].numel(), COLUMNS)
         rows[:, STATIC_COLOR] = self.color.movedim(1, -1).reshape(-1, 3)
@@ -66,19 +75,20 @@ class MotionBlur:
     history of what does not move is fetched. weight: of history, where the current frame has 1. angle: `naive` averages
     directions in [0°, 360°). factor: of the composition, the share of moving samples, of all or weighted by the way
     they take. beta_a, beta_l: β of the weight. near, jitter: px, of the pre-filter. depth: share of the depth from
-    which something is behind. shutter: its open share of the frame. PAPER: the paper's values.
+    which something is behind. shutter: its open share of the frame, in (0, 1]; 0: as each
+    frame says (`Frame.shutter`, which clips have), 1 where it says nothing. PAPER: the paper's values.
     Raises NteError for what is not a choice or out of range.
     """
 
     needs: tuple[str, ...] = ("color", "time", "shutter_motion", "shutter_depth")
-    optional: tuple[str, ...] = ()
+    optional: tuple[str, ...] = ("motion",)
     target = "color"
 
     def __init__(
         self, prefilter: bool = False, history: bool = True, steps: str = "scaled", iterations: int = 2,
         angle: str = "relative", factor: str = "weighted", static: str = "place", fetch: str = "tent",
         beta_a: float = 0.0, beta_l: float = 0.0, stretch: float = 0.5, near: float = 0.5, jitter: float = 0.5,
-        weight: float = 0.5, accept: float = 0.5, drop: float = 8.0, depth: float = 0.05, shutter: float = 1.0,
+        weight: float = 0.5, accept: float = 0.5, drop: float = 8.0, depth: float = 0.05, shutter: float = 0.0,
         device: str = "cpu",
     ) -> None:  # fmt: skip
         chosen = {"steps": steps, "angle": angle, "factor": factor, "static": static, "fetch": fetch}
@@ -94,13 +104,14 @@ class MotionBlur:
             raise NteError(f"motion_blur: iterations is {iterations}, expected 1 or more")
         if not 0 < accept <= drop:
             raise NteError(f"motion_blur: accept is {accept} and drop {drop}, expected 0 < accept <= drop, px")
-        if not 0 < shutter <= 1:
+        if shutter and not 0 < shutter <= 1:
             raise NteError(f"motion_blur: shutter is {shutter}, expected the open share of the frame, in (0, 1]")
         self.chosen, self.prefilter, self.history, self.device = chosen, prefilter, history, device
         self.beta_a, self.beta_l, self.depth = beta_a, beta_l, depth
         self.near, self.jitter, self.stretch = near, jitter, stretch
+        self.shutter = shutter
         self.reprojection = Reprojection(
-            iterations, accept, drop, shutter, tent=fetch == "tent", in_place=static == "place", weight=weight
+            iterations, accept, drop, tent=fetch == "tent", in_place=static == "place", weight=weight
         )
 
     @sanitised
@@ -113,6 +124,9 @@ class MotionBlur:
         if state is not None:
             check_size(frame, state.color)
         tensors = frame.torch(self.device)
+        shutter = open_share(tensors, self.shutter)
+        if state is None:
+            check_direction(tensors)
         with record_function("motion_blur/samples"):
             rows, size = read_samples(tensors)
             image = rows[:, COLOR]
@@ -124,9 +138,9 @@ class MotionBlur:
                 raise NteError(f"motion_blur has no extra '{name}'; it has {', '.join(EXTRAS)}")
         means = rows.new_zeros(0, COLUMNS)
         if len(pixels.index):
-            estimate, means, accepted = self._buffers(rows, pixels, state, tensors)
-            composed = self._finish(means, pixels, estimate)
-            found = {"factor": means[:, FACTOR], "reprojected": accepted.float(), "length": estimate.length}
+            estimate, cover, means, accepted = self._buffers(rows, pixels, state, tensors, shutter)
+            composed = self._finish(means, pixels, estimate, cover)
+            found = {"factor": cover.factor, "reprojected": accepted.float(), "length": estimate.length}
             for name, values in maps.items():
                 values[pixels.index] = found[name][:, None]
             after = image.clone()
@@ -138,9 +152,9 @@ class MotionBlur:
         return Result(after_image, given).like(frame), State(color, pixels.index, means)
 
     def _buffers(
-        self, rows: Tensor, pixels: Pixels, state: State | None, frame: Frame
-    ) -> tuple[Estimate, Tensor, Tensor]:
-        """Steps 1 to 5: the estimate, the means (K, 11), and where moving history was accepted (K,)."""
+        self, rows: Tensor, pixels: Pixels, state: State | None, frame: Frame, shutter: Tensor
+    ) -> tuple[Estimate, Cover, Tensor, Tensor]:
+        """Steps 1 to 5: the estimate, the cover, the means (K, 10), and where moving history was accepted (K,)."""
         with record_function("motion_blur/variance"):
             estimate = estimate_variance(rows, pixels, self.depth, self.chosen["angle"] == "naive")
             reach = estimate.reach(self.beta_a, self.beta_l)
@@ -151,28 +165,29 @@ class MotionBlur:
                 filtered = prefilter(rows, moving, frame.index, self.near, self.jitter)
         with record_function("motion_blur/first stage"):
             sums = in_chunks(pixels, 25, lambda some, chunk: first_stage(filtered, some, reach[chunk], self.depth))
-            sums[:, FACTOR] = self._factor(rows, pixels, sums, estimate, reach)
+            cover = self._cover(filtered, pixels, sums, estimate, reach)
         accepted = torch.zeros(len(sums), dtype=torch.bool, device=sums.device)
         with record_function("motion_blur/temporal"):
             if self.history and state is not None:
                 still, history = rows[pixels.index, MOVING] == 0, state.rows(frame.reset)
-                added, accepted = add_history(sums, history, pixels, reach, self.reprojection)
+                of_each = shutter[pixels.index // (pixels.size.height * pixels.size.width)]
+                added, accepted = add_history(sums, history, pixels, reach, of_each, self.reprojection)
                 # A static pixel keeps its colour.
                 static = slice(STATIC_COLOR.start, STATIC_WEIGHT + 1)
                 added[:, static] = torch.where(still[:, None], sums[:, static], added[:, static])
                 sums = added
-        return estimate, normalise(sums), accepted
+        return estimate, cover, normalise(sums), accepted
 
-    def _factor(self, rows: Tensor, pixels: Pixels, sums: Tensor, estimate: Estimate, reach: Tensor) -> Tensor:
+    def _cover(self, rows: Tensor, pixels: Pixels, sums: Tensor, estimate: Estimate, reach: Tensor) -> Cover:
         if self.chosen["factor"] == "share":
-            return estimate.share
+            return Cover.parts(in_chunks(pixels, 15**2, lambda some, _: plain_share(rows, some, self.depth)))
 
         def work(some: Pixels, chunk: Tensor) -> Tensor:
-            return weighted_share(rows, some, sums[chunk], estimate.some(chunk), reach[chunk], self.depth)[:, None]
+            return weighted_share(rows, some, sums[chunk], estimate.some(chunk), reach[chunk], self.depth)
 
-        return in_chunks(pixels, 45, work)[:, 0]
+        return Cover.parts(in_chunks(pixels, 45, work))
 
-    def _finish(self, means: Tensor, pixels: Pixels, estimate: Estimate) -> Tensor:
+    def _finish(self, means: Tensor, pixels: Pixels, estimate: Estimate, cover: Cover) -> Tensor:
         """Steps 6 and 7: colours (K, 3)."""
         with record_function("motion_blur/second stage"):
             _, height, width = pixels.size
@@ -184,7 +199,7 @@ class MotionBlur:
                 stretch = None if self.chosen["steps"] == "fixed" else self.stretch
                 buffer = second_stage(buffer, where, estimate.some(moving), reach, stretch)
         with record_function("motion_blur/composition"):
-            return compose(torch.cat([buffer[pixels.index], means[:, MOVING_WEIGHT + 1 :]], 1))
+            return compose(torch.cat([buffer[pixels.index], means[:, MOVING_WEIGHT + 1 :]], 1), cover)
 
 
 def _as_image(rows: Tensor, size: Size) -> Tensor:

@@ -1,32 +1,72 @@
-"""Step 7, the composition: moving over static, by how much of the open shutter something moving was seen."""
+"""Step 7, the composition: moving over static, by how much of the open shutter something moving was seen.
+
+Light is kept where the factor, summed over the image, is what the moving samples covered, and where neither side is
+dropped for want of a colour: a pixel that something may have crossed has a colour for it, from as far as the factor
+looked.
+"""
+
+from typing import NamedTuple
 
 import torch
 from torch import Tensor
 
 from nte.filters.motion_blur.first_stage import (
-    FACTOR,
     MOVING_COLOR,
     MOVING_MOTION,
     MOVING_WEIGHT,
     STATIC_COLOR,
     STATIC_WEIGHT,
+    before,
     hidden,
 )
-from nte.filters.motion_blur.samples import MOTION, MOVING, TIME, WINDOW, Pixels, gather
-from nte.filters.motion_blur.variance import Estimate
+from nte.filters.motion_blur.samples import COLOR, DEPTH, MOTION, MOVING, TIME, WINDOW, Pixels, gather
+from nte.filters.motion_blur.variance import Estimate, counted
 from nte.filters.motion_blur.weight import motion_weight
 
 ACROSS = 1  # px to both sides of the line that is looked at
 
 
+class Cover(NamedTuple):
+    """Of K pixels: the share of the shutter that something moving covers, and colours where the buffers have none."""
+
+    factor: Tensor  # (K,) in [0, 1]
+    moving: Tensor  # (K, 4): mean colour of the moving samples that it counts, and their weight
+    static: Tensor  # (K, 4): of those that do not move
+
+    @staticmethod
+    def of(values: Tensor, moving: Tensor, static: Tensor) -> Tensor:
+        """Rows (K, 9) of samples (K, T, 8) with these weights (K, T), some of them for each side."""
+        sums = [(weight[..., None] * values[..., COLOR]).sum(1) for weight in (moving, static)]
+        covers, stands = (weight.sum(1, keepdim=True) for weight in (moving, static))
+        total = (covers + stands).clamp(min=1e-12)
+        means = [part / weight.clamp(min=1e-12) for part, weight in zip(sums, (covers, stands), strict=True)]
+        return torch.cat([covers / total, means[0], covers, means[1], stands], 1)
+
+    @staticmethod
+    def parts(rows: Tensor) -> "Cover":
+        """The rows' columns."""
+        return Cover(rows[:, 0], rows[:, 1:5], rows[:, 5:9])
+
+
+def plain_share(rows: Tensor, pixels: Pixels, depth_threshold: float) -> Tensor:
+    """Rows of `Cover` (K, 9): the share of moving samples in 15×15 pixels, as we read the paper."""
+    steps = torch.arange(-WINDOW, WINDOW + 1, device=rows.device)
+    y, x = torch.meshgrid(steps, steps, indexing="ij")
+    values, _, inside = gather(rows, pixels, torch.stack([x.flatten(), y.flatten()], 1)[None])
+    cover = torch.where(rows[pixels.index, MOVING] > 0, float("inf"), rows[pixels.index, DEPTH])
+    moves = counted(values[..., MOVING], values[..., DEPTH], inside, cover, depth_threshold)
+    return Cover.of(values, moves.float(), (inside & (values[..., MOVING] == 0)).float())
+
+
 def weighted_share(
     rows: Tensor, pixels: Pixels, sums: Tensor, estimate: Estimate, reach: Tensor, depth_threshold: float
 ) -> Tensor:
-    """(K,): the w-weighted share of moving samples on 15 pixels along θ and 3 across; ours.
+    """Rows of `Cover` (K, 9): the w-weighted share of moving samples on 15 pixels along θ and 3 across; ours.
 
     A moving sample whose way passes the pixel says that something moving is seen there at some time. A static one
     says as much of nothing, if it would pass with the motion of what moves here: in the frame of the moving thing
-    both are samples of one line, so the share is that of the shutter, and edges along the motion stay sharp.
+    both are samples of one line, so the share is that of the shutter, and edges along the motion stay sharp. What
+    stands before the moving thing says nothing of it.
     """
     along = torch.arange(-WINDOW, WINDOW + 1, device=rows.device).float()
     across = torch.arange(-ACROSS, ACROSS + 1, device=rows.device).float()
@@ -41,13 +81,21 @@ def weighted_share(
     moves = (values[..., MOVING] > 0) & ~hidden(rows[pixels.index], values, depth_threshold)
     motion = torch.where(moves[..., None], values[..., MOTION], passing[:, None])
     weight = motion_weight(pixels.centres(), places, motion, values[..., TIME], reach[:, None]) * inside
-    total = weight.sum(1)
-    return torch.where(total > 0, (weight * moves).sum(1) / total.clamp(min=1e-12), estimate.share)
+    moving = weight * moves
+    depth = torch.where(moving > 0, moving * values[..., DEPTH], 0).sum(1) / moving.sum(1).clamp(min=1e-12)
+    return Cover.of(values, moving, weight * (~moves & ~before(depth, values, depth_threshold)))
 
 
-def compose(means: Tensor) -> Tensor:
-    """(K, 3): colours of rows (K, 11); what is missing on one side is all of the other."""
-    factor = means[:, FACTOR, None].clamp(0, 1)
-    factor = torch.where(means[:, STATIC_WEIGHT, None] > 0, factor, 1.0)
-    factor = torch.where(means[:, MOVING_WEIGHT, None] > 0, factor, 0.0)
-    return torch.lerp(means[:, STATIC_COLOR], means[:, MOVING_COLOR], factor)
+def compose(means: Tensor, cover: Cover) -> Tensor:
+    """(K, 3): colours of rows (K, 10); where a buffer is empty, its colour is the cover's, if that has one."""
+    moving, some_moves = _either(means[:, MOVING_COLOR], means[:, MOVING_WEIGHT], cover.moving)
+    static, some_stands = _either(means[:, STATIC_COLOR], means[:, STATIC_WEIGHT], cover.static)
+    factor = torch.where(some_stands, cover.factor[:, None], 1.0)
+    factor = torch.where(some_moves, factor, 0.0)
+    return torch.lerp(static, moving, factor)
+
+
+def _either(color: Tensor, weight: Tensor, spare: Tensor) -> tuple[Tensor, Tensor]:
+    """Colours (K, 3) where there is weight, else the spare ones; and whether there is one at all (K, 1)."""
+    own = weight[:, None] > 0
+    return torch.where(own, color, spare[:, :3]), own | (spare[:, 3:] > 0)

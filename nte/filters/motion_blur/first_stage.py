@@ -6,14 +6,14 @@ from torch import Tensor
 from nte.filters.motion_blur.samples import COLOR, DEPTH, MOTION, MOVING, TIME, Pixels, gather, square
 from nte.filters.motion_blur.weight import kernel, motion_weight
 
-# Columns of the two buffers and the composition's factor, which are also the history.
+# Columns of the two buffers, which are also the history.
 MOVING_COLOR, MOVING_MOTION, MOVING_WEIGHT, MOVING_ALL = slice(0, 3), slice(3, 5), 5, slice(0, 5)
 STATIC_COLOR, STATIC_WEIGHT = slice(6, 9), 9
-FACTOR, COLUMNS = 10, 11
+COLUMNS = 10
 
 
 def first_stage(rows: Tensor, pixels: Pixels, reach: Tensor, depth_threshold: float) -> Tensor:
-    """Sums (K, 11) of weighted values, and of weights, in the moving and the static buffer; the factor is 0.
+    """Sums (K, 10) of weighted values, and of weights, in the moving and the static buffer.
 
     reach (K,): c_a c_l. A static pixel keeps its colour; where the pixel moves the kernel fills in what is behind.
     """
@@ -24,13 +24,11 @@ def first_stage(rows: Tensor, pixels: Pixels, reach: Tensor, depth_threshold: fl
     seen = moves & ~hidden(own, values, depth_threshold)
     weight = motion_weight(pixels.centres(), places, values[..., MOTION], values[..., TIME], reach[:, None])
     weight = (b3 * weight * seen)[..., None]
-    static = (b3 * (inside & ~moves))[..., None]
+    static = (b3 * (inside & ~moves & ~before(own[:, DEPTH], values, depth_threshold)))[..., None]
     behind = torch.cat([(static * values[..., COLOR]).sum(1), static.sum(1)], 1)
     kept = torch.cat([own[:, COLOR], torch.ones_like(own[:, :1])], 1)
     moving = torch.cat([values[..., COLOR], values[..., MOTION], torch.ones_like(weight)], 2)
-    return torch.cat(
-        [(weight * moving).sum(1), torch.where(own[:, MOVING, None] > 0, behind, kept), torch.zeros_like(own[:, :1])], 1
-    )
+    return torch.cat([(weight * moving).sum(1), torch.where(own[:, MOVING, None] > 0, behind, kept)], 1)
 
 
 def hidden(own: Tensor, values: Tensor, depth_threshold: float) -> Tensor:
@@ -39,12 +37,17 @@ def hidden(own: Tensor, values: Tensor, depth_threshold: float) -> Tensor:
     return values[..., DEPTH] > limit[:, None]
 
 
+def before(depth: Tensor, values: Tensor, depth_threshold: float) -> Tensor:
+    """(K, T): samples (K, T, 8) in front of these depths (K,), by this share of them or more."""
+    return values[..., DEPTH] < depth[:, None] * (1 - depth_threshold)
+
+
 def normalise(sums: Tensor) -> Tensor:
-    """Sums (K, 11) as means; the weights say what they are worth, at most 1: 0 where there is nothing."""
+    """Sums (K, 10) as means; the weights say what they are worth, at most 1: 0 where there is nothing."""
     moving, static = sums[:, MOVING_WEIGHT, None], sums[:, STATIC_WEIGHT, None]
     return torch.cat(
         [
             sums[:, MOVING_ALL] / moving.clamp(min=1e-12), moving.clamp(max=1),
-            sums[:, STATIC_COLOR] / static.clamp(min=1e-12), static.clamp(max=1), sums[:, FACTOR, None],
+            sums[:, STATIC_COLOR] / static.clamp(min=1e-12), static.clamp(max=1),
         ], 1,
     )  # fmt: skip

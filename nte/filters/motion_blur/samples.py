@@ -17,6 +17,7 @@ from nte.frames.frame import Frame
 
 MOVING_PX = 0.5  # a sample that moves further than this over the open shutter is moving (step 1)
 WINDOW = 7  # radius of the 15×15 pixels in which a moving sample makes a pixel worth filtering
+_FEWEST = 64  # pixels that can tell which way vectors point
 _BATCH = 1 << 19  # taps evaluated at once: what the cache and a few megabytes hold
 
 # Columns of the rows of samples.
@@ -83,6 +84,43 @@ def read_samples(frame: Frame) -> tuple[Tensor, Size]:
         torch.where(seen, depth, float("inf")), (length > MOVING_PX).float(),
     ]  # fmt: skip
     return torch.cat(columns, 1).movedim(1, -1).reshape(-1, 8), size
+
+
+def open_share(frame: Frame, given: float) -> Tensor:
+    """(N,): the open share of the frame, which `shutter_motion` spans: `given` if above 0, or the frame's, or 1.
+
+    Raises NteError for a share outside (0, 1].
+    """
+    if given or frame.shutter is None:
+        return torch.full((frame.batch,), given or 1.0, device=frame["time"].device)
+    wrong = ~((frame.shutter > 0) & (frame.shutter <= 1))
+    if wrong.any():
+        found = ", ".join(f"{float(share):g}" for share in frame.shutter[wrong])
+        raise NteError(
+            f"frame {frame.index}: shutter is {found}, expected the open share of the frame, in (0, 1]; vectors that "
+            "point backward in time have to be negated"
+        )
+    share: Tensor = frame.shutter
+    return share.expand(frame.batch)
+
+
+def check_direction(frame: Frame) -> None:
+    """Raise NteError where `shutter_motion` points backward in time, as far as `motion` tells.
+
+    Both are vectors of one surface, and `motion` leads to the previous frame: forward ones point away from it. What
+    bounces in this frame does not; hence most of what moves has to agree.
+    """
+    motion = frame.get("motion")
+    if motion is None:
+        return
+    forward = frame["shutter_motion"]
+    clear = (forward.norm(dim=1) > 1) & (motion.norm(dim=1) > 1)  # NaN is not
+    agree = (torch.nn.functional.cosine_similarity(forward, motion, 1) > 0.7)[clear]
+    if len(agree) >= _FEWEST and agree.float().mean() > 0.9:
+        raise NteError(
+            f"frame {frame.index}: shutter_motion points to the previous frame, as motion does, in {int(agree.sum())} "
+            "pixels: expected px forward in time; negate it"
+        )
 
 
 def _check_time(time: Tensor, index: int) -> None:

@@ -6,7 +6,6 @@ import torch
 from torch import Tensor
 
 from nte.filters.motion_blur.first_stage import (
-    FACTOR,
     MOVING_ALL,
     MOVING_MOTION,
     MOVING_WEIGHT,
@@ -23,19 +22,20 @@ class Reprojection(NamedTuple):
     iterations: int = 2
     accept: float = 0.5
     drop: float = 8.0
-    shutter: float = 1.0
     tent: bool = True
     in_place: bool = True
     weight: float = 1.0
 
 
-def find(history: Tensor, pixels: Pixels, motion: Tensor, settings: Reprojection) -> tuple[Tensor, Tensor]:
+def find(
+    history: Tensor, pixels: Pixels, motion: Tensor, shutter: Tensor, settings: Reprojection
+) -> tuple[Tensor, Tensor]:
     """Offsets (K, 2) int64 from the pixels to those of the history that move to them, and where one was accepted.
 
-    motion (K, 2): the first stage's, px over the open shutter.
+    motion (K, 2): the first stage's, px over the open shutter. shutter (K,): its share of the frame.
     """
-    p = pixels.centres()[:, 0]
-    offset = -motion / settings.shutter
+    p, shutter = pixels.centres()[:, 0], shutter[:, None]
+    offset = -motion / shutter
     accepted = torch.zeros(len(p), dtype=torch.bool, device=p.device)
     lost = motion.square().sum(1) == 0
     for _ in range(settings.iterations):
@@ -44,7 +44,7 @@ def find(history: Tensor, pixels: Pixels, motion: Tensor, settings: Reprojection
         lost = lost | (~accepted & ~(inside & (there[:, MOVING_WEIGHT] > 0)))
         # δ between the half-way points, of a frame rather than of its shutter
         q = p + offset
-        delta = (p - motion / settings.shutter / 2) - (q + there[:, MOVING_MOTION] / settings.shutter / 2)
+        delta = (p - motion / shutter / 2) - (q + there[:, MOVING_MOTION] / shutter / 2)
         error = delta.square().sum(1)
         accepted = accepted | (~lost & (error < settings.accept**2))
         lost = lost | (~accepted & (error > settings.drop**2))
@@ -53,39 +53,36 @@ def find(history: Tensor, pixels: Pixels, motion: Tensor, settings: Reprojection
 
 
 def add_history(
-    sums: Tensor, history: Tensor, pixels: Pixels, reach: Tensor, settings: Reprojection
+    sums: Tensor, history: Tensor, pixels: Pixels, reach: Tensor, shutter: Tensor, settings: Reprojection
 ) -> tuple[Tensor, Tensor]:
-    """The sums (K, 11) with those of the history rows added, and where moving history was accepted (K,)."""
+    """The sums (K, 10) with those of the history rows added, and where moving history was accepted (K,)."""
     motion = sums[:, MOVING_MOTION] / sums[:, MOVING_WEIGHT, None].clamp(min=1e-12)
-    offset, accepted = find(history, pixels, motion, settings)
+    offset, accepted = find(history, pixels, motion, shutter, settings)
 
     def work(some: Pixels, chunk: Tensor) -> Tensor:
-        return _fetch(history, some, offset[chunk], motion[chunk], accepted[chunk], reach[chunk], settings)
+        return _fetch(
+            history, some, offset[chunk], motion[chunk], accepted[chunk], reach[chunk], shutter[chunk], settings
+        )
 
-    found = settings.weight * in_chunks(pixels, 25, work)
-    total = sums + found
-    # The factor is a mean already: history counts where it has been found.
-    counts = found[:, MOVING_WEIGHT].clamp(max=settings.weight)
-    factor = (sums[:, FACTOR] + found[:, FACTOR]) / (1 + counts)
-    return torch.cat([total[:, :FACTOR], factor[:, None]], 1), accepted
+    return sums + settings.weight * in_chunks(pixels, 25, work), accepted
 
 
 def _fetch(
     history: Tensor, pixels: Pixels, offset: Tensor, own_motion: Tensor, accepted: Tensor, reach: Tensor,
-    settings: Reprojection,
+    shutter: Tensor, settings: Reprojection,
 ) -> Tensor:  # fmt: skip
-    """Sums (K, 11) of the history's 5×5 pixels around the found ones, each moved on by its frame, t = 0.5."""
+    """Sums (K, 10) of the history's 5×5 pixels around the found ones, each moved on by its frame, t = 0.5."""
     values, places, inside = gather(history, pixels, offset[:, None] + square(2, history.device))
     motion = values[..., MOVING_MOTION]
     # As in δ, half the way by the vector of either frame, so that motion that changes leaves no error of first order.
-    now = places + (motion + own_motion[:, None]) / 2 / settings.shutter
+    now = places + (motion + own_motion[:, None]) / 2 / shutter[:, None, None]
     half = torch.full_like(now[..., 0], 0.5)
     known = inside & accepted[:, None]
     b3 = kernel(history.device)
     if settings.tent:
         # What history holds is blurred along the motion already: nothing but its place between pixels is left.
         # A neighbour that moves otherwise belongs to something else.
-        differs = (motion - own_motion[:, None]).square().sum(-1).sqrt() / 2 / settings.shutter
+        differs = (motion - own_motion[:, None]).square().sum(-1).sqrt() / 2 / shutter[:, None]
         weight = (1 - (now - pixels.centres()).abs()).clamp(min=0).prod(-1) * (differs < settings.accept)
     else:
         weight = b3 * motion_weight(pixels.centres(), now, motion, half, reach[:, None])
@@ -97,10 +94,4 @@ def _fetch(
     else:
         share = (b3 * known * values[..., STATIC_WEIGHT])[..., None]
         static, static_weight = (share * values[..., STATIC_COLOR]).sum(1), share.sum(1)
-    total = weight.sum(1)
-    return torch.cat(
-        [(weight * values[..., MOVING_ALL]).sum(1), total, static, static_weight,
-         (weight * values[..., FACTOR, None]).sum(1)], 1,
-    )  # fmt: skip
-
-
+    return torch.cat([(weight * values[..., MOVING_ALL]).sum(1), weight.sum(1), static, static_weight], 1)

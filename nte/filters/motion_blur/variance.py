@@ -19,7 +19,6 @@ class Estimate(NamedTuple):
     length_variance: Tensor  # px²
     angle: Tensor  # θ: mean direction, radians, of no sign
     angle_variance: Tensor  # over (π/2)², in [0, 1]
-    share: Tensor  # of the samples, that move
     motion: Tensor  # (K, 2): that of the first moving sample from the centre
 
     def reach(self, angle: float, length: float) -> Tensor:
@@ -44,8 +43,8 @@ def estimate_variance(rows: Tensor, pixels: Pixels, depth_threshold: float, naiv
     # Four columns instead of eight: reading them is what the estimate costs.
     narrow = torch.stack([motion.square().sum(1).sqrt(), angle, rows[:, DEPTH], rows[:, MOVING]], 1)
     table = in_chunks(tiles, 16**2, lambda some, _: _tile_statistics(narrow, some, depth_threshold, naive))[of_pixel]
-    length, length_variance, angle, angle_variance, share, *vector = table.unbind(1)
-    return Estimate(length, length_variance, angle, angle_variance, share, torch.stack(vector, 1))
+    length, length_variance, angle, angle_variance = table[:, :4].unbind(1)
+    return Estimate(length, length_variance, angle, angle_variance, table[:, 4:])
 
 
 def _tiles(pixels: Pixels) -> tuple[Pixels, Tensor]:
@@ -66,15 +65,14 @@ def _window(device: torch.device) -> Tensor:
 
 
 def _tile_statistics(narrow: Tensor, tiles: Pixels, depth_threshold: float, naive: bool) -> Tensor:
-    """Rows (K, 7) of `Estimate` from rows (M, 4): length and angle of the vector, depth, moving."""
+    """Rows (K, 6) of `Estimate` from rows (M, 4): length and angle of the vector, depth, moving."""
     values, _, inside = gather(narrow, tiles, _window(narrow.device))
     lengths, angles, depth, moves = values.unbind(-1)
-    moving = inside & (moves > 0)
+    own = inside[:, :4] & (moves[:, :4] > 0)
     # What covers the tile, if it does not move itself.
-    static = inside[:, :4] & ~moving[:, :4]
-    cover = torch.where(static, depth[:, :4], 0).amax(1)
-    cover = torch.where(moving[:, :4].any(1), float("inf"), cover)
-    moving &= depth <= (cover * (1 + depth_threshold))[:, None]
+    cover = torch.where(inside[:, :4] & ~own, depth[:, :4], 0).amax(1)
+    cover = torch.where(own.any(1), float("inf"), cover)
+    moving = counted(moves, depth, inside, cover, depth_threshold)
     number = torch.arange(moving.shape[1], device=narrow.device)
     first = torch.where(moving, number, len(number)).amin(1).clamp(max=len(number) - 1)
     there = torch.arange(len(first), device=narrow.device), first
@@ -86,11 +84,15 @@ def _tile_statistics(narrow: Tensor, tiles: Pixels, depth_threshold: float, naiv
     if not naive:  # flipped by 180° outside ±90°
         relative = relative - math.pi * (relative / math.pi).round()
     mean, angle_variance = _moments(relative, moving)
-    share = moving.sum(1) / inside.sum(1)
     normalised = (angle_variance / (math.pi / 2) ** 2).clamp(max=1)
     some = moving.any(1, keepdim=True)
-    table = torch.stack([length, length_variance, start + mean, normalised, share], 1)
+    table = torch.stack([length, length_variance, start + mean, normalised], 1)
     return torch.where(some, torch.cat([table, reference], 1), 0)
+
+
+def counted(moves: Tensor, depth: Tensor, inside: Tensor, cover: Tensor, depth_threshold: float) -> Tensor:
+    """(K, T): moving samples that lie no further behind what covers the pixel, (K,), than this share of its depth."""
+    return inside & (moves > 0) & (depth <= (cover * (1 + depth_threshold))[:, None])
 
 
 def _moments(values: Tensor, counted: Tensor) -> tuple[Tensor, Tensor]:
