@@ -16,8 +16,9 @@ from torch import Tensor
 from nte.evaluation.flows import FLOWS, Find, ours
 from nte.evaluation.table import aligned
 from nte.motion.agreement import agree
-from nte.motion.correspondence import SCALE, SEARCHES
 from nte.motion.patch_distance import best_shift
+from nte.motion.pyramid import SCALE
+from nte.motion.search import SEARCHES
 
 TIMED, MEASURED = (720, 1280), (1024, 1024)  # (height, width) for time, and for memory
 COSTED: dict[str, Find] = {

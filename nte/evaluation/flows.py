@@ -15,7 +15,8 @@ import torch
 from gefolki.algorithm import EFolki
 from torch import Tensor
 
-from nte.motion.correspondence import SEARCHES, Search, find_correspondence
+from nte.motion.correspondence import find_correspondence
+from nte.motion.search import SEARCHES, Search
 
 Find = Callable[[Tensor, Tensor], Tensor]
 

@@ -11,7 +11,7 @@ import torch
 from nte.cli import main
 from nte.denoiser import Result, Session
 from nte.errors import NteError
-from nte.filters.align import patch_error, search_of
+from nte.filters.align import chooser
 from nte.filters.align_accumulate import AlignAccumulate
 from nte.filters.align_taa import AlignTaa
 from nte.filters.estimated import EstimatedMotion, matched_grey
@@ -19,8 +19,9 @@ from nte.filters.taa import Taa
 from nte.frames.clip import Clip
 from nte.frames.frame import Frame
 from nte.motion.catmull_rom import warp_catmull_rom
-from nte.motion.correspondence import FewerLevelsWarning, Search, find_correspondence
+from nte.motion.correspondence import FewerLevelsWarning, Search, find_correspondence, patch_error
 from nte.motion.patch_distance import Norm
+from nte.motion.search import SEARCHES
 from nte.registry import load_denoiser
 from tests.synthetic import disc_frame, write_clip
 
@@ -105,7 +106,7 @@ def test_the_mask_rejects_history_that_differs_and_keeps_what_agrees() -> None:
 @pytest.mark.parametrize("norm", ["l2", "l1", "log_centred"])
 def test_the_patch_error_of_given_motion_is_what_the_search_measures_for_it(noise: str, norm: Norm) -> None:
     image, other = torch.full((1, 1, 128, 128), 0.5), torch.full((1, 1, 128, 128), 0.53)
-    search = replace(search_of(noise, ""), norm=norm)
+    search = replace(SEARCHES[noise], norm=norm)
     found = find_correspondence(image, other, search)
     assert found.error.min() > 1e-4
     torch.testing.assert_close(patch_error(image, other, found.motion, search), found.error, rtol=1e-3, atol=1e-5)
@@ -251,7 +252,7 @@ def test_names_and_options_of_the_registry() -> None:
     assert wrapped.denoiser.clamp == "clip"
     accumulate = load_denoiser("align_accumulate:radii=10-4-2-2,kappa=2,eta=0.1,demodulate=true,motion=geometric")
     assert isinstance(accumulate, AlignAccumulate)
-    assert accumulate.search.radii == (10, 4, 2, 2)
+    assert accumulate.choose(torch.zeros(1, 1, 8, 8)).radii == (10, 4, 2, 2)
     assert accumulate.needs == ("color", "motion", "albedo")
     assert load_denoiser("align_taa:guides=true").needs == ("color", "albedo", "normal")
     for spec, message in (
@@ -262,7 +263,7 @@ def test_names_and_options_of_the_registry() -> None:
         ("align_accumulate:alpha=0", "alpha is 0.0, expected a weight"),
         ("align_accumulate:kappa=-1", "kappa is -1.0, expected a number of at least 0"),
         ("align_taa:tolerance=none", "tolerance is 'none', expected fixed or adaptive"),
-        ("align_taa:noise=grain", "noise is 'grain', expected one of clean, moderate, noisy, strong"),
+        ("align_taa:noise=grain", "noise is 'grain', expected one of auto, clean, moderate, noisy, strong"),
     ):
         with pytest.raises(NteError, match=message):
             load_denoiser(spec)

@@ -11,7 +11,6 @@ from torch import Tensor
 
 from nte.errors import NteError
 from nte.motion.correspondence import (
-    RADII,
     SEARCHES,
     FewerLevelsWarning,
     Known,
@@ -20,6 +19,7 @@ from nte.motion.correspondence import (
     find_correspondence,
     rejection_mask,
 )
+from nte.motion.search import RADII
 
 STEADY = Search(RADII["noisy"], "l1", smoothing=(4, 2, 1))
 

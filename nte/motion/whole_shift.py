@@ -1,0 +1,52 @@
+"""By how much the whole image has moved: phase correlation proposes, and the median difference decides.
+
+Kuglin and Hines 1975, «The Phase Correlation Image Alignment Method».
+"""
+
+import torch
+import torch.nn.functional as F
+from torch import Tensor
+
+_PEAKS = 16  # of the phase correlation that are tried
+
+
+def whole_shift(current: Tensor, previous: Tensor, farthest: float = 0.25) -> tuple[int, int]:
+    """(x, y) whole pixels by which current(p) looks most like previous(p + shift) in most of the image.
+
+    Images (1, C, H, W), finite; channels are averaged. The highest peak of the phase correlation, with a Hann window
+    against the border, may be that of a small bright thing that moves by itself, so the median difference of the
+    overlap decides among the highest. No shift wins ties. farthest: longest shift along an axis, in image sizes: what
+    overlaps less says less. Costs three Fourier transforms.
+    """
+    height, width = current.shape[-2:]
+    current, previous = current.mean(1, keepdim=True), previous.mean(1, keepdim=True)
+    best, least = (0, 0), _difference(current, previous, 0, 0)
+    for x, y in _peaks(current, previous):
+        if abs(x) <= width * farthest and abs(y) <= height * farthest:
+            found = _difference(current, previous, x, y)
+            if found < least:
+                best, least = (x, y), found
+    return best
+
+
+def _peaks(current: Tensor, previous: Tensor) -> list[tuple[int, int]]:
+    """The shifts (x, y) of the highest local maxima of the phase correlation, highest first."""
+    height, width = current.shape[-2:]
+    rows, columns = (torch.hann_window(size, False).to(current) for size in (height, width))
+    window = rows[:, None] * columns
+    spectra = [torch.fft.rfft2((image - image.mean()) * window) for image in (current, previous)]
+    cross = spectra[0].conj() * spectra[1]
+    surface = torch.fft.irfft2(cross / cross.abs().sqrt().clamp(min=1e-20), s=(height, width))
+    surface = torch.where(surface == F.max_pool2d(surface, 3, 1, 1), surface, -torch.inf).flatten()
+    places = surface.topk(min(_PEAKS, surface.numel())).indices.tolist()
+    half_x, half_y = width // 2, height // 2
+    return [((p % width + half_x) % width - half_x, (p // width + half_y) % height - half_y) for p in places]
+
+
+def _difference(current: Tensor, previous: Tensor, x: int, y: int) -> float:
+    """Median |current(p) − previous(p + (x, y))| where both are there; means of 3×3 pixels, against noise."""
+    height, width = current.shape[-2:]
+    now = current[..., max(-y, 0) : height - max(y, 0), max(-x, 0) : width - max(x, 0)]
+    then = previous[..., max(y, 0) : height - max(-y, 0), max(x, 0) : width - max(-x, 0)]
+    size = (min(3, now.shape[-2]), min(3, now.shape[-1]))
+    return float(F.avg_pool2d(now - then, size).abs().median())
