@@ -4,6 +4,7 @@ Hanika, Tessari and Dachsbacher 2021, «Fast Temporal Reprojection without Motio
 colours and does not claim true motion: shadows, reflections, waves and clouds move in ways that no geometry tells.
 """
 
+import warnings
 from typing import NamedTuple
 
 import torch
@@ -19,6 +20,7 @@ from nte.motion.pyramid import (
     FewerLevelsWarning,
     Known,
     Level,
+    count_levels,
     pyramid,
     smaller,
     smaller_known,
@@ -61,7 +63,9 @@ def find_correspondence(
         )
     search = search or SEARCHES[noise_of(current)]
     now, before = (_scaled(image, search) for image in (current, previous))
-    if search.half and min(now.shape[-2:]) >= 2 * SMALLEST:
+    unit = 2 if search.half and min(now.shape[-2:]) >= 2 * SMALLEST else 1
+    _tell_of_missing_levels(current, unit, len(search.radii))
+    if unit == 2:
         fixed = known and smaller_known(known, 2)
         motion = upsample(_search(smaller(now, 2), smaller(before, 2), fixed, search), now, 2) * 2
         motion = motion if known is None else torch.where(known.mask, known.motion, motion)
@@ -119,7 +123,36 @@ def _search(current: Tensor, previous: Tensor, known: Known | None, search: Sear
     for level in reversed(range(len(levels))):
         motion = _search_level(levels[level], motion, whole / SCALE**level, search, level)
     assert motion is not None
-    return motion
+    return _settled(levels[0], motion, search) if whole.any() else motion
+
+
+def _settled(images: Level, motion: Tensor, search: Search) -> Tensor:
+    """The motion of the finest level, or where it fits no worse the median motion, which is the pan's.
+
+    Where a panned image is nearly flat, noise and rounding lead a search astray by pixels.
+    """
+    now, before, known = images
+    middle = motion.flatten(2).median(2).values[..., None, None]
+    distance = _distance(now, before, motion, search, search.radii[0])
+    for pan in (middle, middle.round()):
+        other = pan.expand_as(motion)
+        its_distance = _distance(now, before, other, search, search.radii[0])
+        better = its_distance <= distance
+        motion, distance = torch.where(better, other, motion), torch.where(better, its_distance, distance)
+    return motion if known is None else torch.where(known.mask, known.motion, motion)
+
+
+def _tell_of_missing_levels(image: Tensor, unit: int, wanted: int) -> None:
+    """Warn (FewerLevelsWarning) where an image searched in pixels of `unit` has fewer levels than wanted."""
+    height, width = image.shape[-2:]
+    count = count_levels(-(-height // unit), -(-width // unit), wanted)
+    if count < wanted:
+        warnings.warn(
+            f"{width}x{height} pixels are too few for {wanted} levels: the search uses {count} and "
+            f"reaches {sum(2 * unit * SCALE**level for level in range(count))} pixels around the shift of the whole",
+            FewerLevelsWarning,
+            stacklevel=4,
+        )
 
 
 def _whole_motion(levels: list[Level]) -> Tensor:
@@ -131,20 +164,24 @@ def _whole_motion(levels: list[Level]) -> Tensor:
 
 
 def _search_level(images: Level, coarser: Tensor | None, whole: Tensor, search: Search, level: int) -> Tensor:
-    """Motion of a level, around the motion of the coarser one and around that of the whole image.
+    """Motion of a level, around the motion of the coarser one, that of the whole image, and none.
 
-    A coarse level does not see fine texture, and what it gets wrong by more than a finer one's reach is lost: so, but
-    for the finest level, which costs most, both starts are tried, and each pixel takes what fits better.
+    A coarse level does not see fine texture, and what it gets wrong by more than a finer one's reach is lost. So, but
+    for the finest level, which costs most, all starts are tried, and each pixel takes what fits best; the first wins
+    ties.
     """
     now, before, known = images
     still = whole.expand(-1, -1, *now.shape[-2:])
     starts = [still] if coarser is None else [upsample(coarser, now, SCALE) * SCALE]
     if coarser is not None and level > 0:
         starts.append(still)
+    if level > 0 and whole.any():  # what stands still before a background that moves
+        starts.append(torch.zeros_like(still))
     motion, distance = _search_from(now, before, starts[0], search, level)
     for start in starts[1:]:
         other, its_distance = _search_from(now, before, start, search, level)
-        motion = torch.where(its_distance <= distance, other, motion)
+        better = its_distance < distance
+        motion, distance = torch.where(better, other, motion), torch.where(better, its_distance, distance)
     if radius := dict(enumerate(search.smoothing)).get(level, 0):
         motion = box_mean(motion, 2 * radius + 1)
     if strength := dict(enumerate(search.agreement)).get(level, 0.0):
@@ -172,9 +209,15 @@ def _scaled(image: Tensor, search: Search) -> Tensor:
 def _error(now: Tensor, before: Tensor, motion: Tensor, search: Search) -> Tensor:
     """`patch_error` of scaled images."""
     shrink = (2 if search.half else 1) * SCALE**search.error_level
+    distance = _distance(now, before, motion, search, search.radii[search.error_level], shrink)
+    return upsample(distance, now, shrink)
+
+
+def _distance(now: Tensor, before: Tensor, motion: Tensor, search: Search, radius: int, shrink: int = 1) -> Tensor:
+    """Patch distance of scaled images along a motion, in images that are smaller by `shrink`."""
     difference = smaller(now, shrink) - smaller(warp(before, motion).image, shrink)
     distance = difference.square_() if search.norm == "l2" else difference.abs_()
     distance = distance.mean(1, keepdim=True)
     if search.norm.startswith("log"):
         distance = torch.log1p(distance / 2)  # log(2 + |a − b|) − log 2
-    return upsample(box_mean(distance, 2 * search.radii[search.error_level] + 1), now, shrink)
+    return box_mean(distance, 2 * radius + 1)

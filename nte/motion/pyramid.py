@@ -1,6 +1,5 @@
 """Images at several sizes, each level four times smaller than the one below, and known motion with them."""
 
-import warnings
 from typing import NamedTuple
 
 import torch
@@ -30,21 +29,21 @@ class Level(NamedTuple):
     known: Known | None
 
 
+def count_levels(height: int, width: int, wanted: int) -> int:
+    """How many of the levels wanted an image of this size has."""
+    count = 1
+    while count < wanted and min(height, width) >= SCALE * SMALLEST:
+        height, width, count = -(-height // SCALE), -(-width // SCALE), count + 1
+    return count
+
+
 def pyramid(current: Tensor, previous: Tensor, known: Known | None, wanted: int) -> list[Level]:
-    """All levels, finest first; fewer than wanted, with a FewerLevelsWarning, if the images are small."""
+    """All levels, finest first; fewer than wanted if the images (N, C, H, W) are small."""
     levels = [Level(current, previous, known)]
-    while len(levels) < wanted and min(current.shape[-2:]) >= SCALE * SMALLEST:
+    for _ in range(1, count_levels(*current.shape[-2:], wanted)):
         current, previous = smaller(current, SCALE), smaller(previous, SCALE)
         known = known and smaller_known(known, SCALE)
         levels.append(Level(current, previous, known))
-    if len(levels) < wanted:
-        height, width = levels[0].current.shape[-2:]
-        warnings.warn(
-            f"{width}x{height} pixels are too few for {wanted} levels: the search uses {len(levels)} and "
-            f"reaches {sum(2 * SCALE**level for level in range(len(levels)))} pixels",
-            FewerLevelsWarning,
-            stacklevel=5,
-        )
     return levels
 
 

@@ -94,10 +94,10 @@ def test_the_mask_rejects_history_that_differs_and_keeps_what_agrees() -> None:
     _, state = denoiser.step(Frame({"color": dark}), None)
     result, _ = denoiser.step(Frame({"color": mixed}, 1), state, ("mask", "history_length", "motion"))
     mask = result.extras["mask"]
-    assert (mask[..., :28] == 0).all()
+    assert (mask[..., :26] == 0).all()
     assert (mask[..., 36:] == 1).all()
     np.testing.assert_allclose(result.image[..., 36:], mixed[..., 36:], rtol=1e-5)
-    assert (result.extras["history_length"][..., :28] == 2).all()
+    assert (result.extras["history_length"][..., :26] == 2).all()
     assert (result.extras["history_length"][..., 36:] == 1).all()
     assert not result.extras["motion"].any()
 
