@@ -36,6 +36,9 @@ __all__ = [
 ]  # fmt: skip
 
 
+_ENOUGH = 32  # pixels along each axis, for which the shift of the whole image is no accident
+
+
 class Correspondence(NamedTuple):
     """What was found."""
 
@@ -157,7 +160,7 @@ def _tell_of_missing_levels(image: Tensor, unit: int, wanted: int) -> None:
 
 def _whole_motion(levels: list[Level]) -> Tensor:
     """(N, 2, 1, 1) px of the finest level: by how much each whole image moved, to the pixels of the level above."""
-    level = min(1, len(levels) - 1)
+    level = int(len(levels) > 1 and min(levels[1].current.shape[-2:]) >= _ENOUGH)
     now, before, _ = levels[level]
     shifts = [whole_shift(now[n : n + 1], before[n : n + 1], farthest=0.5) for n in range(len(now))]
     return now.new_tensor(shifts).view(-1, 2, 1, 1) * float(SCALE**level)

@@ -143,7 +143,7 @@ def _pair(before: Frame, now: Frame, exposure: Tensor, known: bool) -> Pair:
 
 
 def _discs(deviation: float, seed: int, count: int = 2) -> list[Pair]:
-    """A shaded disc with a faint pattern that moves by (6, 2) px a frame, with Gaussian noise of this deviation (Figure 6 of the paper)."""
+    """A shaded disc with a faint pattern that moves by (6, 2) px a frame, with Gaussian noise (Figure 6)."""
     here = pixel_centres(torch.zeros(1, 1, _SIZE, _SIZE))
     clean, within = [], []
     for i in range(count + 1):
