@@ -40,7 +40,8 @@ def count_levels(height: int, width: int, wanted: int) -> int:
 def pyramid(current: Tensor, previous: Tensor, known: Known | None, wanted: int) -> list[Level]:
     """All levels, finest first; fewer than wanted if the images (N, C, H, W) are small."""
     levels = [Level(current, previous, known)]
-    for _ in range(1, count_levels(*current.shape[-2:], wanted)):
+    height, width = current.shape[-2:]
+    for _ in range(1, count_levels(height, width, wanted)):
         current, previous = smaller(current, SCALE), smaller(previous, SCALE)
         known = known and smaller_known(known, SCALE)
         levels.append(Level(current, previous, known))

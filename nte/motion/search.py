@@ -12,7 +12,7 @@ from nte.motion.patch_distance import NORMS, Norm
 # Patch radius per level, finest first, by the noise of the images (section 3.3)
 RADII = {"clean": (2, 2, 2, 2), "noisy": (10, 4, 2, 2), "strong": (32, 16, 8, 8)}
 # Ours: with values in [0, 1] as they are, the centre's weight outweighs any edge of the image. Chosen on the train
-# clips of datasets/correspondence.yaml, as are SEARCHES.
+# clips of docs/correspondence.md, as are SEARCHES.
 GAIN = 30.0
 
 

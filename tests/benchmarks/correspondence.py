@@ -18,7 +18,7 @@ import numpy as np
 import torch
 from correspondence_cases import Case, Pair, accumulation, constructed, from_clip, long_clips, trust
 
-from nte.evaluation.flow_costs import cost_table, costs
+from nte.evaluation.flow_costs import cost_table, costs, pass_table, passes
 from nte.evaluation.flows import FLOWS, Find, candidates, ours, zero
 from nte.evaluation.table import aligned
 from nte.frames.clip import find_clips
@@ -142,12 +142,13 @@ def main(arguments: list[str]) -> int:
     crops = [(f"{name} {pan}", pair.panned(pan)) for name, pair in rendered for pan in PANS]
     failures += pans([(c.name, c.pairs[0]) for c in made if "pan" in c.name] + crops)
     failures += rejection([case for case in [*test, *made] if ", 1 spp" in case.name or "disc" in case.name])
-    for name in ("train", "test"):
-        masks(long_clips(split[name]))
+    for folders in map(long_clips, split.values()):
+        if folders:
+            masks(folders)
     measured: dict[str, Any] = {}
     if given.times:
         measured = costs()
-        print(f"\n{cost_table(measured)}")
+        print(f"\n{cost_table(measured)}\n\n{pass_table(passes())}")
         failures += too_slow(measured)
     for line in failures:
         print(f"does not hold: {line}")
