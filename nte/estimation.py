@@ -25,7 +25,7 @@ def estimate_clip(
     `Estimator`. Only noise seed 0 is written. Raises NteError where channels are missing and where files exist, unless
     `force`.
     """
-    clip, estimator = Clip(source), Estimator(noise, guides, known, device)
+    clip, estimator = Clip(source), Estimator(noise, guides, known, device, errors=True)
     missing = [name for name in estimator.needs if name not in clip.channels]
     if missing:
         raise NteError(f"{source}: {', '.join(missing)} is missing, which the search needs; it has {clip.channels}")
@@ -41,6 +41,7 @@ def estimate_clip(
     with Progress("estimate", len(clip), "frame") as progress:
         for index, path in enumerate(written):
             found, state = estimator.step(clip.frame(index, estimator.needs), state)
+            assert found.error is not None
             mask = rejection_mask(found.error, KAPPA, ETA).where(found.valid, 1.0)
             layers = read_layers(frame_path(source, index))
             kept = {name: plane for name, plane in layers.items() if not name.startswith(_REPLACED)}

@@ -17,7 +17,7 @@ import torch
 from gefolki.algorithm import EFolki
 from torch import Tensor
 
-from nte.motion.correspondence import find_correspondence
+from nte.motion.correspondence import find_motion
 from nte.motion.search import SEARCHES, Search
 
 Find = Callable[[Tensor, Tensor], Tensor]
@@ -75,13 +75,13 @@ FLOWS: dict[str, Find] = {"Farnebäck": farneback, "DIS": dis, "Dual TV-L1": dua
 def ours(noise: str = "auto", half: bool | None = None) -> Find:
     """The patch search for this noise, at its own or the given resolution; `auto`: for the noise that is measured."""
     if noise == "auto":
-        return lambda current, previous: find_correspondence(current, previous).motion
+        return lambda current, previous: find_motion(current, previous)
     return searching(SEARCHES[noise] if half is None else replace(SEARCHES[noise], half=half))
 
 
 def searching(search: Search) -> Find:
     """The patch search with these settings."""
-    return lambda current, previous: find_correspondence(current, previous, search).motion
+    return lambda current, previous: find_motion(current, previous, search)
 
 
 def candidates(slow: bool = True) -> dict[str, dict[str, Find]]:

@@ -16,7 +16,7 @@ from nte.denoiser import Denoiser, Result, check_size
 from nte.errors import NteError
 from nte.frames.frame import Frame
 from nte.frames.scalars import sequence_scalars
-from nte.motion.correspondence import Known, find_correspondence
+from nte.motion.correspondence import Known, find_motion, patch_error
 from nte.motion.search import SEARCHES, Search, noise_of
 from nte.motion.warp import inside, pixel_centres
 
@@ -54,7 +54,7 @@ class Estimate(NamedTuple):
     """Motion from the images, with its error."""
 
     motion: Tensor  # (N, 2, H, W) px, current → previous, finite; 0 where a sequence starts
-    error: Tensor  # (N, 1, H, W) patch error of this motion; 0 where a sequence starts
+    error: Tensor | None  # (N, 1, H, W) patch error of this motion, if wanted; 0 where a sequence starts
     valid: Tensor  # (N, 1, H, W) bool: the motion leads into the previous frame; false where a sequence starts
 
 
@@ -70,11 +70,15 @@ class Estimator:
 
     noise: of the images: `auto` (measured), `clean`, `moderate` (some 4 to 50 spp), `noisy` (1 spp) or `strong`.
     guides: search in `albedo` and `normal`, where they have less noise than the image. known: `motion` that frames have
-    is kept where it is finite, and guides the search around it. device: on which is searched.
+    is kept where it is finite, and guides the search around it. device: on which is searched. errors: give the patch
+    error too.
     """
 
-    def __init__(self, noise: str = AUTO, guides: bool = False, known: bool = False, device: str = "cpu") -> None:
+    def __init__(
+        self, noise: str = AUTO, guides: bool = False, known: bool = False, device: str = "cpu", errors: bool = False
+    ) -> None:
         self.choose, self.guides, self.known, self.device = Chooser(noise), guides, known, device
+        self.errors = errors
         looks = ("albedo", "normal") if guides else ()
         self.needs: tuple[str, ...] = ("color", *looks, *(("motion",) if known else ()))
 
@@ -89,12 +93,17 @@ class Estimator:
             image = torch.cat([sanitise(tensors["albedo"], high=1.0), normal], 1)
         if state is None:
             nothing = torch.zeros_like(image[:, :1])
-            return Estimate(nothing.repeat(1, 2, 1, 1), nothing, nothing > 0), _Seen(image, exposure)
+            error = nothing if self.errors else None
+            return Estimate(nothing.repeat(1, 2, 1, 1), error, nothing > 0), _Seen(image, exposure)
         check_size(frame, state.image)
-        found = find_correspondence(image, state.image, self.choose(image), self._known(tensors))
-        goes_on = torch.ones_like(exposure) if tensors.reset is None else 1.0 - (tensors.reset > 0).to(exposure)
-        motion, error = (values * goes_on.view(-1, 1, 1, 1) for values in found)
-        valid = inside(pixel_centres(motion) + motion) & (goes_on.view(-1, 1, 1, 1) > 0)
+        search = self.choose(image)
+        motion = find_motion(image, state.image, search, self._known(tensors))
+        error = patch_error(image, state.image, motion, search) if self.errors else None
+        valid = inside(pixel_centres(motion) + motion)
+        if tensors.reset is not None:
+            goes_on = tensors.reset.view(-1, 1, 1, 1) <= 0
+            motion, valid = motion * goes_on, valid & goes_on
+            error = None if error is None else error * goes_on
         return Estimate(motion, error, valid), _Seen(image, exposure)
 
     def _known(self, frame: Frame) -> Known | None:

@@ -13,7 +13,7 @@ from torch import Tensor
 from nte.errors import NteError
 from nte.motion.agreement import agree
 from nte.motion.box import box_mean
-from nte.motion.patch_distance import best_shift
+from nte.motion.patch_distance import REACH, best_shift
 from nte.motion.pyramid import (
     SCALE,
     SMALLEST,
@@ -32,7 +32,7 @@ from nte.motion.whole_shift import whole_shift
 
 __all__ = [
     "SEARCHES", "BothWays", "Correspondence", "FewerLevelsWarning", "Known", "Search", "find_both_ways",
-    "find_correspondence", "noise_of", "patch_error", "rejection_mask",
+    "find_correspondence", "find_motion", "noise_of", "patch_error", "rejection_mask",
 ]  # fmt: skip
 
 
@@ -50,14 +50,24 @@ class Correspondence(NamedTuple):
 def find_correspondence(
     current: Tensor, previous: Tensor, search: Search | None = None, known: Known | None = None
 ) -> Correspondence:
+    """Find the motion (`find_motion`, which describes the arguments) and its patch error (`patch_error`)."""
+    search = search or SEARCHES[noise_of(current)]
+    motion = find_motion(current, previous, search, known)
+    return Correspondence(motion, patch_error(current, previous, motion, search))
+
+
+@torch.no_grad()
+def find_motion(
+    current: Tensor, previous: Tensor, search: Search | None = None, known: Known | None = None
+) -> Tensor:
     """Search every pixel of `current` in `previous`, both (N, C, H, W): grey, or noise-free guides as channels.
 
-    Values should be about as large as displayed ones, [0, 1]: the log norms compare them with 2. What is not
-    finite counts as 0; at the border the previous image is clamped. `known` motion overwrites what is found on
-    every level, and so guides the search around it. Without a search, the noise of `current` chooses one of SEARCHES.
-    Small images get fewer levels (FewerLevelsWarning). The same input gives the same output. docs/correspondence.md
-    tells its time beside that of optical flow; no gradients.
-    Raises NteError for images that differ in size.
+    Returns the motion (N, 2, H, W) of Correspondence. Values should be about as large as displayed ones, [0, 1]: the
+    log norms compare them with 2. What is not finite counts as 0; at the border the previous image is clamped. `known`
+    motion overwrites what is found on every level, and so guides the search around it. Without a search, the noise of
+    `current` chooses one of SEARCHES. Small images get fewer levels (FewerLevelsWarning). The same input gives the
+    same output. docs/correspondence.md tells its time beside that of optical flow; no gradients. Raises NteError for
+    images that differ in size.
     """
     if current.shape != previous.shape or current.ndim != 4:
         raise NteError(
@@ -68,13 +78,11 @@ def find_correspondence(
     now, before = (_scaled(image, search) for image in (current, previous))
     unit = 2 if search.half and min(now.shape[-2:]) >= 2 * SMALLEST else 1
     _tell_of_missing_levels(current, unit, len(search.radii))
-    if unit == 2:
-        fixed = known and smaller_known(known, 2)
-        motion = upsample(_search(smaller(now, 2), smaller(before, 2), fixed, search), now, 2) * 2
-        motion = motion if known is None else torch.where(known.mask, known.motion, motion)
-    else:
-        motion = _search(now, before, known, search)
-    return Correspondence(motion, _error(now, before, motion, search))
+    if unit == 1:
+        return _search(now, before, known, search)
+    now, before = smaller(now, 2), smaller(before, 2)
+    motion = upsample(_search(now, before, known and smaller_known(known, 2), search), current, 2) * 2
+    return motion if known is None else torch.where(known.mask, known.motion, motion)
 
 
 @torch.no_grad()
@@ -154,15 +162,19 @@ def _tell_of_missing_levels(image: Tensor, unit: int, wanted: int) -> None:
             f"{width}x{height} pixels are too few for {wanted} levels: the search uses {count} and "
             f"reaches {sum(2 * unit * SCALE**level for level in range(count))} pixels around the shift of the whole",
             FewerLevelsWarning,
-            stacklevel=4,
+            stacklevel=3,
         )
 
 
 def _whole_motion(levels: list[Level]) -> Tensor:
-    """(N, 2, 1, 1) px of the finest level: by how much each whole image moved, to the pixels of the level above."""
+    """(N, 2, 1, 1) px of the finest level: by how much each whole image moved, to the pixels of the level above.
+
+    0 for what the two finest levels reach by themselves.
+    """
     level = int(len(levels) > 1 and min(levels[1].current.shape[-2:]) >= _ENOUGH)
     now, before, _ = levels[level]
     shifts = [whole_shift(now[n : n + 1], before[n : n + 1], farthest=0.5) for n in range(len(now))]
+    shifts = [shift if max(map(abs, shift)) > REACH else (0, 0) for shift in shifts]
     return now.new_tensor(shifts).view(-1, 2, 1, 1) * float(SCALE**level)
 
 

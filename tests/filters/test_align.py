@@ -19,7 +19,7 @@ from nte.filters.taa import Taa
 from nte.frames.clip import Clip
 from nte.frames.frame import Frame
 from nte.motion.catmull_rom import warp_catmull_rom
-from nte.motion.correspondence import Correspondence, FewerLevelsWarning, Search, find_correspondence, patch_error
+from nte.motion.correspondence import FewerLevelsWarning, Search, find_correspondence, patch_error
 from nte.motion.patch_distance import Norm
 from nte.motion.search import SEARCHES
 from nte.registry import load_denoiser
@@ -288,11 +288,11 @@ def test_the_search_runs_on_the_device_that_is_asked_for(monkeypatch: pytest.Mon
     """On PyTorch's `meta` device, which computes nothing: what arrives there was sent there."""
     searched: list[str] = []
 
-    def record(current: torch.Tensor, previous: torch.Tensor, *_: object) -> Correspondence:
+    def record(current: torch.Tensor, previous: torch.Tensor, *_: object) -> torch.Tensor:
         searched.extend(image.device.type for image in (current, previous))
-        return Correspondence(current.repeat(1, 2, 1, 1), current)
+        return current.repeat(1, 2, 1, 1)
 
-    monkeypatch.setattr("nte.filters.estimated.find_correspondence", record)
+    monkeypatch.setattr("nte.filters.estimated.find_motion", record)
     estimator, state = Estimator("clean", device="meta"), None
     for frame in moving(2):
         found, state = estimator.step(frame, state)
