@@ -51,6 +51,7 @@ def find_correspondence(
     current: Tensor, previous: Tensor, search: Search | None = None, known: Known | None = None
 ) -> Correspondence:
     """Find the motion (`find_motion`, which describes the arguments) and its patch error (`patch_error`)."""
+    _check_sizes(current, previous)
     search = search or SEARCHES[noise_of(current)]
     motion = find_motion(current, previous, search, known)
     return Correspondence(motion, patch_error(current, previous, motion, search))
@@ -69,11 +70,7 @@ def find_motion(
     same output. docs/correspondence.md tells its time beside that of optical flow; no gradients. Raises NteError for
     images that differ in size.
     """
-    if current.shape != previous.shape or current.ndim != 4:
-        raise NteError(
-            f"current {tuple(current.shape)} and previous {tuple(previous.shape)}: expected two images (N, C, H, W) "
-            "of one size"
-        )
+    _check_sizes(current, previous)
     search = search or SEARCHES[noise_of(current)]
     now, before = (_scaled(image, search) for image in (current, previous))
     unit = 2 if search.half and min(now.shape[-2:]) >= 2 * SMALLEST else 1
@@ -151,6 +148,15 @@ def _settled(images: Level, motion: Tensor, search: Search) -> Tensor:
         better = its_distance <= distance
         motion, distance = torch.where(better, other, motion), torch.where(better, its_distance, distance)
     return motion if known is None else torch.where(known.mask, known.motion, motion)
+
+
+def _check_sizes(current: Tensor, previous: Tensor) -> None:
+    """Raise NteError unless both are images (N, C, H, W) of one size."""
+    if current.shape != previous.shape or current.ndim != 4:
+        raise NteError(
+            f"current {tuple(current.shape)} and previous {tuple(previous.shape)}: expected two images (N, C, H, W) "
+            "of one size"
+        )
 
 
 def _tell_of_missing_levels(image: Tensor, unit: int, wanted: int) -> None:
