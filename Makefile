@@ -34,8 +34,7 @@ acceptance: $(INSTALLED)
 paper: $(INSTALLED)
 	$(BIN)/nte compare configs/compare_trmv.yaml --data data/trmv --out reports/trmv --force
 	$(BIN)/python tests/benchmarks/vectors.py --pictures reports/vectors
-	$(BIN)/nte render datasets/correspondence.yaml --out data/correspondence
-	$(BIN)/python tests/benchmarks/correspondence.py data/correspondence/test
+	$(BIN)/python tests/benchmarks/correspondence.py
 	$(BIN)/nte render datasets/motion_blur_60.yaml --out data/motion_blur_60
 	$(BIN)/python tests/benchmarks/motion_blur.py data/motion_blur_60 --pictures reports/motion_blur
 

@@ -15,7 +15,7 @@ from nte.errors import NteError, needs_extra
 
 _EXTRA_OF = {
     "render": "render", "train": "train", "export": "train", "evaluate": "eval", "compare": "eval", "check": "eval",
-    "import": "import", "bench": "eval", "merge-burst": "burst",
+    "import": "import", "bench": "eval", "merge-burst": "burst", "estimate": "eval",
 }  # fmt: skip
 
 
@@ -57,6 +57,7 @@ def _parser() -> argparse.ArgumentParser:
     from nte import __version__
     from nte.cli_bench import add_bench
     from nte.cli_burst import add_burst
+    from nte.cli_estimate import add_estimate
     from nte.cli_import import add_import
 
     parser = _Parser(prog="nte", description="Neural temporal denoising of path-traced sequences")
@@ -110,6 +111,7 @@ def _parser() -> argparse.ArgumentParser:
     _device(denoise, "cpu")
     _force(denoise)
 
+    add_estimate(commands)
     add_import(commands)
     add_bench(commands)
     add_burst(commands)

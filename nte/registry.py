@@ -1,6 +1,7 @@
 """Names → denoisers: what a user types becomes something with a `step`."""
 
 import inspect
+from collections.abc import Mapping
 from importlib import import_module
 from pathlib import Path
 from typing import Any
@@ -27,14 +28,16 @@ NAMES: dict[str, tuple[str, str, str]] = {
 def load_denoiser(spec: str, device: str = "cpu") -> Denoiser:
     """The denoiser that `spec` names: a run folder, an .onnx file, or `name:key=value,key=value`.
 
-    What exists on disk wins over a name. `estimate+` before any of them: with motion that is estimated from the
-    images (nte.filters.estimated). Option `target=components`, of those that have `target`: a denoiser for each light
-    component, put together. Raises NteError for anything unknown, listing what there is.
+    What exists on disk wins over a name. `estimate+` before any of them, or `estimate:key=value+`: with motion that is
+    estimated from the images (nte.filters.estimated; noise, guides, known). Option `target=components`, of those that
+    have `target`: a denoiser for each light component, put together. Raises NteError for anything unknown, listing
+    what there is.
     """
-    if spec.startswith("estimate+"):
-        from nte.filters.estimated import EstimatedMotion
-
-        return EstimatedMotion(load_denoiser(spec.removeprefix("estimate+"), device))
+    wrapper, plus, inner = spec.partition("+")
+    if plus and wrapper.partition(":")[0] == "estimate":
+        wrapped = {"denoiser": load_denoiser(inner, device)}
+        how = _parse(spec, wrapper.partition(":")[2])
+        return _construct("nte.filters.estimated", "EstimatedMotion", "eval", spec, how, device, wrapped)
     path = Path(spec)
     if path.suffix == ".onnx":
         from nte.runtime.session import OnnxDenoiser
@@ -60,22 +63,25 @@ def load_denoiser(spec: str, device: str = "cpu") -> Denoiser:
 
 
 def _construct(
-    module: str, attribute: str, extra: str, spec: str, options: dict[str, Any], device: str | None = None
-) -> Denoiser:
+    module: str, attribute: str, extra: str, spec: str, options: dict[str, Any], device: str | None = None,
+    given: Mapping[str, Any] | None = None,
+) -> Denoiser:  # fmt: skip
+    """The denoiser with options as they are typed, and with arguments that are `given` and that nobody types."""
+    given = given or {}
     try:
         make = getattr(import_module(module), attribute)
     except ImportError as error:
         raise needs_extra(extra, f"'{spec}'", error) from error
     accepted = inspect.signature(make).parameters
-    settable = {key: p for key, p in accepted.items() if key != "device"}
+    settable = {key: p for key, p in accepted.items() if key != "device" and key not in given}
     for key, value in options.items():
-        if key not in accepted or (device is not None and key == "device"):
+        if key not in accepted or key in given or (device is not None and key == "device"):
             raise NteError(f"'{spec}': unknown option '{key}'; it has {', '.join(settable) or 'none'}")
         options[key] = _convert(spec, key, value, accepted[key])
     if device is not None and "device" in accepted:
-        _check_device(device)
+        check_device(device)
         options["device"] = device
-    denoiser: Denoiser = make(**options)
+    denoiser: Denoiser = make(**options, **given)
     return denoiser
 
 
@@ -90,7 +96,7 @@ def onnx_provider(device: str) -> tuple[str, dict[str, str]]:
     return f"{kind.upper()}ExecutionProvider", {"device_id": number} if number and kind != "cpu" else {}
 
 
-def _check_device(device: str) -> None:
+def check_device(device: str) -> None:
     """Raise NteError where PyTorch has no such device."""
     import torch
 

@@ -18,14 +18,13 @@ from nte.burst.noise import NoiseModel
 from nte.errors import NteError
 from nte.motion.correspondence import Search, find_correspondence
 from nte.motion.warp import warp
+from nte.motion.whole_shift import whole_shift
 
 # Windows over which differences are compared with the noise, and how many deviations of their mean count as noise.
 # A large one sees faint differences; a small one sees thin things that a large one would dilute.
 WINDOWS = ((7, 1.0), (3, 3.0))
 _SUBSTITUTE = 0.1  # weight of what stands in for a defect of the reference: any other frame knows better
 _WHITE = 1 - 1e-4  # from here on a sensor is saturated, whatever 16 bits make of its white level
-_PEAKS = 16  # of the phase correlation that are tried
-_FARTHEST = 4  # part of the image: what overlaps less says less
 RADII = (16, 8, 4, 2)  # of the search's patches: the gains of (10, 4, 2, 2) and (8, 8, 4, 4) are the same or lower
 
 
@@ -102,44 +101,13 @@ def find_motion(current: Tensor, previous: Tensor, radii: tuple[int, ...]) -> Te
     A hand moves the whole picture, by more than what it shows is large: the search alone takes one leaf for
     another there.
     """
-    x, y = _whole_shift(current, previous)
+    x, y = whole_shift(current, previous)
     height, width = current.shape[-2:]
     rows = (torch.arange(height, device=current.device) + y).clamp(0, height - 1)
     columns = (torch.arange(width, device=current.device) + x).clamp(0, width - 1)
     shifted = previous[..., rows, :][..., columns]
     motion = find_correspondence(current, shifted, Search(radii=radii, norm="l1")).motion
     return motion + motion.new_tensor([x, y]).view(1, 2, 1, 1)
-
-
-def _whole_shift(current: Tensor, previous: Tensor) -> tuple[int, int]:
-    """(x, y) whole pixels by which current(p) looks most like previous(p + shift), in most of the image.
-
-    Phase correlation (Kuglin and Hines 1975), with a Hann window against the border, proposes: its highest peak
-    may be that of a small bright thing that moves by itself. The median difference decides, and no shift wins ties.
-    """
-    height, width = current.shape[-2:]
-    window = torch.hann_window(height, False)[:, None] * torch.hann_window(width, False)
-    spectra = [torch.fft.rfft2((image - image.mean()) * window.to(image)) for image in (current, previous)]
-    cross = spectra[0].conj() * spectra[1]
-    peaks = torch.fft.irfft2(cross / cross.abs().sqrt().clamp(min=1e-20), s=(height, width))
-    peaks = torch.where(peaks == F.max_pool2d(peaks, 3, 1, 1), peaks, -torch.inf)
-    best, least = (0, 0), _difference(current, previous, 0, 0)
-    for peak in peaks.flatten().topk(_PEAKS).indices.tolist():
-        y, x = (peak // width + height // 2) % height - height // 2, (peak % width + width // 2) % width - width // 2
-        if abs(x) > width // _FARTHEST or abs(y) > height // _FARTHEST:
-            continue
-        found = _difference(current, previous, x, y)
-        if found < least:
-            best, least = (x, y), found
-    return best
-
-
-def _difference(current: Tensor, previous: Tensor, x: int, y: int) -> float:
-    """Median |current(p) − previous(p + (x, y))| where both are there; means of 3×3 pixels, against noise."""
-    height, width = current.shape[-2:]
-    now = current[..., max(-y, 0) : height - max(y, 0), max(-x, 0) : width - max(x, 0)]
-    then = previous[..., max(y, 0) : height - max(-y, 0), max(x, 0) : width - max(-x, 0)]
-    return float(F.avg_pool2d(now - then, 3).abs().median())
 
 
 def _grey(image: Tensor, mosaic: Mosaic | None) -> Tensor:

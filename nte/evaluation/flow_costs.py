@@ -1,7 +1,6 @@
 """Time and memory of the ways to find motion, in one run on the same cores."""
 
 import multiprocessing
-import statistics
 import time
 from collections.abc import Callable
 from functools import partial
@@ -16,14 +15,16 @@ from torch import Tensor
 from nte.evaluation.flows import FLOWS, Find, ours
 from nte.evaluation.table import aligned
 from nte.motion.agreement import agree
-from nte.motion.correspondence import SCALE, SEARCHES
 from nte.motion.patch_distance import best_shift
+from nte.motion.pyramid import SCALE
+from nte.motion.search import SEARCHES
 
 TIMED, MEASURED = (720, 1280), (1024, 1024)  # (height, width) for time, and for memory
 COSTED: dict[str, Find] = {
     **FLOWS,
     "ours, full": ours("moderate"),
     "ours, half": ours("moderate", True),
+    "ours, clean": ours("clean"),
     "ours for 1 spp": ours("noisy"),
     "ours for 1 spp, full": ours("noisy", False),
 }
@@ -32,7 +33,7 @@ _SLOW = ("Dual TV-L1", "eFOLKI")  # timed once, on a 16th of the pixels, and mul
 
 
 def costs(repetitions: int = 5) -> dict[str, dict[str, float]]:
-    """Per method: `ms` at 1280×720, median of repetitions that alternate, and `peak_mb` at 1024×1024.
+    """Per method: `ms` at 1280×720, the least of repetitions that alternate, and `peak_mb` at 1024×1024.
 
     OpenCV gets as many threads as PyTorch. Dual TV-L1 and eFOLKI, which take minutes, run once at 320×180, and the
     time is multiplied by 16; their memory is not measured. peak_mb: how much the resident peak of a fresh process
@@ -49,7 +50,7 @@ def costs(repetitions: int = 5) -> dict[str, dict[str, float]]:
                 seconds[name].append(16 * _seconds(find, *few))
     found = peaks()
     return {
-        name: {"ms": 1000 * statistics.median(s), **({"peak_mb": found[name]} if name in found else {})}
+        name: {"ms": 1000 * min(s), **({"peak_mb": found[name]} if name in found else {})}
         for name, s in seconds.items()
     }
 
@@ -62,7 +63,7 @@ def peaks() -> dict[str, float]:
 
 
 def passes(repetitions: int = 5) -> dict[str, float]:
-    """Milliseconds of each pass of the search for 1 spp at 1280×720, and of all: medians of repetitions in turn."""
+    """Milliseconds of each pass of the search for 1 spp at 1280×720, and of all: the least of repetitions in turn."""
     search = SEARCHES["noisy"]
     height, width = (size // 2 for size in TIMED)
     tasks: dict[str, Callable[[], Any]] = {}
@@ -78,7 +79,7 @@ def passes(repetitions: int = 5) -> dict[str, float]:
     for _ in range(1 + repetitions):
         for name, task in tasks.items():
             seconds[name].append(_seconds(task))
-    return {name: 1000 * statistics.median(times[1:]) for name, times in seconds.items()}
+    return {name: 1000 * min(times[1:]) for name, times in seconds.items()}
 
 
 def peak_mb(name: str) -> float:

@@ -3,7 +3,6 @@
 Hanika, Tessari and Dachsbacher 2021, «Fast Temporal Reprojection without Motion Vectors», sections 3.2 and 4.
 """
 
-from dataclasses import replace
 from typing import Any, NamedTuple
 
 import torch
@@ -12,10 +11,10 @@ from torch import Tensor
 from nte.color import demodulate, remodulate
 from nte.denoiser import Result, check_size, sanitised
 from nte.errors import NteError
-from nte.filters.align import align, check_motion, check_range, search_of
+from nte.filters.align import align, check_motion, check_range, chooser
 from nte.filters.blocks import fetch_history, keep_where_bad, remembered
 from nte.filters.composition import check_target
-from nte.filters.estimated import matched_grey
+from nte.filters.estimated import AUTO, matched_grey
 from nte.frames.frame import Frame
 from nte.frames.scalars import sequence_exposure
 from nte.frames.usable import mask_of
@@ -36,18 +35,18 @@ class AlignAccumulate:
     """An exponential mean of `color` or `indirect` along correspondences, without any clipping of history.
 
     motion: `estimate` (the paper), `zero`, or `geometric` (the channel), with the same rejection each. noise: of
-    the frames, `clean`, `moderate`, `noisy` or `strong`: the search for it. radii: of the patches instead, such as
-    10-4-2-2, finest first. norm: of the distance; the paper's is log L1ᶜ. kappa, eta: m = κ ε − η rejects. alpha:
-    least weight of the current frame, in (0, 1]; 1/n for the nth frame of a history that is not longer than 1/alpha.
-    demodulate: search and merge light without albedo, which is multiplied back. Extras: `motion`, `mask` (m) and
-    `history_length`.
+    the frames, which chooses the search: `auto` (measured), `clean`, `moderate`, `noisy` or `strong`. radii: of the
+    patches instead, such as 10-4-2-2, finest first. norm: of the distance; the paper's is log L1ᶜ. kappa, eta:
+    m = κ ε − η rejects. alpha: least weight of the current frame, in (0, 1]; 1/n for the nth frame of a history that is
+    not longer than 1/alpha. demodulate: search and merge light without albedo, which is multiplied back. Extras:
+    `motion`, `mask` (m) and `history_length`.
     """
 
     optional: tuple[str, ...] = ()
 
     def __init__(
-        self, motion: str = "estimate", noise: str = "noisy", radii: str = "", norm: str = "log_centred",
-        kappa: float = 1.0, eta: float = 0.5, alpha: float = 0.1, demodulate: bool = False, target: str = "color",
+        self, motion: str = "estimate", noise: str = AUTO, radii: str = "", norm: str = "log_centred",
+        kappa: float = 2.0, eta: float = 1.6, alpha: float = 0.1, demodulate: bool = False, target: str = "color",
         device: str = "cpu",
     ) -> None:  # fmt: skip
         check_motion("align_accumulate", motion)
@@ -55,7 +54,7 @@ class AlignAccumulate:
         check_target("align_accumulate", target)
         if target not in ("color", "indirect", "glossy"):
             raise NteError(f"align_accumulate: target is '{target}', expected color, indirect or glossy")
-        self.motion, self.search = motion, replace(search_of(noise, radii), norm=norm)  # type: ignore[arg-type]
+        self.motion, self.choose = motion, chooser(noise, radii, norm)
         self.kappa, self.eta, self.alpha, self.demodulate = kappa, eta, alpha, demodulate
         self.target, self.device = target, device
         self.needs: tuple[str, ...] = tuple(
@@ -83,7 +82,7 @@ class AlignAccumulate:
         if state is not None:
             check_size(frame, state.merged)
             grey = torch.where(tensors[mask_of(self.target)] > 0, grey, state.grey)
-            motion, valid, error = align(grey, state.grey, tensors, self.motion, self.search)
+            motion, valid, error = align(grey, state.grey, tensors, self.motion, self.choose)
             mask = rejection_mask(error, self.kappa, self.eta)
             where = Reprojection(motion, valid, torch.zeros_like(valid))
             past, valid = fetch_history(torch.cat([state.merged, state.length], 1), where, tensors.reset)

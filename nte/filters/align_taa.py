@@ -10,9 +10,9 @@ from torch import Tensor
 
 from nte.denoiser import Result, check_size, sanitised
 from nte.errors import NteError
-from nte.filters.align import Aligned, align, check_motion, check_range, search_of
+from nte.filters.align import Aligned, align, check_motion, check_range, chooser
 from nte.filters.blocks import clamp_history, keep_where_bad, neighbourhood_moments, remembered
-from nte.filters.estimated import matched_grey
+from nte.filters.estimated import AUTO, matched_grey
 from nte.frames.frame import Frame
 from nte.frames.scalars import sequence_exposure
 from nte.frames.usable import mask_of
@@ -47,14 +47,14 @@ class AlignTaa:
 
     def __init__(
         self, motion: str = "estimate", guides: bool = False, tolerance: str = "fixed", kappa: float = 40.0,
-        eta: float = 0.0, alpha: float = 0.1, noise: str = "clean", radii: str = "", device: str = "cpu",
+        eta: float = 0.0, alpha: float = 0.1, noise: str = AUTO, radii: str = "", device: str = "cpu",
     ) -> None:  # fmt: skip
         check_motion("align_taa", motion)
         check_range("align_taa", alpha=alpha, kappa=kappa, eta=eta)
         if tolerance not in ("fixed", "adaptive"):
             raise NteError(f"align_taa: tolerance is '{tolerance}', expected fixed or adaptive")
         self.motion, self.guides, self.tolerance, self.device = motion, guides, tolerance, device
-        self.kappa, self.eta, self.alpha, self.search = kappa, eta, alpha, search_of(noise, radii)
+        self.kappa, self.eta, self.alpha, self.choose = kappa, eta, alpha, chooser(noise, radii)
         looks = ["albedo", "normal"] if guides or tolerance == "adaptive" else []
         self.needs: tuple[str, ...] = ("color", *looks, *(["motion"] if motion == "geometric" else []))
 
@@ -79,7 +79,7 @@ class AlignTaa:
             check_size(frame, state.output)
             if not self.guides:
                 searched = torch.where(tensors[mask_of("color")] > 0, searched, state.searched)
-            aligned = align(searched, state.searched, tensors, self.motion, self.search)
+            aligned = align(searched, state.searched, tensors, self.motion, self.choose)
             mask = rejection_mask(aligned.error, self.kappa, self.eta)
             output, valid = self._blend(current, mask, aligned, guides, state, tensors)
             if tensors.reset is not None:

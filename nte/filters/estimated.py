@@ -3,7 +3,8 @@
 Hanika, Tessari and Dachsbacher 2021, «Fast Temporal Reprojection without Motion Vectors».
 """
 
-from dataclasses import replace
+from collections.abc import Mapping
+from dataclasses import dataclass, field, replace
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -11,13 +12,16 @@ import torch
 from torch import Tensor
 
 from nte.color import display, luminance
-from nte.denoiser import Denoiser, Result, State, check_size, sanitised
+from nte.denoiser import Denoiser, Result, check_size, sanitised
 from nte.errors import NteError
 from nte.frames.frame import Frame
 from nte.frames.scalars import sequence_exposure
 from nte.frames.usable import mask_of
-from nte.motion.correspondence import SEARCHES, Search, find_correspondence
+from nte.motion.correspondence import Known, find_motion, patch_error
+from nte.motion.search import SEARCHES, Search, noise_of
+from nte.motion.warp import inside, pixel_centres
 
+AUTO = "auto"  # the search is chosen by the noise of the images
 _TOLD_BY_OTHERS = ("motion", "forward_motion", "previous_forward_motion")  # vectors that would contradict ours
 
 
@@ -29,53 +33,119 @@ def matched_grey(color: Tensor, exposure: Tensor) -> Tensor:
     return display(luminance(color), exposure.nan_to_num(1))
 
 
-def search_for(noise: str) -> Search:
-    """The search for images with this much noise: a name of SEARCHES. Raises NteError for others."""
-    if noise not in SEARCHES:
-        raise NteError(f"noise is '{noise}', expected one of {', '.join(SEARCHES)}")
-    return SEARCHES[noise]
+@dataclass(frozen=True)
+class Chooser:
+    """Chooses the search for images: the one that is named, or with `auto` the one for the noise they have.
+
+    noise: `auto`, or a name of SEARCHES. changes: fields of Search that replace those of the chosen one. Raises
+    NteError for other names and values.
+    """
+
+    noise: str = AUTO
+    changes: Mapping[str, Any] = field(default_factory=dict)
+
+    def __post_init__(self) -> None:
+        if self.noise not in (AUTO, *SEARCHES):
+            raise NteError(f"noise is '{self.noise}', expected one of {', '.join((AUTO, *SEARCHES))}")
+        replace(SEARCHES["clean"], **self.changes)
+
+    def __call__(self, image: Tensor) -> Search:
+        """The search for an image (N, C, H, W) of displayed values; for the noisiest, where N is more than 1."""
+        return replace(SEARCHES[noise_of(image) if self.noise == AUTO else self.noise], **self.changes)
 
 
-class _State(NamedTuple):
-    grey: Tensor  # (N, 1, H, W) of the frame before
+class Estimate(NamedTuple):
+    """Motion from the images, with its error."""
+
+    motion: Tensor  # (N, 2, H, W) px, current → previous, finite; 0 where a sequence starts
+    error: Tensor | None  # (N, 1, H, W) patch error of this motion, if wanted; 0 where a sequence starts
+    valid: Tensor  # (N, 1, H, W) bool: the motion leads into the previous frame; false where a sequence starts
+
+
+class _Seen(NamedTuple):
+    """What was searched in the frame before."""
+
+    image: Tensor  # (N, C, H, W)
     exposure: Tensor  # (N,)
-    inner: State
+
+
+class Estimator:
+    """Motion for frame after frame, from their images.
+
+    noise: of the images: `auto` (measured), `clean`, `moderate` (some 4 to 50 spp), `noisy` (1 spp) or `strong`.
+    guides: search in `albedo` and `normal`, where they have less noise than the image. known: `motion` that frames have
+    is kept where it is finite, and guides the search around it. device: on which is searched. errors: give the patch
+    error too.
+    """
+
+    def __init__(
+        self, noise: str = AUTO, guides: bool = False, known: bool = False, device: str = "cpu", errors: bool = False
+    ) -> None:
+        self.choose, self.guides, self.known, self.device = Chooser(noise), guides, known, device
+        self.errors = errors
+        looks = ("albedo", "normal") if guides else ()
+        self.needs: tuple[str, ...] = ("color", *looks, *(("motion",) if known else ()))
+
+    def step(self, frame: Frame, state: _Seen | None) -> tuple[Estimate, _Seen]:
+        """Estimate the motion from the frame before, None at the start; the state is what was searched.
+
+        The frame has usable values only, as within a denoiser's step (nte.frames.usable).
+        """
+        tensors = frame.torch(self.device)
+        color = tensors["color"]
+        carried = None if state is None else state.exposure
+        exposure = torch.from_numpy(sequence_exposure(tensors, carried)).to(color)
+        image = matched_grey(color, exposure)
+        if self.guides:
+            image = torch.cat([tensors["albedo"], tensors["normal"]], 1)
+        elif state is not None and mask_of("color") in tensors:  # what tells nothing is searched as it was before
+            image = torch.where(tensors[mask_of("color")] > 0, image, state.image)
+        if state is None:
+            nothing = torch.zeros_like(image[:, :1])
+            error = nothing if self.errors else None
+            return Estimate(nothing.repeat(1, 2, 1, 1), error, nothing > 0), _Seen(image, exposure)
+        check_size(frame, state.image)
+        search = self.choose(image)
+        motion = find_motion(image, state.image, search, self._known(tensors))
+        error = patch_error(image, state.image, motion, search) if self.errors else None
+        valid = inside(pixel_centres(motion) + motion)
+        if tensors.reset is not None:
+            goes_on = tensors.reset.view(-1, 1, 1, 1) <= 0
+            motion, valid = motion * goes_on, valid & goes_on
+            error = None if error is None else error * goes_on
+        return Estimate(motion, error, valid), _Seen(image, exposure)
+
+    def _known(self, frame: Frame) -> Known | None:
+        if not self.known:
+            return None
+        finite = frame["motion"].isfinite().all(1, keepdim=True)
+        return Known(torch.where(finite, frame["motion"], 0.0), finite)
 
 
 class EstimatedMotion:
     """A denoiser that gets `motion` from the images: `color` of this frame, searched in that of the frame before.
 
-    denoiser: any; it sees the estimated vectors in place of given ones, and no others. noise: of the images, which
-    sets the patches: `clean`, `moderate` (some 4 to 50 spp), `noisy` (1 spp) or `strong`. A sequence starts with no
-    motion. The wrapped denoiser's extras are its own.
+    denoiser: any; it sees the estimated vectors in place of given ones, and no others. noise, guides, known, device: of
+    Estimator, which describes them. A sequence starts with no motion. The wrapped denoiser's extras are its own.
     """
 
-    def __init__(self, denoiser: Denoiser, noise: str = "noisy") -> None:
-        self.denoiser, self.search = denoiser, search_for(noise)
+    def __init__(
+        self, denoiser: Denoiser, noise: str = AUTO, guides: bool = False, known: bool = False, device: str = "cpu"
+    ) -> None:
+        self.denoiser, self.estimator = denoiser, Estimator(noise, guides, known, device)
         self.target = denoiser.target
         self.components: tuple[str, ...] = getattr(denoiser, "components", ())
-        self.needs: tuple[str, ...] = tuple(
-            dict.fromkeys(["color", *(name for name in denoiser.needs if name not in _TOLD_BY_OTHERS)])
-        )
+        wanted = (name for name in denoiser.needs if name not in _TOLD_BY_OTHERS)
+        self.needs: tuple[str, ...] = tuple(dict.fromkeys([*self.estimator.needs, *wanted]))
         self.optional: tuple[str, ...] = tuple(name for name in denoiser.optional if name not in _TOLD_BY_OTHERS)
 
     @sanitised
     def step(self, frame: Frame, state: Any, extras: tuple[str, ...] = ()) -> tuple[Result, Any]:
-        """Estimate the motion, then let the denoiser step; the state is its own and the image that was searched."""
-        color = frame.torch()["color"]
-        exposure = torch.from_numpy(sequence_exposure(frame, None if state is None else state.exposure)).to(color)
-        grey = matched_grey(color, exposure)
-        motion = color.new_zeros(frame.batch, 2, *frame.size)
-        if state is not None:
-            check_size(frame, state.grey)
-            grey = torch.where(frame.torch()[mask_of("color")] > 0, grey, state.grey)
-            motion = find_correspondence(grey, state.grey, self.search).motion
-            if frame.reset is not None:
-                starts = torch.as_tensor(np.asarray(frame.numpy().reset)).to(color.device) > 0
-                motion[starts] = 0
+        """Estimate the motion, then let the denoiser step; the state is its own and what was searched."""
+        seen, inner = (None, None) if state is None else state
+        found, seen = self.estimator.step(frame, seen)
         kept = {name: values for name, values in frame.channels.items() if name not in _TOLD_BY_OTHERS}
-        given: Any = motion.cpu().numpy() if isinstance(frame["color"], np.ndarray) else motion
-        result, inner = self.denoiser.step(
-            replace(frame, channels={**kept, "motion": given}), None if state is None else state.inner, extras
-        )
-        return result, _State(grey, exposure, inner)
+        color: Any = frame["color"]
+        given = found.motion.cpu().numpy() if isinstance(color, np.ndarray) else found.motion.to(color.device)
+        result, inner = self.denoiser.step(replace(frame, channels={**kept, "motion": given}), inner, extras)
+        return result, (seen, inner)

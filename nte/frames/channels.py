@@ -80,6 +80,8 @@ _ROWS = (
         "previous_forward_motion", XY, "derived", "px, from frame i−1 to frame i", "motion",
         nan_means="unknown: a hole left by scattering",
     ),
+    Channel("motion_error", ("V",), "half", "log distance", "scalar"),
+    Channel("motion_mask", ("V",), "half", "1", "scalar"),
     Channel("diffuse_albedo", RGB, "half", "1", "reflectance", rendered_with=LIGHT),
     Channel("geometric_normal", XYZ, "half", "1, world", "direction", rendered_with=LIGHT),
     Channel("direct", RGB, "half", "radiance", "radiance", rendered_with=LIGHT),

@@ -5,120 +5,91 @@ colours and does not claim true motion: shadows, reflections, waves and clouds m
 """
 
 import warnings
-from dataclasses import dataclass
 from typing import NamedTuple
 
 import torch
-import torch.nn.functional as F
 from torch import Tensor
 
 from nte.errors import NteError
 from nte.motion.agreement import agree
 from nte.motion.box import box_mean
-from nte.motion.patch_distance import NORMS, Norm, best_shift
+from nte.motion.patch_distance import REACH, best_shift
+from nte.motion.pyramid import (
+    SCALE,
+    SMALLEST,
+    FewerLevelsWarning,
+    Known,
+    Level,
+    count_levels,
+    pyramid,
+    smaller,
+    smaller_known,
+    upsample,
+)
+from nte.motion.search import SEARCHES, Search, noise_of
 from nte.motion.warp import warp
+from nte.motion.whole_shift import whole_shift
 
-SCALE = 4  # from one level to the next, along each axis
-_SMALLEST = 4  # px: a smaller level would search beyond the image only
-# Patch radius per level, finest first, by the noise of the images (section 3.3)
-RADII = {"clean": (2, 2, 2, 2), "noisy": (10, 4, 2, 2), "strong": (32, 16, 8, 8)}
-# Ours: with values in [0, 1] as they are, the centre's weight outweighs any edge of the image. Chosen on the train
-# clips of datasets/correspondence.yaml, as are SEARCHES.
-GAIN = 30.0
+__all__ = [
+    "SEARCHES", "BothWays", "Correspondence", "FewerLevelsWarning", "Known", "Search", "find_both_ways",
+    "find_correspondence", "find_motion", "noise_of", "patch_error", "rejection_mask",
+]  # fmt: skip
 
 
-class FewerLevelsWarning(UserWarning):
-    """The images are too small for the whole pyramid, so long motions are out of reach."""
-
-
-@dataclass(frozen=True)
-class Search:
-    """How to search.
-
-    radii: of the patches, finest level first; as many levels as radii, each four times smaller: four reach
-    170 px. norm: `l2`, `l1`, `log` (of 2 + L1) or `log_centred` (which prefers short shifts). gain: values are
-    multiplied by it first for the log norms, which compare them with 2. smoothing: radius of the box over which
-    the motion is averaged, finest level first (none beyond the last that is given). refined: on how many of the
-    finest levels a fraction of a pixel is added. agreement: how strongly neighbouring motions are then made to
-    agree (`nte.motion.agreement`), likewise; 0: not at all. half: search in images of half the size. error_level: of
-    which level the patch distance is given, 0 the finest; 1 is steadier under much noise.
-    """
-
-    radii: tuple[int, ...] = RADII["clean"]
-    norm: Norm = "log_centred"
-    gain: float = GAIN
-    smoothing: tuple[int, ...] = ()
-    refined: int = 2
-    agreement: tuple[float, ...] = ()
-    half: bool = False
-    error_level: int = 0
-
-    def __post_init__(self) -> None:
-        if self.norm not in NORMS:
-            raise NteError(f"norm is '{self.norm}', expected one of {', '.join(NORMS)}")
-        if not self.radii or min(self.radii) < 0:
-            raise NteError(f"radii are {self.radii}, expected one of at least 0 for each level, finest first")
-        if min(self.smoothing + self.agreement, default=0) < 0:
-            raise NteError(
-                f"smoothing is {self.smoothing} and agreement {self.agreement}, expected at least 0 for each level"
-            )
-        if not 0 < self.gain < float("inf"):
-            raise NteError(f"gain is {self.gain}, expected a positive number")
-        if not 0 <= self.error_level < len(self.radii):
-            raise NteError(f"error_level is {self.error_level}, expected a level from 0 to {len(self.radii) - 1}")
-
-
-# By the noise of the images: none, that of some 4 to 50 samples per pixel, of 1, and worse. Smoothing and agreement
-# are ours: with them smaller patches than the paper's are better.
-SEARCHES = {
-    "clean": Search(),
-    "moderate": Search(smoothing=(2, 1, 1), agreement=(0, 4)),
-    "noisy": Search((3, 3, 3, 2), smoothing=(3, 3, 2, 1), agreement=(8, 8), half=True, error_level=1),
-    "strong": Search(RADII["strong"], smoothing=(8, 4, 2, 1), agreement=(8, 8), half=True, error_level=1),
-}
-
-
-class Known(NamedTuple):
-    """Motion that need not be searched: (N, 2, H, W) in pixels, and the mask (N, 1, H, W), bool, where it holds."""
-
-    motion: Tensor
-    mask: Tensor
+_ENOUGH = 32  # pixels along each axis, for which the shift of the whole image is no accident
 
 
 class Correspondence(NamedTuple):
     """What was found."""
 
     motion: Tensor  # (N, 2, H, W) pixels, current → previous: previous = current + motion; always finite
-    error: Tensor  # (N, 1, H, W) patch distance in the units of the norm, 0 where the patches are equal
+    error: Tensor  # (N, 1, H, W) patch distance under this motion (`patch_error`), 0 where the patches are equal
 
 
 @torch.no_grad()
 def find_correspondence(
     current: Tensor, previous: Tensor, search: Search | None = None, known: Known | None = None
 ) -> Correspondence:
+    """Find the motion (`find_motion`, which describes the arguments) and its patch error (`patch_error`)."""
+    _check_sizes(current, previous)
+    search = search or SEARCHES[noise_of(current)]
+    motion = find_motion(current, previous, search, known)
+    return Correspondence(motion, patch_error(current, previous, motion, search))
+
+
+@torch.no_grad()
+def find_motion(
+    current: Tensor, previous: Tensor, search: Search | None = None, known: Known | None = None
+) -> Tensor:
     """Search every pixel of `current` in `previous`, both (N, C, H, W): grey, or noise-free guides as channels.
 
-    Values should be about as large as displayed ones, [0, 1]: the log norms compare them with 2. What is not
-    finite counts as 0; at the border the previous image is clamped. `known` motion overwrites what is found on
-    every level, and so guides the search around it. Small images get fewer levels (FewerLevelsWarning). The
-    same input gives the same output. Takes half as long as OpenCV's Farnebäck in images of half the size, and up to
-    2.5 times as long in full ones (docs/correspondence.md); no gradients.
-    Raises NteError for images that differ in size.
+    Returns the motion (N, 2, H, W) of Correspondence. Values should be about as large as displayed ones, [0, 1]: the
+    log norms compare them with 2. What is not finite counts as 0; at the border the previous image is clamped. `known`
+    motion overwrites what is found on every level, and so guides the search around it. Without a search, the noise of
+    `current` chooses one of SEARCHES. Small images get fewer levels (FewerLevelsWarning). The same input gives the
+    same output. docs/correspondence.md tells its time beside that of optical flow; no gradients. Raises NteError for
+    images that differ in size.
     """
-    search = search or Search()
-    if current.shape != previous.shape or current.ndim != 4:
-        raise NteError(
-            f"current {tuple(current.shape)} and previous {tuple(previous.shape)}: expected two images (N, C, H, W) "
-            "of one size"
-        )
-    scale = search.gain if search.norm.startswith("log") else 1.0
-    current, previous = (torch.nan_to_num(image.float(), 0, 0, 0) * scale for image in (current, previous))
-    if search.half and min(current.shape[-2:]) >= 2 * _SMALLEST:
-        now, before, fixed = _smaller(current, 2), _smaller(previous, 2), known and _smaller_known(known, 2)
-        motion, error = _search(now, before, fixed, search)
-        motion, error = _upsample(motion, current, 2) * 2, _upsample(error, current, 2)
-        return Correspondence(motion if known is None else torch.where(known.mask, known.motion, motion), error)
-    return Correspondence(*_search(current, previous, known, search))
+    _check_sizes(current, previous)
+    search = search or SEARCHES[noise_of(current)]
+    now, before = (_scaled(image, search) for image in (current, previous))
+    unit = 2 if search.half and min(now.shape[-2:]) >= 2 * SMALLEST else 1
+    _tell_of_missing_levels(current, unit, len(search.radii))
+    if unit == 1:
+        return _search(now, before, known, search)
+    now, before = smaller(now, 2), smaller(before, 2)
+    motion = upsample(_search(now, before, known and smaller_known(known, 2), search), current, 2) * 2
+    return motion if known is None else torch.where(known.mask, known.motion, motion)
+
+
+@torch.no_grad()
+def patch_error(current: Tensor, previous: Tensor, motion: Tensor, search: Search) -> Tensor:
+    """Patch distance (N, 1, H, W) between `current` and `previous` fetched along any finite motion (N, 2, H, W), px.
+
+    The norm, the patches and the level are those of the search, so what it says of found motion, and of motion from
+    elsewhere, can be compared. In the units of the norm; log distances without log 2, so that 0 means equal.
+    """
+    return _error(_scaled(current, search), _scaled(previous, search), motion, search)
 
 
 class BothWays(NamedTuple):
@@ -152,81 +123,122 @@ def rejection_mask(error: Tensor, kappa: float, eta: float) -> Tensor:
     return (kappa * error - eta).clamp(0, 1)
 
 
-def _search(
-    current: Tensor, previous: Tensor, known: Known | None, search: Search
-) -> tuple[Tensor, Tensor]:
-    """Motion and patch distance, level by level from the coarsest."""
-    levels = _pyramid(current, previous, known, len(search.radii))
-    error_level = min(search.error_level, len(levels) - 1)
+def _search(current: Tensor, previous: Tensor, known: Known | None, search: Search) -> Tensor:
+    """The motion, level by level from the coarsest."""
+    levels = pyramid(current, previous, known, len(search.radii))
+    whole = _whole_motion(levels)
     motion: Tensor | None = None
-    error = current
     for level in reversed(range(len(levels))):
-        motion, distance = _search_level(levels[level], motion, search, level)
-        if level == error_level:
-            error = distance
+        motion = _search_level(levels[level], motion, whole / SCALE**level, search, level)
     assert motion is not None
-    return motion, _upsample(error, levels[0][0], SCALE**error_level) if error_level else error
+    return _settled(levels[0], motion, search) if whole.any() else motion
 
 
-def _search_level(
-    images: tuple[Tensor, Tensor, Known | None], coarser: Tensor | None, search: Search, level: int
-) -> tuple[Tensor, Tensor]:
-    """Motion and patch distance of a level, around the motion of the coarser one."""
+def _settled(images: Level, motion: Tensor, search: Search) -> Tensor:
+    """The motion of the finest level, or where it fits no worse the median motion, which is the pan's.
+
+    Where a panned image is nearly flat, noise and rounding lead a search astray by pixels.
+    """
     now, before, known = images
-    if coarser is None:
-        motion, distance = best_shift(now, before, search.radii[level], search.norm, level < search.refined)
-    else:
-        motion = _upsample(coarser, now, SCALE) * SCALE
-        warped = warp(before, motion).image
-        shift, distance = best_shift(now, warped, search.radii[level], search.norm, level < search.refined)
-        # What was compared lies at x + shift in the warped image, which shows the previous one from there on.
-        motion = shift + warp(motion, shift).image
-        del warped, shift  # a sixth of the search's memory
+    middle = motion.flatten(2).median(2).values[..., None, None]
+    distance = _distance(now, before, motion, search, search.radii[0])
+    for pan in (middle, middle.round()):
+        other = pan.expand_as(motion)
+        its_distance = _distance(now, before, other, search, search.radii[0])
+        better = its_distance <= distance
+        motion, distance = torch.where(better, other, motion), torch.where(better, its_distance, distance)
+    return motion if known is None else torch.where(known.mask, known.motion, motion)
+
+
+def _check_sizes(current: Tensor, previous: Tensor) -> None:
+    """Raise NteError unless both are images (N, C, H, W) of one size."""
+    if current.shape != previous.shape or current.ndim != 4:
+        raise NteError(
+            f"current {tuple(current.shape)} and previous {tuple(previous.shape)}: expected two images (N, C, H, W) "
+            "of one size"
+        )
+
+
+def _tell_of_missing_levels(image: Tensor, unit: int, wanted: int) -> None:
+    """Warn (FewerLevelsWarning) where an image searched in pixels of `unit` has fewer levels than wanted."""
+    height, width = image.shape[-2:]
+    count = count_levels(-(-height // unit), -(-width // unit), wanted)
+    if count < wanted:
+        warnings.warn(
+            f"{width}x{height} pixels are too few for {wanted} levels: the search uses {count} and "
+            f"reaches {sum(2 * unit * SCALE**level for level in range(count))} pixels around the shift of the whole",
+            FewerLevelsWarning,
+            stacklevel=3,
+        )
+
+
+def _whole_motion(levels: list[Level]) -> Tensor:
+    """(N, 2, 1, 1) px of the finest level: by how much each whole image moved, to the pixels of the level above.
+
+    0 for what the two finest levels reach by themselves.
+    """
+    level = int(len(levels) > 1 and min(levels[1].current.shape[-2:]) >= _ENOUGH)
+    now, before, _ = levels[level]
+    shifts = [whole_shift(now[n : n + 1], before[n : n + 1], farthest=0.5) for n in range(len(now))]
+    shifts = [shift if max(map(abs, shift)) > REACH else (0, 0) for shift in shifts]
+    return now.new_tensor(shifts).view(-1, 2, 1, 1) * float(SCALE**level)
+
+
+def _search_level(images: Level, coarser: Tensor | None, whole: Tensor, search: Search, level: int) -> Tensor:
+    """Motion of a level, around the motion of the coarser one, that of the whole image, and none.
+
+    A coarse level does not see fine texture, and what it gets wrong by more than a finer one's reach is lost. So, but
+    for the finest level, which costs most, all starts are tried, and each pixel takes what fits best; the first wins
+    ties.
+    """
+    now, before, known = images
+    still = whole.expand(-1, -1, *now.shape[-2:])
+    starts = [still] if coarser is None else [upsample(coarser, now, SCALE) * SCALE]
+    if coarser is not None and level > 0:
+        starts.append(still)
+    if level > 0 and whole.any():  # what stands still before a background that moves
+        starts.append(torch.zeros_like(still))
+    motion, distance = _search_from(now, before, starts[0], search, level)
+    for start in starts[1:]:
+        other, its_distance = _search_from(now, before, start, search, level)
+        better = its_distance < distance
+        motion, distance = torch.where(better, other, motion), torch.where(better, its_distance, distance)
     if radius := dict(enumerate(search.smoothing)).get(level, 0):
         motion = box_mean(motion, 2 * radius + 1)
     if strength := dict(enumerate(search.agreement)).get(level, 0.0):
         # The log norms' values are scaled already.
         gain = 1.0 if search.norm.startswith("log") else search.gain
         motion = agree(now, before, motion, strength, gain)
-    if known is not None:
-        motion = torch.where(known.mask, known.motion, motion)
-    return motion, distance
+    return motion if known is None else torch.where(known.mask, known.motion, motion)
 
 
-def _pyramid(
-    current: Tensor, previous: Tensor, known: Known | None, wanted: int
-) -> list[tuple[Tensor, Tensor, Known | None]]:
-    """The images and known vectors of all levels, finest first; fewer than wanted if the images are small."""
-    levels = [(current, previous, known)]
-    while len(levels) < wanted and min(current.shape[-2:]) >= SCALE * _SMALLEST:
-        current, previous = _smaller(current, SCALE), _smaller(previous, SCALE)
-        known = known and _smaller_known(known, SCALE)
-        levels.append((current, previous, known))
-    if len(levels) < wanted:
-        height, width = levels[0][0].shape[-2:]
-        warnings.warn(
-            f"{width}x{height} pixels are too few for {wanted} levels: the search uses {len(levels)} and "
-            f"reaches {sum(2 * SCALE**level for level in range(len(levels)))} pixels",
-            FewerLevelsWarning,
-            stacklevel=5,
-        )
-    return levels
+def _search_from(now: Tensor, before: Tensor, start: Tensor, search: Search, level: int) -> tuple[Tensor, Tensor]:
+    """Motion and patch distance of the best shift around `start`."""
+    radius, refine = search.radii[level], level < search.refined
+    if not start.any():
+        return best_shift(now, before, radius, search.norm, refine)
+    shift, distance = best_shift(now, warp(before, start).image, radius, search.norm, refine)
+    # What was compared lies at x + shift in the warped image, which shows the previous one from there on.
+    return shift + warp(start, shift).image, distance
 
 
-def _smaller(image: Tensor, scale: int) -> Tensor:
-    """Means over scale×scale pixels; at the right and bottom border over those that exist."""
-    return F.avg_pool2d(image, scale, ceil_mode=True, count_include_pad=False)
+def _scaled(image: Tensor, search: Search) -> Tensor:
+    """Finite values, in the scale in which the norm compares them."""
+    return torch.nan_to_num(image.float(), 0, 0, 0) * (search.gain if search.norm.startswith("log") else 1.0)
 
 
-def _smaller_known(known: Known, scale: int) -> Known:
-    """Mean of the known vectors of each block, in the smaller image's pixels, where at least half of it is known."""
-    share = _smaller(known.mask.float(), scale)
-    total = _smaller(torch.where(known.mask, known.motion, 0.0), scale)
-    return Known(total / (share.clamp(min=1e-6) * scale), share >= 0.5)
+def _error(now: Tensor, before: Tensor, motion: Tensor, search: Search) -> Tensor:
+    """`patch_error` of scaled images."""
+    shrink = (2 if search.half else 1) * SCALE**search.error_level
+    distance = _distance(now, before, motion, search, search.radii[search.error_level], shrink)
+    return upsample(distance, now, shrink)
 
 
-def _upsample(values: Tensor, like: Tensor, scale: int) -> Tensor:
-    """Bilinear, pixel centre to pixel centre, cropped to the size of `like`."""
-    height, width = like.shape[-2:]
-    large = F.interpolate(values, scale_factor=scale, mode="bilinear", align_corners=False)
-    return large[..., :height, :width]
+def _distance(now: Tensor, before: Tensor, motion: Tensor, search: Search, radius: int, shrink: int = 1) -> Tensor:
+    """Patch distance of scaled images along a motion, in images that are smaller by `shrink`."""
+    difference = smaller(now, shrink) - smaller(warp(before, motion).image, shrink)
+    distance = difference.square_() if search.norm == "l2" else difference.abs_()
+    distance = distance.mean(1, keepdim=True)
+    if search.norm.startswith("log"):
+        distance = torch.log1p(distance / 2)  # log(2 + |a − b|) − log 2
+    return box_mean(distance, 2 * radius + 1)

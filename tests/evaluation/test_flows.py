@@ -8,10 +8,10 @@ from nte.motion.warp import warp
 pytest.importorskip("cv2")
 pytest.importorskip("gefolki")
 from nte.evaluation.flow_costs import cost_table, pass_table
-from nte.evaluation.flows import FLOWS, Find, noise_of, ours
+from nte.evaluation.flows import FLOWS, Find, candidates, ours
 
 
-@pytest.mark.parametrize("find", [*FLOWS.values(), ours("clean"), ours("noisy")], ids=[*FLOWS, "clean", "noisy"])
+@pytest.mark.parametrize("find", [*FLOWS.values(), ours(), ours("noisy")], ids=[*FLOWS, "auto", "noisy"])
 @pytest.mark.filterwarnings("ignore::nte.motion.correspondence.FewerLevelsWarning")
 def test_a_shift_is_found_with_our_sign_and_axes(find: Find) -> None:
     generator = torch.Generator().manual_seed(0)
@@ -26,8 +26,17 @@ def test_a_shift_is_found_with_our_sign_and_axes(find: Find) -> None:
     assert moved < 0.4 * (previous - current).abs()[..., 20:-20, 20:-20].mean()
 
 
-def test_the_search_is_chosen_by_samples_per_pixel() -> None:
-    assert [noise_of(spp) for spp in (1, 3, 4, 50)] == ["noisy", "noisy", "moderate", "moderate"]
+def test_every_setting_that_a_method_may_be_given_finds_the_shift() -> None:
+    """Also blurred images of 5 levels: a candidate with a wrong sign or scale would make its method look worse."""
+    generator = torch.Generator().manual_seed(1)
+    coarse = torch.rand(1, 1, 24, 28, generator=generator)
+    large = torch.nn.functional.interpolate(coarse, scale_factor=8, mode="bicubic").clamp(0, 1)
+    current, previous = large[..., 8:168, 8:200], large[..., 7:167, 10:202]
+    for method, settings in candidates(slow=False).items():
+        assert len(settings) > 1
+        for name, find in settings.items():
+            motion = find(current, previous)[0, :, 40:-40, 40:-40].flatten(1).median(1).values
+            assert (motion - torch.tensor([-2.0, 1.0])).abs().max() < 0.5, (method, name)
 
 
 def test_tables_of_costs() -> None:

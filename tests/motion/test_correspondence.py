@@ -11,15 +11,17 @@ from torch import Tensor
 
 from nte.errors import NteError
 from nte.motion.correspondence import (
-    RADII,
     SEARCHES,
     FewerLevelsWarning,
     Known,
     Search,
     find_both_ways,
     find_correspondence,
+    patch_error,
     rejection_mask,
 )
+from nte.motion.search import RADII
+from nte.motion.warp import pixel_centres
 
 STEADY = Search(RADII["noisy"], "l1", smoothing=(4, 2, 1))
 
@@ -122,7 +124,7 @@ def test_bad_pixels_count_as_black_and_nothing_bad_comes_out(bad: float) -> None
 def test_small_images_get_fewer_levels_and_are_told_so_once(size: tuple[int, int], levels: int, reach: int) -> None:
     image = torch.rand(1, 1, *size, generator=torch.Generator().manual_seed(0))
     with pytest.warns(FewerLevelsWarning, match=f"uses {levels} and reaches {reach} pixels") as told:
-        found = find_correspondence(image, image)
+        found = find_correspondence(image, image, Search())
     assert len(told) == 1
     assert found.motion.shape == (1, 2, *size)
     assert not found.motion.any()
@@ -210,6 +212,101 @@ def test_there_and_back_agrees_except_where_something_came_into_sight() -> None:
     assert still.consistent.all()
 
 
+def real_patch_error(current: Tensor, previous: Tensor, motion: Tensor, search: Search) -> Tensor:
+    """The patch distance along a motion, step by step: fetch, shrink, log L1, mean over the patch."""
+    height, width = current.shape[-2:]
+    rows, columns = torch.meshgrid(torch.arange(height) + 0.5, torch.arange(width) + 0.5, indexing="ij")
+    x, y = (columns + motion[:, 0]) * 2 / width - 1, (rows + motion[:, 1]) * 2 / height - 1
+    grid = torch.stack([x, y], -1)
+    fetched = F.grid_sample(previous, grid, padding_mode="border", align_corners=False)
+    block, size = (2 if search.half else 1) * 4**search.error_level, 2 * search.radii[search.error_level] + 1
+    small = [F.avg_pool2d(i * search.gain, block, ceil_mode=True, count_include_pad=False) for i in (current, fetched)]
+    distance = torch.log(2 + (small[0] - small[1]).abs()) - np.log(2)
+    patch = F.avg_pool2d(distance, size, 1, size // 2, count_include_pad=False)
+    large = F.interpolate(patch, scale_factor=block, mode="bilinear", align_corners=False)
+    return large[..., :height, :width]
+
+
+@pytest.mark.parametrize("noise", SEARCHES)
+@pytest.mark.parametrize("deviation", [0.0, 0.1])
+def test_the_error_is_that_of_the_motion_that_is_returned(noise: str, deviation: float) -> None:
+    """A wall that moved by whole pixels and a slanted disc that moved otherwise, clean and noisy, of odd size."""
+    wall = 0.25 + 0.25 * texture((201, 307))[None, None]
+    current, previous = wall[..., 4:], wall[..., :-4]
+    current = torch.where(within(160, 120, 30, current), disc(160.3, 120, size=(201, 303)), current)
+    previous = torch.where(within(152, 117, 30, previous), disc(152, 117.4, size=(201, 303)), previous)
+    current, previous = noisy(current, deviation, 1), noisy(previous, deviation, 2)
+    found = find_correspondence(current, previous, SEARCHES[noise])
+    real = real_patch_error(current, previous, found.motion, SEARCHES[noise])
+    torch.testing.assert_close(found.error, real, atol=1e-4, rtol=1e-3)
+    assert torch.corrcoef(torch.stack([found.error.flatten(), real.flatten()]))[0, 1] > 0.99
+    assert torch.equal(found.error, patch_error(current, previous, found.motion, SEARCHES[noise]))
+
+
+def room(size: tuple[int, int]) -> Tensor:
+    """Large flat and shaded areas with slanted edges, as renderings have, and few details; (1, 1, H, W) in [0, 1]."""
+    rows, columns = torch.meshgrid(torch.arange(size[0]) + 0.5, torch.arange(size[1]) + 0.5, indexing="ij")
+    image = 0.3 + 0.0005 * columns + 0.1 * texture(size)
+    boxes = ((60, 40, 50, 90, 0.3, 0.8), (190, 150, 80, 40, -0.2, 0.1), (250, 60, 30, 30, 0.5, 0.6))
+    for k, (x, y, wide, high, slant, value) in enumerate((*boxes, (90, 260, 120, 30, 0.1, 0.9))):
+        across, down = columns - x - slant * (rows - y), rows - y + 0.15 * k * (columns - x)
+        inside = torch.minimum(wide / 2 - across.abs(), high / 2 - down.abs()).clamp(-0.5, 0.5) + 0.5
+        image = torch.lerp(image, torch.full_like(image, value) + 0.001 * across, inside)
+    return image[None, None].clamp(0, 1)
+
+
+@pytest.mark.parametrize("noise", SEARCHES)
+@pytest.mark.parametrize("pan", [(24, 9), (48, 18), (80, 30), (-48, 18)])
+@pytest.mark.parametrize(("kind", "size"), [("texture", (239, 317)), ("room", (301, 256))])
+def test_a_pan_of_the_whole_image_is_found_by_every_preset(
+    noise: str, pan: tuple[int, int], kind: str, size: tuple[int, int]
+) -> None:
+    x, y = pan
+    large = (size[0] + y, size[1] + abs(x))
+    image = 0.5 + 0.4 * texture(large)[None, None] if kind == "texture" else room(large)
+    left = max(-x, 0)
+    previous = image[..., : size[0], left : left + size[1]]
+    current = image[..., y : y + size[0], left + x : left + x + size[1]]
+    motion = find_correspondence(current, previous, SEARCHES[noise]).motion[0]
+    there = (slice(0, size[0] - y), slice(max(-x, 0), size[1] - max(x, 0)))
+    apart = (motion - torch.tensor([float(x), float(y)]).view(2, 1, 1)).square().sum(0).sqrt()[there]
+    assert apart.median() < 0.35
+    assert apart.mean() < 0.5
+
+
+def test_a_still_thing_before_a_pan_stands_still() -> None:
+    image = 0.5 + 0.4 * texture((270, 380))[None, None]
+    current, previous = image[..., 14:, 60:].clone(), image[..., :-14, :-60].clone()
+    sign = 0.5 + 0.4 * texture((96, 96), seed=9)
+    for view in (current, previous):
+        view[..., 80:176, 100:196] = sign
+    motion = find_correspondence(current, previous, SEARCHES["clean"]).motion[0]
+    assert motion[:, 96:160, 116:180].abs().sum(0).median() < 0.2
+    assert motion[:, 96:160, 116:180].abs().mean() < 1.5
+    assert (motion[:, 10:60, 10:250] - torch.tensor([60.0, 14.0]).view(2, 1, 1)).abs().mean() < 0.5
+
+
+def waves(amplitude: float) -> tuple[Tensor, Tensor, Tensor]:
+    """Trains of sines without noise, (current, previous, motion): bent by a motion of this amplitude, px."""
+    here = pixel_centres(torch.zeros(1, 1, 203, 310))
+    motion = amplitude * torch.cat([torch.sin(here[:, 1:] / 25) + 0.2, torch.cos(here[:, :1] / 31)], 1)
+
+    def image(at: Tensor) -> Tensor:
+        x, y = at[:, :1], at[:, 1:]
+        return 0.5 + 0.2 * torch.sin(x / 5.1) * torch.cos(y / 6.3) + 0.15 * torch.sin((x - 2 * y) / 17)
+
+    return image(here + motion), image(here), motion
+
+
+@pytest.mark.parametrize("amplitude", [0.7, 2.0])
+def test_clean_waves_are_followed_to_a_fraction_of_a_pixel(amplitude: float) -> None:
+    current, previous, truth = waves(amplitude)
+    for search in (SEARCHES["clean"], None):  # None: what the noise of the images chooses
+        motion = find_correspondence(current, previous, search).motion
+        apart = (motion - truth).square().sum(1).sqrt()[:, 12:-12, 12:-12]
+        assert apart.mean() < 0.15
+
+
 def test_error_of_a_coarser_level_is_given_at_full_size() -> None:
     current, previous = noisy(disc(105, 128), 0.1, 0), noisy(disc(100, 128), 0.1, 1)
     fine, coarse = (find_correspondence(current, previous, Search(error_level=level)) for level in (0, 1))
@@ -234,13 +331,13 @@ def test_the_mask_is_between_0_and_1() -> None:
 
 
 @pytest.mark.parametrize("noise", SEARCHES)
-@pytest.mark.parametrize("size", [(1, 1), (2, 9), (3, 5), (17, 40)])
+@pytest.mark.parametrize("size", [(1, 1), (2, 9), (3, 5), (17, 40), (3, 200), (1, 70)])
 @pytest.mark.filterwarnings("ignore::nte.motion.correspondence.FewerLevelsWarning")
 def test_no_image_is_too_small_or_too_strange(noise: str, size: tuple[int, int]) -> None:
     image = torch.rand(1, 1, *size, generator=torch.Generator().manual_seed(7))
     same = find_correspondence(image, image, SEARCHES[noise])
     assert same.motion.abs().max() < 1e-3
-    assert same.error.abs().max() < 1e-5
+    assert same.error.abs().max() < 1e-4
     for other in (torch.full_like(image, float("nan")), torch.zeros_like(image), torch.full_like(image, 1e20)):
         found = find_correspondence(image, other, SEARCHES[noise])
         assert found.motion.isfinite().all()

@@ -1,0 +1,55 @@
+"""Motion vectors for a clip that has none: from its images, with their error and a mask, written as a clip."""
+
+from pathlib import Path
+
+from nte.errors import NteError
+from nte.files import only_writer
+from nte.filters.estimated import AUTO, Estimator
+from nte.frames.clip import Clip, as_layers, frame_path, write_clip_info
+from nte.frames.exr import read_layers, write_exr
+from nte.frames.usable import known_cap, light_cap, usable_frame
+from nte.motion.correspondence import rejection_mask
+from nte.progress import Progress
+
+KAPPA, ETA = 2.0, 1.6  # of the mask: those of align_accumulate
+_REPLACED = ("motion.", "forward_motion.", "motion_error.", "motion_mask.")
+
+
+def estimate_clip(
+    source: Path, out: Path, noise: str = AUTO, guides: bool = False, known: bool = False, device: str = "cpu",
+    force: bool = False,
+) -> list[Path]:  # fmt: skip
+    """Write the clip `source` with estimated motion to the folder `out`; returns the frames' files.
+
+    Frames keep their layers, but for vectors that would contradict: `motion` is estimated (px, current → previous),
+    `motion_error` is its patch error, and `motion_mask` is 1 where it is not to be trusted: the error is large, or the
+    motion leads out of the previous frame; 1 on the whole first frame, whose motion is 0. Options are those of
+    `Estimator`. Only noise seed 0 is written. Raises NteError where channels are missing and where files exist, unless
+    `force`.
+    """
+    clip, estimator = Clip(source), Estimator(noise, guides, known, device, errors=True)
+    missing = [name for name in estimator.needs if name not in clip.channels]
+    if missing:
+        raise NteError(f"{source}: {', '.join(missing)} is missing, which the search needs; it has {clip.channels}")
+    written = [frame_path(out, i) for i in range(len(clip))]
+    if out.resolve() == source.resolve():
+        raise NteError(f"{out}: is the clip itself: choose another folder")
+    for path in (*written, out / "clip.json"):
+        if path.exists() and not force:
+            raise NteError(f"{path}: exists: choose another folder, or overwrite it with --force")
+    state, cap = None, None
+    with only_writer(out), Progress("estimate", len(clip), "frame") as progress:
+        (out / "clip.json").unlink(missing_ok=True)  # until its frames are all there
+        for index, path in enumerate(written):
+            frame = clip.frame(index, estimator.needs)
+            cap = light_cap(frame, cap)
+            found, state = estimator.step(usable_frame(frame, estimator.needs, known_cap(cap)), state)
+            assert found.error is not None
+            mask = rejection_mask(found.error, KAPPA, ETA).where(found.valid, 1.0)
+            layers = read_layers(frame_path(source, index))
+            kept = {name: plane for name, plane in layers.items() if not name.startswith(_REPLACED)}
+            channels = {"motion": found.motion, "motion_error": found.error, "motion_mask": mask}
+            write_exr(path, kept | as_layers({name: values[0].cpu().numpy() for name, values in channels.items()}))
+            progress.advance(1)
+        write_clip_info(out, {**clip.info, "seeds": 1})
+    return written

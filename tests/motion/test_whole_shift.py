@@ -1,0 +1,42 @@
+"""By how much a whole image has moved: shifts that are known, and images that say nothing."""
+
+import pytest
+import torch
+
+from nte.motion.whole_shift import whole_shift
+from tests.motion.test_correspondence import texture
+
+
+@pytest.mark.parametrize(("x", "y"), [(0, 0), (7, 0), (-31, 12), (40, -25), (-3, -44)])
+@pytest.mark.parametrize("size", [(181, 240), (200, 173)])
+def test_a_shift_is_found_whatever_its_sign_and_the_size_of_the_image(x: int, y: int, size: tuple[int, int]) -> None:
+    large = texture((size[0] + 100, size[1] + 100))[None, None]
+    noise = [0.05 * torch.randn(1, 1, *size, generator=torch.Generator().manual_seed(seed)) for seed in (1, 2)]
+    previous = large[..., 50 : 50 + size[0], 50 : 50 + size[1]] + noise[0]
+    current = large[..., 50 + y : 50 + y + size[0], 50 + x : 50 + x + size[1]] + noise[1]
+    found = whole_shift(current, previous)
+    assert max(abs(found[0] - x), abs(found[1] - y)) <= 1  # to a pixel under noise
+
+
+def test_what_moves_by_itself_does_not_count_as_the_whole() -> None:
+    previous = 0.2 * texture((160, 200))[None, None].repeat(1, 3, 1, 1)
+    current = previous.clone()
+    previous[..., 40:60, 40:60] = 5.0  # by far the brightest thing
+    current[..., 40:60, 65:85] = 5.0
+    assert whole_shift(current, previous) == (0, 0)
+
+
+def test_shifts_are_limited_to_a_share_of_the_image() -> None:
+    large = texture((128, 320))[None, None]
+    current, previous = large[..., 70:270], large[..., :200]
+    assert whole_shift(current, previous, farthest=0.5) == (70, 0)
+    assert whole_shift(current, previous, farthest=0.25) != (70, 0)
+
+
+@pytest.mark.parametrize("size", [(1, 1), (1, 9), (3, 200), (2, 2), (64, 48)])
+def test_images_that_say_nothing_stand_still(size: tuple[int, int]) -> None:
+    flat = torch.full((1, 1, *size), 0.4)
+    assert whole_shift(flat, flat) == (0, 0)
+    assert whole_shift(flat + 1, flat) == (0, 0)
+    noise = torch.rand(1, 1, *size, generator=torch.Generator().manual_seed(0))
+    assert whole_shift(noise, noise) == (0, 0)
