@@ -43,8 +43,7 @@ class Cones:
         The à-trous levels are one filter of 31×31, so Ω enters once for a pair of pixels; where its normal test
         lets them mix, cones of the same number are within 7° and share the Ω of equal normals.
         """
-        filtered = filter_indirect(hemisphere.sample_to_cones(radiance, direction, normal), guide)
-        return hemisphere.mix_parallel(filtered, self.half_angle)
+        return filter_indirect(hemisphere.sample_to_cones(radiance, direction, normal), guide)
 
     def blend(
         self, current: Tensor, track: Track | None, vectors: Reprojection | None, scene: Scene, settings: Settings
@@ -79,7 +78,7 @@ class Cones:
             return image[:, :, rows]
 
         normals = cut(normal), cut(scene.surface.normal)
-        moved, covered = hemisphere.transfer(cut(fetched.history), *normals, self.half_angle)
+        moved = hemisphere.transfer(cut(fetched.history), *normals, self.half_angle)
         history = hemisphere.radiance_of(moved)
         reach = temporal.NEIGHBOURHOOD // 2 * temporal.spacing(REACH)
         margin = slice(max(0, rows.start - reach), rows.stop + reach)
@@ -87,7 +86,7 @@ class Cones:
         inner = slice(rows.start - margin.start, rows.start - margin.start + history.shape[2])
         clamped = temporal.limit(history, around, REACH, settings, inner)
         valid, used = cut(fetched.valid), cut(weight.used)
-        share = hemisphere.split(moved)[1] * covered.unsqueeze(2)
+        share = hemisphere.split(moved)[1]
         usable = torch.cat([share * hemisphere.by_cone(clamped, 3), share], 2).flatten(1, 2)
         now = cut(current)
         cut(fetched.history).copy_(torch.where(valid, torch.lerp(usable, now, used), now))
