@@ -78,6 +78,8 @@ _ROWS = (
         "previous_forward_motion", XY, "derived", "px, from frame i−1 to frame i", "motion",
         nan_means="unknown: a hole left by scattering",
     ),
+    Channel("diffuse_albedo", RGB, "half", "1", "reflectance", rendered_with=LIGHT),
+    Channel("geometric_normal", XYZ, "half", "1, world", "direction", rendered_with=LIGHT),
     Channel("direct", RGB, "half", "radiance", "radiance", rendered_with=LIGHT),
     Channel("visibility", ("V",), "half", "1", "scalar", noisy=True, rendered_with=LIGHT),
     Channel("indirect", RGB, "half", "radiance", "radiance", noisy=True, rendered_with=LIGHT),

@@ -61,7 +61,7 @@ def surface(height: Tensor) -> Surface:
     x = (torch.arange(12) + 0.5) * 0.1
     position = torch.stack([x, 0 * x, height]).view(1, 3, 1, 12)
     normal = torch.tensor([0.0, 0.0, 1.0]).view(1, 3, 1, 1).expand(1, 3, 1, 12)
-    return Surface(position, normal, torch.full((1, 1, 1, 12), 5.0), torch.ones(1, 1, 1, 12))
+    return Surface(normal, torch.full((1, 1, 1, 12), 5.0), torch.ones(1, 1, 1, 12), position)
 
 
 @pytest.mark.parametrize(

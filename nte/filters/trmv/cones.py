@@ -64,13 +64,18 @@ def overlap(cosine: Tensor, half_angle: float) -> Tensor:
 def moved_shares(normal: Tensor, other: Tensor, half_angle: float) -> Tensor:
     """(P, 6, 6): the share of the samples in cone j at `other` (P, 3) that are in cone k at `normal`, in [0, 1].
 
-    Ω_kj less what k and j of one hemisphere share at rest, so that nothing moves unless normals turn: the overlap
-    itself, applied in every frame, would diffuse directions (ours). A sample is in one cone: Σ_k is 1 at most.
+    All that are above the horizon, in proportion to Ω_kj less what k and j of one hemisphere share at rest, so that
+    nothing moves unless normals turn: the overlap itself, applied in every frame, would diffuse directions (ours).
     """
-    cosine = torch.einsum("pki,pji->pkj", cone_axes(normal), cone_axes(other))
+    axes = cone_axes(other)
+    cosine = torch.einsum("pki,pji->pkj", cone_axes(normal), axes)
     at_rest, scale = (table.to(cosine) for table in _at_rest(half_angle))
     shares = overlap(cosine, half_angle).sub_(at_rest).clamp_(min=0).mul_(scale)
-    return shares.div_(shares.sum(1, keepdim=True).clamp(min=1))
+    # The axes of a ring are 30° high, and its samples, most of them higher still, within 30° of them: none is below the
+    # horizon, and all are when the axis is as far below.
+    height = torch.einsum("pji,pi->pj", axes, normal).clamp_(-1, 1).asin_()
+    above = 1 - (((math.pi / 6 - height) / _TILT).clamp_(0, 1)).square_()
+    return shares.mul_((above / shares.sum(1).clamp_(min=KNOWN)).unsqueeze(1))
 
 
 @functools.cache
@@ -90,7 +95,8 @@ def _at_rest(half_angle: float) -> tuple[Tensor, Tensor]:
     passing = torch.full_like(cosine, beside)
     passing[0] = passing[:, 0] = math.cos(_TILT / 2) * (_EDGE + math.sin(_EDGE)) / 2
     scale = torch.full_like(cosine, 1 / (2 * math.pi * (1 - math.cos(half_angle))))
-    return shared, torch.where(chord > _DISTINCT, passing / chord.clamp(min=_DISTINCT) / axes.new_tensor(WEIGHTS), scale)
+    passing /= axes.new_tensor(WEIGHTS)
+    return shared, torch.where(chord > _DISTINCT, passing / chord.clamp(min=_DISTINCT), scale)
 
 
 def sample_to_cones(radiance: Tensor, direction: Tensor, normal: Tensor) -> Tensor:
@@ -113,10 +119,20 @@ def sample_to_cones(radiance: Tensor, direction: Tensor, normal: Tensor) -> Tens
 
 def radiance_of(cones: Tensor) -> Tensor:
     """(N, 18, H, W): the radiance in each cone. Unknown ones have the mean of the pixel's samples, or 0."""
-    premultiplied, weight = split(cones)
-    total = weight.sum(1, keepdim=True)
-    mean = torch.where(total > KNOWN, premultiplied.sum(1, keepdim=True) / total.clamp(min=KNOWN), 0.0)
-    return torch.where(weight > KNOWN, premultiplied / weight.clamp(min=KNOWN), mean).flatten(1, 2)
+    mean = mean_radiance(cones)
+    return torch.cat([cone_radiance(cones, k, mean) for k in range(CONES)], 1)
+
+
+def mean_radiance(cones: Tensor) -> Tensor:
+    """(N, 3, H, W): the mean of a pixel's samples from all directions, 0 where there are none."""
+    sums = by_cone(cones, 4).sum(1)
+    return torch.where(sums[:, 3:] > KNOWN, sums[:, :3] / sums[:, 3:].clamp(min=KNOWN), 0.0)
+
+
+def cone_radiance(cones: Tensor, k: int, mean: Tensor) -> Tensor:
+    """(N, 3, H, W): the radiance in cone k, or `mean` where it is unknown."""
+    premultiplied, weight = cones[:, 4 * k : 4 * k + 3], cones[:, 4 * k + 3 : 4 * k + 4]
+    return torch.where(weight > KNOWN, premultiplied / weight.clamp(min=KNOWN), mean)
 
 
 def split(cones: Tensor) -> tuple[Tensor, Tensor]:
@@ -130,10 +146,13 @@ def by_cone(values: Tensor, channels: int) -> Tensor:
     return values.view(values.shape[0], CONES, channels, *values.shape[2:])
 
 
-def irradiance(radiance: Tensor, weights: tuple[float, ...] = WEIGHTS) -> Tensor:
-    """Σ w_k L_k / π, (N, 3, H, W), of the radiance (N, 18, H, W) in the cones: times albedo it is the light out."""
-    share = radiance.new_tensor(weights) / math.pi
-    return torch.einsum("k,nkchw->nchw", share, by_cone(radiance, 3))
+def irradiance(cones: Tensor, weights: tuple[float, ...] = WEIGHTS) -> Tensor:
+    """Σ w_k L_k / π, (N, 3, H, W), of the radiance in the cones (N, 24, H, W): times albedo it is the light out."""
+    mean = mean_radiance(cones)
+    total = torch.zeros_like(mean)
+    for k, weight in enumerate(weights):
+        total.add_(cone_radiance(cones, k, mean), alpha=weight / math.pi)
+    return total
 
 
 def transfer(cones: Tensor, normal: Tensor, to: Tensor, half_angle: float) -> Tensor:

@@ -20,10 +20,11 @@ _RANGES = {"radiance": (0.0, 1e30), "reflectance": (0.0, 1.0), "scalar": (0.0, 1
 class Surface(NamedTuple):
     """The G-buffer of a frame."""
 
-    position: Tensor  # (N, 3, H, W) world, 0 at a miss
     normal: Tensor  # (N, 3, H, W) unit, 0 at a miss
     depth: Tensor  # (N, 1, H, W), 0 at a miss
     roughness: Tensor  # (N, 1, H, W)
+    position: Tensor | None = None  # (N, 3, H, W) world, 0 at a miss; None: nobody asked for it
+    geometric: Tensor | None = None  # (N, 3, H, W) unit, without normal maps; None: the frame does not say
 
 
 class Scene(NamedTuple):
@@ -42,7 +43,10 @@ def prepare(frame: Frame, before: Surface | None) -> Scene:
     """Sanitise a PyTorch frame, and compute what the effects share."""
     with record_function("trmv/guide"):
         frame = sane(frame)
-        surface = Surface(frame["position"], F.normalize(frame["normal"], dim=1), frame["depth"], frame["roughness"])
+        surface = Surface(
+            F.normalize(frame["normal"], dim=1), frame["depth"], frame["roughness"],
+            frame.get("position"), frame.get("geometric_normal"),
+        )  # fmt: skip
         guide = make_guide(surface.normal, surface.depth, frame["roughness"])
         edges = make_edges(guide, RADIUS)
     with record_function("trmv/vectors"):
