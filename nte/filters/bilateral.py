@@ -45,10 +45,10 @@ class Strip(NamedTuple):
 
     dim: int
     first: int
-    count: int
+    length: int
 
     def __call__(self, tensor: Tensor) -> Tensor:
-        return tensor.narrow(self.dim, self.first, self.count)
+        return tensor.narrow(self.dim, self.first, self.length)
 
 
 class Edges(NamedTuple):
@@ -82,8 +82,8 @@ def pair_weight(guide: Guide, axis: int, k: int) -> Tensor:
     unexplained = (here.slope[:, along] + there.slope[:, along]).mul_(0.5 * k)
     unexplained.add_(here.disparity).sub_(there.disparity)
     exponent = unexplained.square_().mul_(here.tolerance).mul_(there.tolerance)
-    for one, other in zip(here.features.split(1, 1), there.features.split(1, 1), strict=True):
-        apart = one - other  # channel by channel: a sum over so few takes longer
+    for one, other in zip(here.features.unbind(1), there.features.unbind(1), strict=True):
+        apart = (one - other).unsqueeze(1)  # channel by channel: a sum over so few takes longer
         exponent.addcmul_(apart, apart)
     return F.threshold(exponent.neg_().exp_(), APART, 0.0, inplace=True)
 
@@ -166,7 +166,8 @@ def _along_both(
         def one(strip: Strip, weights: Sequence[Tensor] = weights, axis: int = axis, source: Tensor = source) -> None:
             width = strip(deviation) if isinstance(deviation, Tensor) else deviation
             passes = [(of, _share(strip(source), of, axis)) for of in taps([strip(w) for w in weights], axis, width)]
-            for part, out in zip(strip(source).split(CHANNELS, 1), strip(filtered).split(CHANNELS, 1), strict=True):
+            for first in range(0, values.shape[1], CHANNELS):
+                part, out = (strip(image)[:, first : first + CHANNELS] for image in (source, filtered))
                 for of, share in passes:
                     part = _gather(part, of, share, axis)
                 out.copy_(part)
