@@ -110,11 +110,17 @@ def sample_to_cones(radiance: Tensor, direction: Tensor, normal: Tensor) -> Tens
     # The direction in the frame of the pole: cone_axes' rotation backwards.
     along = (middle * direction).sum(1, keepdim=True) / (1 + (normal * pole).sum(1, keepdim=True)).clamp(min=1e-6)
     turned = direction - along * middle + 2 * (normal * direction).sum(1, keepdim=True) * pole
-    nearest = torch.einsum("ki,nihw->nkhw", local, turned).argmax(1, keepdim=True)
+    parts = [turned[:, i : i + 1] for i in range(3)]
+    best = torch.full_like(parts[0], -math.inf)
+    nearest = torch.zeros_like(best, dtype=torch.int64)
+    for k, axis in enumerate(local.tolist()):  # one by one: argmax over so few takes four times as long
+        cosine = sum(part * a for part, a in zip(parts, axis, strict=True))
+        nearest.masked_fill_(cosine > best, k)
+        torch.maximum(best, cosine, out=best)
     taken = (direction != 0).any(1, keepdim=True)
     sample = torch.cat([radiance, torch.ones_like(radiance[:, :1])], 1) * taken
-    chosen = nearest == torch.arange(CONES, device=normal.device).view(1, CONES, 1, 1)
-    return (chosen.unsqueeze(2) * sample.unsqueeze(1)).flatten(1, 2)
+    cones = torch.zeros_like(sample[:, None]).repeat(1, CONES, 1, 1, 1)
+    return cones.scatter_(1, nearest[:, None].expand_as(sample[:, None]), sample[:, None]).flatten(1, 2)
 
 
 def radiance_of(cones: Tensor) -> Tensor:

@@ -1,5 +1,6 @@
 """Diffuse indirect light: six cones of incident radiance, filtered in space and time (section 4.3)."""
 
+from collections.abc import Callable
 from dataclasses import dataclass
 from functools import partial
 
@@ -20,7 +21,7 @@ from nte.frames.frame import Frame
 
 LEVELS = 4  # of 3×3 taps: 31×31, the paper's «essentially 32×32»
 REACH = 8.0  # deviation of that filter, px
-STRIP = 32  # rows blended and shaded at a time: 24 channels with their temporaries would be most of the frame's memory
+STRIP = 96  # rows blended and shaded at a time: 24 channels with their temporaries would be most of the frame's memory
 
 
 def filter_indirect(values: Tensor, edges: Edges) -> Tensor:
@@ -40,7 +41,14 @@ class Cones:
 
         Where the filter's normal test lets pixels mix, cones of the same number are within 7°.
         """
-        return filter_indirect(hemisphere.sample_to_cones(radiance, direction, normal), edges)
+        cones = radiance.new_empty(len(radiance), 4 * hemisphere.CONES, *radiance.shape[2:])
+
+        def sort(first: int) -> None:
+            strip = (image[:, :, first : first + STRIP] for image in (radiance, direction, normal))
+            cones[:, :, first : first + STRIP] = hemisphere.sample_to_cones(*strip)
+
+        _by_strips(sort, cones)
+        return filter_indirect(cones, edges)
 
     def blend(
         self, current: Tensor, track: Track, fetcher: Fetcher, trust: Tensor | None, scene: Scene, settings: Settings
@@ -71,8 +79,7 @@ class Cones:
                 doubts = Weight(cut(weight.default), cut(weight.used))
                 cut(deviation).copy_(temporal.clean_up_deviation(doubts, light, kept, valid, settings))
 
-            strips = [partial(blend, first) for first in range(0, current.shape[2], STRIP)]
-            side_by_side(strips, threads_for(current))
+            _by_strips(blend, current)
             return Blended(fetched.history, temporal.blended_variance(weight, fetched), weight.used, deviation)
 
     def _limit(
@@ -105,8 +112,13 @@ class Cones:
             rows = slice(first, first + STRIP)
             light[:, :, rows] = hemisphere.irradiance(cones[:, :, rows], self.weights)
 
-        side_by_side([partial(shade, first) for first in range(0, cones.shape[2], STRIP)], threads_for(cones))
+        _by_strips(shade, cones)
         return light.mul_(reflectance)
+
+
+def _by_strips(work: Callable[[int], None], image: Tensor) -> None:
+    """`work` on the first row of each strip of an image (N, C, H, W)."""
+    side_by_side([partial(work, first) for first in range(0, image.shape[2], STRIP)], threads_for(image))
 
 
 def diffuse_reflectance(frame: Frame) -> Tensor:

@@ -10,7 +10,7 @@ from torch import Tensor
 from nte.motion.box import box_mean
 
 TINY = 1e-30  # weights up to here are none: they are what is left of an underflow, and cannot be divided by
-AROUND = 9  # pixels across, of those that a vector is compared with
+AROUND, APART = 5, 2  # a vector is compared with those of 5×5 pixels, every other one
 DEVIATIONS = 3.0  # of those around: more than a tenth of them would have to be wrong to hide each other
 ENOUGH = 8  # others, to judge by
 ROUGHLY = 1.0  # px: vectors this much apart are alike, whatever the deviation
@@ -25,7 +25,7 @@ def believable(motion: Tensor) -> tuple[Tensor, Tensor]:
     height, width = motion.shape[-2:]
     known = (motion.square().sum(1, keepdim=True) <= height**2 + width**2).to(motion.dtype)  # false for NaN
     motion = torch.where(known > 0, motion, 0.0)
-    sums = box_mean(torch.cat([known, motion, motion.square()], 1), AROUND)
+    sums = box_mean(torch.cat([known, motion, motion.square()], 1), AROUND, APART)
     # Of the others: the sums without the vector itself. Means over the pixels that exist, so counted in such shares.
     own = box_share(motion)
     others = sums[:, :1] - own * known
@@ -39,10 +39,10 @@ def believable(motion: Tensor) -> tuple[Tensor, Tensor]:
 
 
 def box_share(like: Tensor) -> Tensor:
-    """(1, 1, H, W): what a pixel itself contributes to its mean of AROUND × AROUND pixels."""
+    """(1, 1, H, W): what a pixel itself contributes to its mean of AROUND × AROUND pixels, APART from each other."""
     shares = []
     for length in like.shape[-2:]:
         place = torch.arange(length, device=like.device)
-        before, after = (room.clamp(max=AROUND // 2) for room in (place, length - 1 - place))
+        before, after = ((room // APART).clamp(max=AROUND // 2) for room in (place, length - 1 - place))
         shares.append(1 / (before + after + 1).to(like.dtype))
     return (shares[0][:, None] * shares[1])[None, None]
