@@ -123,12 +123,6 @@ def sample_to_cones(radiance: Tensor, direction: Tensor, normal: Tensor) -> Tens
     return cones.scatter_(1, nearest[:, None].expand_as(sample[:, None]), sample[:, None]).flatten(1, 2)
 
 
-def radiance_of(cones: Tensor) -> Tensor:
-    """(N, 18, H, W): the radiance in each cone. Unknown ones have the mean of the pixel's samples, or 0."""
-    mean = mean_radiance(cones)
-    return torch.cat([cone_radiance(cones, k, mean) for k in range(CONES)], 1)
-
-
 def mean_radiance(cones: Tensor) -> Tensor:
     """(N, 3, H, W): the mean of a pixel's samples from all directions, 0 where there are none."""
     sums = by_cone(cones, 4).sum(1)
