@@ -95,21 +95,32 @@ class Asvgf(Svgf):
         return Weights(shorten(length, change), kept.light.lerp(one, change), kept.moments.lerp(one, change))
 
     def _changed(self, strata: Strata) -> Tensor:
-        """λ = min(1, max |Δ| / max(l, l′)) over the 3×3 strata around, filtered (section 4.3): at full resolution."""
-        sums = torch.cat([strata.change, strata.brightest, strata.known], 1)
-        brightness = strata.moments[:, :1]
-        spread = torch.cat([variance_of(strata.moments), strata.change.square()], 1)  # of brightness; of Δ, as if noise
-        guides, edge = geometry_guides(strata.surface, GRADIENT_SIGMA_Z), edge_stopping(self.sigma_n)
-        for level in range(self.gradient_iterations):
-            seen = with_luminance(guides, brightness, spread[:, :1], self.sigma_l)
-            # Δ keeps its sign: that of noise cancels, that of a light does not.
-            filtered = atrous_step(torch.cat([sums, brightness], 1), 2**level, edge, seen, spread, BOX)
-            assert filtered.variance is not None
-            sums, brightness, spread = filtered.values[:, :3], filtered.values[:, 3:], filtered.variance
-        change = (sums[:, :1].abs() - self.gradient_noise * spread[:, 1:].sqrt()).clamp_(min=0)
-        # Numerator and denominator carry the same weights of the strata that have a sample.
-        ratio = (change / sums[:, 1:2].clamp(min=1e-10)).clamp_(max=1)
-        return F.interpolate(F.max_pool2d(ratio, 3, stride=1, padding=1), scale_factor=float(STRATUM))
+        """λ at full resolution, with this filter's parameters."""
+        return change_of(strata, self.sigma_l, self.sigma_n, self.gradient_iterations, self.gradient_noise)
+
+
+def change_of(
+    strata: Strata, sigma_l: float = 10.0, sigma_n: float = 128.0, iterations: int = 5, noise: float = 0.0
+) -> Tensor:
+    """λ = min(1, max |Δ| / max(l, l′)) over the 3×3 strata around, filtered (section 4.3): at full resolution.
+
+    (N, 1, 3·⌈H/3⌉, 3·⌈W/3⌉). iterations: of the à-trous filter; sigma_l, sigma_n: of its edge-stopping weights; noise:
+    standard deviations of Δ that count as chance.
+    """
+    sums = torch.cat([strata.change, strata.brightest, strata.known], 1)
+    brightness = strata.moments[:, :1]
+    spread = torch.cat([variance_of(strata.moments), strata.change.square()], 1)  # of brightness; of Δ, as if noise
+    guides, edge = geometry_guides(strata.surface, GRADIENT_SIGMA_Z), edge_stopping(sigma_n)
+    for level in range(iterations):
+        seen = with_luminance(guides, brightness, spread[:, :1], sigma_l)
+        # Δ keeps its sign: that of noise cancels, that of a light does not.
+        filtered = atrous_step(torch.cat([sums, brightness], 1), 2**level, edge, seen, spread, BOX)
+        assert filtered.variance is not None
+        sums, brightness, spread = filtered.values[:, :3], filtered.values[:, 3:], filtered.variance
+    change = (sums[:, :1].abs() - noise * spread[:, 1:].sqrt()).clamp_(min=0)
+    # Numerator and denominator carry the same weights of the strata that have a sample.
+    ratio = (change / sums[:, 1:2].clamp(min=1e-10)).clamp_(max=1)
+    return F.interpolate(F.max_pool2d(ratio, 3, stride=1, padding=1), scale_factor=float(STRATUM))
 
 
 def stratify(gradient: Tensor, brightness: Tensor, surface: Surface) -> Strata:

@@ -5,22 +5,26 @@ the same from both sides, so it is computed once for each pair and frame, and sh
 """
 
 import math
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
+from functools import partial
 from typing import NamedTuple
 
 import torch
 import torch.nn.functional as F
 from torch import Tensor
 
+from nte.filters.threads import side_by_side, threads_for
 from nte.motion.neighbours import pairs
-from nte.motion.warp import pixel_centres
 
 NORMAL = 64.0  # exponent of normals: e^(64 (n·n′ − 1)), a deviation of 7°
 DEPTH = 0.02  # relative deviation of depth from what the surface's slope predicts
 ROUGHNESS = 0.1  # deviation of roughness: metal does not mix with the floor it stands on
 CLEAN_UP_RADIUS = 4  # 9×9
-STRIP = 64  # rows cleaned up at a time
+STRIP_VALUES = 1 << 17  # filtered together: half a megabyte, and as much again, stay in a core's cache
+CHANNELS = 4  # at a time
+LINE = 32  # columns at the least: memory comes in lines
 APART = 1e-6  # least weight: what is less alike is another surface, and nothing at all comes across
+NEGLIGIBLE = (-2 * math.log(APART)) ** 0.5  # deviations, where a Gaussian is that small
 _SKY = 1e6  # in place of an infinite reciprocal
 
 # Pixels along an axis, and the weights with which the near one gathers the far one and the far one the near one.
@@ -34,7 +38,17 @@ class Guide(NamedTuple):
     disparity: Tensor  # (N, 1, H, W) 1/z, linear in the image on a plane; 0 for the sky
     slope: Tensor  # (N, 2, H, W) its change per pixel along x and y
     tolerance: Tensor  # (N, 1, H, W) z / deviation
-    centre: Tensor  # (1, 2, H, W) pixels
+
+
+class Strip(NamedTuple):
+    """Some rows (dim 2) or columns (dim 3); called, it cuts them out of a tensor (N, C, H, W), as a view."""
+
+    dim: int
+    first: int
+    length: int
+
+    def __call__(self, tensor: Tensor) -> Tensor:
+        return tensor.narrow(self.dim, self.first, self.length)
 
 
 class Edges(NamedTuple):
@@ -46,14 +60,6 @@ class Edges(NamedTuple):
     along_x: list[Tensor]
     along_y: list[Tensor]
 
-    def rows(self, top: int, bottom: int) -> "Edges":
-        """Those within rows top … bottom, as views."""
-        along_y = self.along_y[: bottom - top - 1]
-        return Edges(
-            [weights[:, :, top:bottom] for weights in self.along_x],
-            [weights[:, :, top : bottom - k] for k, weights in enumerate(along_y, 1)],
-        )
-
 
 def make_guide(normal: Tensor, depth: Tensor, roughness: Tensor) -> Guide:
     """The guide of normal (N, 3, H, W), depth (N, 1, H, W), 0 = miss, and roughness (N, 1, H, W)."""
@@ -62,31 +68,40 @@ def make_guide(normal: Tensor, depth: Tensor, roughness: Tensor) -> Guide:
     hit = depth > 0
     disparity = torch.where(hit, 1 / depth, 0.0)
     slope = torch.cat([_slope(disparity, axis) for axis in (3, 2)], 1)
-    return Guide(features, disparity, slope, torch.where(hit, depth * (0.5**0.5 / DEPTH), _SKY), pixel_centres(depth))
+    return Guide(features, disparity, slope, torch.where(hit, depth * (0.5**0.5 / DEPTH), _SKY))
 
 
-def pair_weight(p: Sequence[Tensor], q: Sequence[Tensor], distance: float = 0) -> tuple[Tensor, Tensor]:
-    """The weight of pixels with guides p and q in each other's mean, (N, 1, H, W), twice: `atrous_step`'s edge.
+def pair_weight(guide: Guide, axis: int, k: int) -> Tensor:
+    """The weight of pixels k steps apart along an axis in each other's mean: (N, 1, H, W − k) or (N, 1, H − k, W).
 
     e^(NORMAL (n·n′ − 1) − ½ (Δroughness / ROUGHNESS)² − ½ (Δz / DEPTH z)²), where Δz is what the mean slope of 1/z
-    does not explain: 0 on any plane, however steep.
+    does not explain: 0 on any plane, however steep. Symmetric.
     """
-    here, there = Guide(*p), Guide(*q)
-    unexplained = (here.slope + there.slope).mul_(there.centre - here.centre).sum(1, keepdim=True).mul_(0.5)
+    here, there = (Guide(*ends) for ends in zip(*(pairs(part, axis, k) for part in guide), strict=True))
+    along = slice(3 - axis, 4 - axis)
+    unexplained = (here.slope[:, along] + there.slope[:, along]).mul_(0.5 * k)
     unexplained.add_(here.disparity).sub_(there.disparity)
     exponent = unexplained.square_().mul_(here.tolerance).mul_(there.tolerance)
-    exponent.add_((here.features - there.features).square_().sum(1, keepdim=True))
-    weight = F.threshold(exponent.neg_().exp_(), APART, 0.0, inplace=True)
-    return weight, weight
+    for one, other in zip(here.features.unbind(1), there.features.unbind(1), strict=True):
+        apart = (one - other).unsqueeze(1)  # channel by channel: a sum over so few takes longer
+        exponent.addcmul_(apart, apart)
+    return F.threshold(exponent.neg_().exp_(), APART, 0.0, inplace=True)
 
 
 def make_edges(guide: Guide, radius: int) -> Edges:
     """The weights of all pairs up to `radius` apart, or as far as the image goes. Holds 2·radius planes."""
 
     def along(axis: int) -> list[Tensor]:
-        reach = min(radius, guide.disparity.shape[axis] - 1)
-        ends = ([pairs(g, axis, k) for g in guide] for k in range(1, reach + 1))
-        return [pair_weight([near for near, _ in both], [far for _, far in both])[0] for both in ends]
+        ks = range(1, min(radius, guide.disparity.shape[axis] - 1) + 1)
+        planes = [pairs(guide.disparity, axis, k)[0].clone(memory_format=torch.contiguous_format) for k in ks]
+
+        def fill(strip: Strip) -> None:
+            part = Guide(*(strip(g) for g in guide))
+            for k, plane in zip(ks, planes, strict=True):
+                strip(plane).copy_(pair_weight(part, axis, k))
+
+        in_strips(fill, guide.features, axis)
+        return planes
 
     return Edges(along(3), along(2))
 
@@ -94,27 +109,72 @@ def make_edges(guide: Guide, radius: int) -> Edges:
 def joint_bilateral(values: Tensor, edges: Edges, radius: int, deviation: Tensor | float) -> Tensor:
     """Filter (N, C, H, W) with Gaussians times edge weights, (2·radius + 1)², first along x, then along y.
 
-    deviation: of the Gaussian, in pixels; a number or one for each pixel (N, 1, H, W), where 0 is the identity.
-    Taps beyond the border do not exist, so a constant stays constant. Costs 4·radius taps.
+    deviation: of the Gaussian, in pixels; a number or one for each pixel (N, 1, H, W), where 0 is the identity; taps
+    more than NEGLIGIBLE deviations away are left out. Taps beyond the border do not exist, so a constant
+    stays constant. Costs 4·radius taps, or as many as the widest deviation of a strip has.
     """
-    for weights, axis in ((edges.along_x, 3), (edges.along_y, 2)):
-        values = _gather(values, _gaussian(weights[:radius], axis, deviation), axis)
-    return values
+
+    def taps(weights: Sequence[Tensor], axis: int, width: Tensor | float) -> list[list[Tap]]:
+        widest = float(width.max()) if isinstance(width, Tensor) else width
+        reach = min(radius, math.ceil(NEGLIGIBLE * widest))
+        return [list(_gaussian(weights[:reach], axis, width))]
+
+    return _along_both(values, edges, deviation, taps)
+
+
+def atrous_bilateral(values: Tensor, edges: Edges, levels: int) -> Tensor:
+    """À-trous filter (N, C, H, W): 3 taps, 1, 2, 4, … px apart, at each level, along x and then along y.
+
+    4 levels reach 31×31 pixels with 32 taps. edges: up to 2^(levels − 1) px. A constant stays constant.
+    """
+
+    def taps(weights: Sequence[Tensor], axis: int, width: Tensor | float) -> list[list[Tap]]:
+        steps = [k for k in (2**level for level in range(levels)) if k <= len(weights)]
+        halves = [weights[k - 1] * 0.5 for k in steps]
+        return [[(k, half, half)] for k, half in zip(steps, halves, strict=True)]
+
+    return _along_both(values, edges, 0.0, taps)
 
 
 def clean_up(values: Tensor, edges: Edges, deviation: Tensor) -> Tensor:
-    """The fixed 9×9 filter of Zeng et al. 2021, section 5, with a deviation (N, 1, H, W) for each pixel.
+    """The fixed 9×9 filter of Zeng et al. 2021, section 5, with a deviation (N, 1, H, W) for each pixel."""
+    return joint_bilateral(values, edges, CLEAN_UP_RADIUS, deviation)
 
-    In strips of rows: beside values and outcome, which may have many channels, there are only a strip's temporaries.
+
+def in_strips(work: Callable[[Strip], None], like: Tensor, axis: int) -> None:
+    """`work` on each strip along `axis` of an image (N, C, H, W): some rows for axis 3, some columns for axis 2.
+
+    What runs along the axis needs nothing from beyond its strip. Strips are so small that some channels of one
+    stay in a core's cache.
     """
-    cleaned, height = torch.empty_like(values), values.shape[2]
-    for top in range(0, height, STRIP):
-        bottom = min(top + STRIP, height)
-        first, last = max(top - CLEAN_UP_RADIUS, 0), min(bottom + CLEAN_UP_RADIUS, height)
-        around, widths = (image[:, :, first:last] for image in (values, deviation))
-        strip = joint_bilateral(around, edges.rows(first, last), CLEAN_UP_RADIUS, widths)
-        cleaned[:, :, top:bottom] = strip[:, :, top - first : bottom - first]
-    return cleaned
+    across = 5 - axis
+    length, whole = like.shape[across], like.shape[across]
+    if like.device.type == "cpu":
+        length = max(STRIP_VALUES // (like.shape[0] * CHANNELS * like.shape[axis]), 1 if axis == 3 else LINE)
+    strips = [Strip(across, first, min(length, whole - first)) for first in range(0, whole, length)]
+    side_by_side([partial(work, strip) for strip in strips], threads_for(like))
+
+
+def _along_both(
+    values: Tensor, edges: Edges, deviation: Tensor | float,
+    taps: Callable[[Sequence[Tensor], int, Tensor | float], list[list[Tap]]],
+) -> Tensor:  # fmt: skip
+    """The passes that `taps` gives (weights of the pairs, axis, deviation), along x and then along y."""
+    filtered, source = torch.empty_like(values), values
+    for weights, axis in ((edges.along_x, 3), (edges.along_y, 2)):
+
+        def one(strip: Strip, weights: Sequence[Tensor] = weights, axis: int = axis, source: Tensor = source) -> None:
+            width = strip(deviation) if isinstance(deviation, Tensor) else deviation
+            passes = [(of, _share(strip(source), of, axis)) for of in taps([strip(w) for w in weights], axis, width)]
+            for first in range(0, values.shape[1], CHANNELS):
+                part, out = (strip(image)[:, first : first + CHANNELS] for image in (source, filtered))
+                for of, share in passes:
+                    part = _gather(part, of, share, axis)
+                out.copy_(part)
+
+        in_strips(one, values, axis)
+        source = filtered
+    return filtered
 
 
 def _slope(disparity: Tensor, axis: int) -> Tensor:
@@ -144,21 +204,29 @@ def _gaussian(weights: Sequence[Tensor], axis: int, deviation: Tensor | float) -
     square = ratio.square()
     gaussian = torch.ones_like(ratio)
     for k, weight in enumerate(weights, 1):
-        gaussian.mul_(ratio)  # e^−(k²/2σ²) = e^−((k−1)²/2σ²) · r^(2k−1)
+        # e^−(k²/2σ²) = e^−((k−1)²/2σ²) · r^(2k−1), and nothing before it is so small that arithmetic becomes slow.
+        F.threshold(gaussian.mul_(F.threshold(ratio, APART, 0.0, inplace=True)), APART, 0.0, inplace=True)
         ratio.mul_(square)
         near, far = pairs(gaussian, axis, k)
         yield k, near * weight, far * weight
 
 
-def _gather(values: Tensor, taps: Iterable[Tap], axis: int) -> Tensor:
+def _share(values: Tensor, taps: Iterable[Tap], axis: int) -> Tensor:
+    """(N, 1, H, W): one over the sum of a pixel's own weight, 1, and of those that `taps` bring to it."""
+    norm = torch.ones_like(values[:, :1], memory_format=torch.contiguous_format)
+    for k, to_near, to_far in taps:
+        near, far = pairs(norm, axis, k)
+        near.add_(to_near)
+        far.add_(to_far)
+    return norm.reciprocal_()
+
+
+def _gather(values: Tensor, taps: Iterable[Tap], share: Tensor, axis: int) -> Tensor:
     """The weighted mean of each pixel, weight 1, and of those that `taps` bring to it along an axis."""
-    total, norm = values.clone(), torch.ones_like(values[:, :1])
+    total = values.clone(memory_format=torch.contiguous_format)
     for k, to_near, to_far in taps:
         near, far = pairs(values, axis, k)
         into_near, into_far = pairs(total, axis, k)
-        norm_near, norm_far = pairs(norm, axis, k)
         into_near.addcmul_(to_near, far)
         into_far.addcmul_(to_far, near)
-        norm_near.add_(to_near)
-        norm_far.add_(to_far)
-    return total.div_(norm)
+    return total.mul_(share)

@@ -8,18 +8,23 @@ from torch import Tensor
 _MASK = 0xFFFFFFFF
 
 
-def gaussian_noise(height: int, width: int, frame: int, device: torch.device) -> Tensor:
-    """(1, 2, H, W): independent standard normal numbers, two for each pixel of the frame (Box and Muller 1958)."""
-    uniform = uniform_noise(height, width, frame, 2, device)
+def gaussian_noise(height: int, width: int, frame: int, device: torch.device, key: int = 0) -> Tensor:
+    """(1, 2, H, W): independent standard normal numbers, two for each pixel of the frame (Box and Muller 1958).
+
+    key: of the sequence; another one gives other numbers.
+    """
+    uniform = uniform_noise(height, width, frame, 2, device, key)
     radius, angle = (-2 * uniform[:, :1].log()).sqrt(), 2 * math.pi * uniform[:, 1:]
     return torch.cat([radius * angle.cos(), radius * angle.sin()], 1)
 
 
-def uniform_noise(height: int, width: int, frame: int, dimensions: int, device: torch.device) -> Tensor:
-    """(1, D, H, W): independent numbers, uniform in (0, 1), D for each pixel of the frame."""
+def uniform_noise(
+    height: int, width: int, frame: int, dimensions: int, device: torch.device, key: int = 0
+) -> Tensor:
+    """(1, D, H, W): independent numbers, uniform in (0, 1), D for each pixel of the frame; `key` as above."""
     pixel = torch.arange(height * width, device=device).view(1, height, width)
     dimension = torch.arange(dimensions, device=device).view(dimensions, 1, 1)
-    bits = _hash(pixel + _hash(dimensions * frame + dimension))
+    bits = _hash(pixel + (_hash(dimensions * frame + dimension) ^ _hash(torch.tensor(key, device=device))))
     # Never 0: a logarithm must be finite.
     return (((bits >> 8).float() + 0.5) / 2**24)[None]
 

@@ -20,7 +20,6 @@ from nte.filters.bilateral import (
     joint_bilateral,
     make_edges,
     make_guide,
-    pair_weight,
 )
 
 
@@ -130,11 +129,6 @@ def test_nothing_comes_across_a_step_an_edge_or_from_the_sky() -> None:
     for surface in range(4):
         values[0, surface, 0, 2 * surface : 2 * surface + 2] = 1
     assert torch.equal(joint_bilateral(values, edges, 7, 5.0), values)
-
-
-def test_weights_are_the_same_from_both_sides() -> None:
-    p, q = (make_guide(*random_surface(4, 4, seed)) for seed in (1, 2))
-    torch.testing.assert_close(pair_weight(p, q)[0], pair_weight(q, p)[0])
 
 
 def test_a_constant_stays_constant_and_a_deviation_of_nothing_is_the_identity() -> None:

@@ -21,6 +21,9 @@ VARIANTS: tuple[dict[str, Any], ...] = (
     {"shadow": "traditional", "glossy": "traditional", "occlusion": "traditional", "indirect": "colour"},
     {"shadow": "none", "glossy": "none", "occlusion": "none"},
     {"glossy": "specular"},
+    {"shadow": "gradient", "glossy": "gradient", "occlusion": "gradient"},
+    {"occlusion": "gradient", "indirect": "colour", "clamp": float("inf"), "cleanup": False},
+    {"occlusion": "dual", "indirect": "colour"},
     {"clamp": float("inf"), "cleanup": False},
     {"history": "blended", "warm_up": False, "reshading": "paper", "half_angle": 30.0},
 )
@@ -251,7 +254,8 @@ def test_without_vectors_history_is_not_used() -> None:
 def test_a_component_alone_is_that_of_the_whole(target: str) -> None:
     frames = moving(3)
     alone = Trmv(target)
-    needed = [replace(f, channels={name: f[name] for name in (*alone.needs, *alone.optional)}) for f in frames]
+    wanted = (*alone.needs, *alone.optional)
+    needed = [replace(f, channels={name: f[name] for name in wanted if name in f}) for f in frames]
     assert len(needed[0].channels) < len(Trmv().needs)
     for whole, part in zip(run(frames), run(needed, (), target=target), strict=True):
         np.testing.assert_array_equal(part["image"], whole[target])
@@ -290,13 +294,92 @@ def test_options_are_typed_like_any_other() -> None:
     assert made.settings.clamp == float("inf")
     assert "shadow_motion" not in made.needs
     for wrong, said in (
-        ("shadow=best", "trmv: shadow is 'best', expected one of reliable, traditional, none"),
+        ("shadow=best", "trmv: shadow is 'best', expected one of reliable, gradient, traditional, none"),
         ("alpha=0", "trmv: alpha is 0.0, expected a number above 0, at most 1"),
         ("clamp=-1", "trmv: clamp is -1.0"),
         ("target=direct", "expected one of color, visibility, glossy, indirect"),
     ):
         with pytest.raises(NteError, match=said):
             load_denoiser(f"trmv:{wrong}")
+
+
+def test_options_ask_for_the_channels_that_they_use() -> None:
+    plain = Trmv(shadow="traditional", glossy="traditional", occlusion="traditional", indirect="colour")
+    unused = ("shadow_motion", "position", "reflection_motion", "indirect_radiance", "indirect_direction", "gradient")
+    assert not {*unused, "geometric_normal"} & {*plain.needs, *plain.optional}
+    frames = [frame.with_channels() for frame in moving(3)]
+    bare = [replace(f, channels={n: v for n, v in f.channels.items() if n not in unused}) for f in frames]
+    assert np.isfinite(np.asarray(Session(plain).step(bare[0]).image)).all()
+    assert "position" not in Trmv("glossy").needs
+    assert "gradient" in Trmv(glossy="gradient").needs
+    assert "gradient_glossy" in Trmv("glossy", glossy="gradient").optional
+
+
+@pytest.mark.parametrize("name", COMPONENTS)
+def test_a_temporal_gradient_forgets_where_the_light_changed_and_only_there(name: str) -> None:
+    frames = []
+    for index in range(4):
+        pairs = np.full((1, 2, 24, 48), np.nan, np.float32)
+        pairs[:, :, 1::3, 1::3] = 1.0
+        pairs[:, 0, 1::3, 1:24:3] = 0.5 if index == 3 else 1.0  # half as bright as before, on the nearer of two walls
+        depth = np.broadcast_to(np.where(np.arange(48) < 24, 5, 50), (1, 1, 24, 48)).astype(np.float32)
+        frames.append(plane(index, (24, 48), depth=depth).with_channels(gradient=pairs))
+    option = {"visibility": "shadow", "glossy": "glossy", "indirect": "occlusion"}[name]
+    alpha = run(frames, (f"{name}_alpha",), target=name, **{option: "gradient"})[3][f"{name}_alpha"][0, 0]
+    np.testing.assert_allclose(alpha[:, :24], 0.25 + 0.75 * 0.5, atol=1e-3)  # lerp(α, 1, λ)
+    np.testing.assert_allclose(alpha[:, 28:], 0.25, atol=1e-3)
+    own = [f.with_channels(**{f"gradient_{name}": np.where(np.isnan(f["gradient"]), np.nan, 1.0)}) for f in frames]
+    alpha = run(own, (f"{name}_alpha",), target=name, **{option: "gradient"})[3][f"{name}_alpha"]
+    np.testing.assert_allclose(alpha, 0.25, atol=1e-3)
+
+
+@pytest.mark.parametrize("options", [{}, {"indirect": "colour"}])
+def test_indirect_light_leaves_by_the_diffuse_lobe_alone(options: dict[str, Any]) -> None:
+    """A surface half metal: its albedo is that of both lobes, and only half of it is diffuse."""
+    frames = []
+    for index in range(20):
+        frame = plane(index, (36, 48), albedo=np.full((1, 3, 36, 48), 0.8, np.float32))
+        diffuse = np.where(np.arange(48) < 24, 0.4, 0.8).astype(np.float32) * np.ones((1, 3, 36, 48), np.float32)
+        light = np.random.default_rng(index).exponential(size=(1, 1, 36, 48)).astype(np.float32)
+        direction = directions(np.random.default_rng(index), frame["normal"])
+        frames.append(
+            frame.with_channels(
+                diffuse_albedo=diffuse, indirect=light * diffuse,
+                indirect_radiance=light * np.ones_like(diffuse), indirect_direction=direction,
+            )
+        )  # fmt: skip
+    image = np.mean([found["indirect"] for found in run(frames, ("indirect",), target="indirect", **options)[5:]], 0)
+    assert image[..., :24].mean() == pytest.approx(0.4, rel=0.02)
+    assert image[..., 24:].mean() == pytest.approx(0.8, rel=0.02)
+
+
+@pytest.mark.parametrize("options", [{}, {"indirect": "colour"}])
+def test_indirect_history_comes_from_the_surface_itself(options: dict[str, Any]) -> None:
+    """A bright near half and a dark far half, seen half a pixel further in each frame."""
+    frames = []
+    for index in range(8):
+        near = np.broadcast_to(np.arange(48) + 0.5 * index < 24, (1, 1, 24, 48))
+        light = np.where(near, 50.0, 1.0) * np.ones((1, 3, 24, 48))
+        frame = plane(index, (24, 48), albedo=np.ones((1, 3, 24, 48), np.float32))
+        given = {
+            "depth": np.where(near, 5.0, 10.0), "indirect": light, "indirect_radiance": light,
+            "indirect_direction": frame["normal"], "motion": np.full((1, 2, 24, 48), [[[[0.5]], [[0]]]]),
+            "previous_forward_motion": np.full((1, 2, 24, 48), [[[[-0.5]], [[0]]]]),
+        }  # fmt: skip
+        frames.append(frame.with_channels(**{name: values.astype(np.float32) for name, values in given.items()}))
+    found = run(frames, ("indirect",), target="indirect", clamp=float("inf"), cleanup=False, **options)[-1]["indirect"]
+    np.testing.assert_allclose(found, frames[-1]["indirect"], rtol=1e-3)
+
+
+def test_each_sequence_of_a_batch_has_its_own_noise() -> None:
+    wide = np.broadcast_to(np.float32([25, 0, 25]).reshape(1, 3, 1, 1), (2, 3, 20, 28)).copy()
+    frames = [plane(index, batch=2, reflection_covariance=wide) for index in range(2)]
+    vectors = run(frames, ("glossy_vector",), target="glossy")[1]["glossy_vector"]
+    both = np.isfinite(vectors).all((0, 1))
+    assert not np.allclose(vectors[0][:, both], vectors[1][:, both])
+    turned = [replace(f, channels={k: v[::-1].copy() for k, v in f.channels.items()}) for f in frames]
+    again = run(turned, ("glossy_vector",), target="glossy")[1]["glossy_vector"]
+    np.testing.assert_array_equal(vectors[::-1], again)  # wherever in the batch it is
 
 
 def test_a_frame_of_another_size_is_refused() -> None:

@@ -79,69 +79,87 @@ def test_a_sample_goes_to_the_cone_with_the_nearest_axis() -> None:
             torch.testing.assert_close(found[0, :, :, y, x], expected)
 
 
-def slow_transfer(history: Tensor, normal: Tensor, to: Tensor) -> tuple[Tensor, Tensor]:
-    """Of one pixel: history (6, 4), normals (3,)."""
-    own, other = cones.cone_axes(to[None])[0], cones.cone_axes(normal[None])[0]
-    moved, covered = torch.zeros(CONES, 4), torch.zeros(CONES)
-    for k in range(CONES):
-        total = 0.0
-        for j in range(CONES):
-            share = float(cones.overlap(own[k] @ other[j], HALF_ANGLE)) / (math.pi / 3)
-            moved[k] += share * history[j]
-            total += share
-        if total > 0:
-            moved[k] /= total
-        covered[k] = min(1, total)
-    return moved, covered
+def cosine_directions(normal: Tensor, count: int) -> Tensor:
+    """(count, 3): directions as diffuse reflection samples them."""
+    return torch.nn.functional.normalize(normal + 0.99999 * uniform_sphere(count), dim=1)
 
 
-def test_history_at_another_normal_is_the_mean_by_overlap() -> None:
+def cells(direction: Tensor, normal: Tensor) -> Tensor:
+    """(P,): which cone each direction belongs to; 6 below the horizon."""
+    nearest = (direction @ cones.cone_axes(normal[None])[0].T).argmax(1)
+    return nearest.where(direction @ normal > 0, CONES)
+
+
+@pytest.mark.parametrize("half_angle", [HALF_ANGLE, math.pi / 6, 0.7])
+def test_at_rest_nothing_flows_between_cones(half_angle: float) -> None:
+    normals = torch.nn.functional.normalize(random_normals(20).double(), dim=1)
+    expected = torch.eye(CONES, dtype=torch.float64).expand(20, -1, -1)
+    torch.testing.assert_close(cones.moved_shares(normals, normals, half_angle), expected, atol=1e-6, rtol=0)
+
+
+@pytest.mark.parametrize(("degrees", "tolerance"), [(0.5, 0.01), (2.0, 0.03), (5.0, 0.07), (20.0, 0.22)])
+def test_a_turn_moves_the_samples_that_monte_carlo_counts(degrees: float, tolerance: float) -> None:
+    # To first order exact: the error falls with the turn. Next to −_POLE, as in seed 5, the ring turns faster than
+    # the normal does.
+    for seed in (0, 1, 2, 3, 4, 6):
+        normal, towards = torch.nn.functional.normalize(random_normals(2, seed).double(), dim=1)
+        aside = torch.nn.functional.normalize(towards - (towards @ normal) * normal, dim=0)
+        turned = normal * math.cos(math.radians(degrees)) + aside * math.sin(math.radians(degrees))
+        direction = cosine_directions(normal, 100_000)
+        counted = torch.zeros(CONES + 1, CONES, dtype=torch.float64)
+        one = torch.ones(len(direction), dtype=torch.float64)
+        counted.index_put_((cells(direction, turned), cells(direction, normal)), one, accumulate=True)
+        expected = (counted / counted.sum(0))[:CONES]
+        found = cones.moved_shares(turned[None], normal[None], HALF_ANGLE)[0]
+        torch.testing.assert_close(found, expected, atol=tolerance, rtol=0)
+        assert found.sum(0).max() <= 1 + 1e-6
+
+
+def test_weights_are_the_light_that_a_cell_of_samples_stands_for() -> None:
+    normal = torch.tensor([0.6, 0.0, 0.8], dtype=torch.float64)
+    counted = torch.bincount(cells(cosine_directions(normal, 300_000), normal), minlength=CONES)[:CONES]
+    torch.testing.assert_close(counted / 300_000, torch.tensor(WEIGHTS) / math.pi, atol=0.003, rtol=0)
+
+
+def test_history_at_another_normal_is_where_its_samples_are() -> None:
     history, normal = torch.rand(1, 24, 3, 8), random_normals(24).T.reshape(1, 3, 3, 8)
     to = torch.nn.functional.normalize(normal + 0.7 * random_normals(24, 7).T.reshape(1, 3, 3, 8), dim=1)
-    to[..., :2] = normal[..., :2]  # equal normals take the short way
-    moved, covered = cones.transfer(history, normal, to, HALF_ANGLE)
+    to[..., :2] = normal[..., :2]
+    before = history.clone()
+    moved = cones.transfer(history, normal, to, HALF_ANGLE)
+    assert torch.equal(moved[..., :2], before[..., :2])  # bit for bit
     for y in range(3):
-        for x in range(8):
-            expected, share = slow_transfer(
-                cones.by_cone(history, 4)[0, :, :, y, x], normal[0, :, y, x], to[0, :, y, x]
-            )
-            torch.testing.assert_close(cones.by_cone(moved, 4)[0, :, :, y, x], expected, atol=2e-3, rtol=2e-3)
-            torch.testing.assert_close(covered[0, :, y, x], share, atol=2e-3, rtol=0)
+        for x in range(2, 8):
+            shares = cones.moved_shares(to[:, :, y, x], normal[:, :, y, x], HALF_ANGLE)[0]
+            expected = shares @ cones.by_cone(before, 4)[0, :, :, y, x]
+            torch.testing.assert_close(cones.by_cone(moved, 4)[0, :, :, y, x], expected)
 
 
 def test_nothing_is_carried_to_the_other_side() -> None:
     up = torch.tensor([0.0, 1.0, 0.0]).view(1, 3, 1, 1)
-    moved, covered = cones.transfer(torch.ones(1, 24, 1, 1), up, -up, HALF_ANGLE)
+    weight = cones.split(cones.transfer(torch.ones(1, 24, 1, 1), up, -up, HALF_ANGLE))[1].flatten()
     # The rings of both hemispheres are 60° apart at least: what little they share is all there is.
-    assert covered.max() < 0.2
-    assert (covered[0, 0] == 0).all()
-    assert cones.split(moved)[1][0, 0] == 0
+    assert weight.max() < 0.4
+    assert weight[0] == 0
 
 
 def test_an_empty_cone_is_unknown_and_not_black() -> None:
     known = torch.zeros(1, CONES, 4, 1, 1)
     known[0, 2] = torch.tensor([0.2, 0.4, 0.6, 0.1]).view(4, 1, 1)
     known[0, 4] = torch.tensor([1.2, 0.4, 0.6, 0.3]).view(4, 1, 1)
-    radiance = cones.by_cone(cones.radiance_of(known.flatten(1, 2)), 3)[0, :, :, 0, 0]
+    flat = known.flatten(1, 2)
+    radiance = [cones.cone_radiance(flat, k, cones.mean_radiance(flat)).flatten() for k in range(CONES)]
     torch.testing.assert_close(radiance[2], torch.tensor([2.0, 4.0, 6.0]))
     torch.testing.assert_close(radiance[0], torch.tensor([1.4, 0.8, 1.2]) / 0.4)
-    assert (cones.radiance_of(torch.zeros(1, 24, 1, 1)) == 0).all()
+    assert (cones.irradiance(torch.zeros(1, 24, 1, 1)) == 0).all()
 
 
-def test_an_empty_cone_takes_from_those_it_overlaps_of_its_own_pixel() -> None:
-    sample = cones.sample_to_cones(torch.ones(1, 3, 1, 1), *(2 * [torch.tensor([0, 0, 1.0]).view(1, 3, 1, 1)]))
-    weight = cones.split(cones.mix_parallel(sample, HALF_ANGLE))[1].flatten()
-    torch.testing.assert_close(weight, torch.tensor([1.0, *(5 * [0.04395])]), atol=1e-4, rtol=0)
-    assert torch.equal(cones.split(cones.mix_parallel(sample, math.pi / 6))[1].flatten()[1:] > 1e-6, torch.zeros(5) > 0)
-
-
-@pytest.mark.parametrize(("slope", "tolerance"), [(0.0, 1e-5), (1.0, 0.03)])
+@pytest.mark.parametrize(("slope", "tolerance"), [(0.0, 1e-5), (1.0, 0.005)])
 def test_cosine_weighted_samples_give_the_irradiance_back(slope: float, tolerance: float) -> None:
-    # L = 1 + slope · cos θ about any normal: irradiance / π = 1 + slope · 2/3. Cells around the axes are not quite
-    # what their weights say: the one at the normal holds 27.6 % of the cosine, not 25 %.
+    # L = 1 + slope · cos θ about any normal: irradiance / π = 1 + slope · 2/3.
     normal = torch.tensor([0.6, 0.0, 0.8]).view(1, 3, 1, 1).expand(1, 3, 100, 100)
     direction = torch.as_tensor(directions(np.random.default_rng(0), normal.numpy()))
     light = (1 + slope * (normal * direction).sum(1, keepdim=True)).expand(-1, 3, -1, -1)
     total = cones.sample_to_cones(light, direction, normal).mean((2, 3), keepdim=True)
-    found = cones.irradiance(cones.radiance_of(total))
+    found = cones.irradiance(total)
     torch.testing.assert_close(found.flatten(), torch.full((3,), 1 + slope * 2 / 3), rtol=tolerance, atol=0)

@@ -4,7 +4,16 @@ import pytest
 import torch
 
 from nte.filters.noise import gaussian_noise
-from nte.filters.trmv.glossy import Lobes, draw, filter_glossy, gather_lobes, glossy_reprojection
+from nte.filters.trmv.glossy import (
+    WIDEST_DRAW,
+    Lobes,
+    draw,
+    filter_glossy,
+    gather_lobes,
+    glossy_reprojection,
+    limit_spread,
+    spread_of,
+)
 from nte.filters.trmv.scene import Scene, prepare
 from tests.filters.trmv_frames import plane
 
@@ -39,7 +48,7 @@ def test_vectors_are_drawn_with_their_mean_and_covariance(covariance: tuple[floa
     shape = (1, 1, 160, 160)
     mean = torch.tensor([3.0, -2.0]).view(1, 2, 1, 1).expand(1, 2, 160, 160)
     spread = torch.tensor(covariance).view(1, 3, 1, 1).expand(1, 3, 160, 160)
-    drawn = draw(Lobes(mean, mean, spread, torch.ones(shape), torch.ones(shape) > 0), frame=5).flatten(2)[0]
+    drawn = draw(Lobes(mean, mean, spread, torch.ones(shape) > 0), 5, torch.rand(shape)).flatten(2)[0]
     torch.testing.assert_close(drawn.mean(1), torch.tensor([3.0, -2.0]), atol=0.05, rtol=0)
     xx, xy, yy = covariance
     torch.testing.assert_close(torch.cov(drawn), torch.tensor([[xx, xy], [xy, yy]]), atol=0.02, rtol=0.03)
@@ -56,7 +65,9 @@ def test_pixels_whose_path_went_elsewhere_take_the_lobe_of_those_around_them() -
     torch.testing.assert_close(found.mean[0, 0, 0, 3], torch.tensor(6.0))
     assert 4 < found.specular[0, 0, 0, 2] < found.specular[0, 0, 0, 4] < 8  # one vector for the lobe, not the sample's
     assert (found.mean[..., 12:] == 0).all()
-    assert (found.spread[..., 12:] == 0).all()
+    spread = spread_of(covariance, scene((1, 20)).edges)
+    assert (spread[..., 12:] == 0).all()
+    assert (spread[..., :12] > 0).all()
 
 
 def test_the_filter_is_as_wide_as_the_lobe_and_leaves_a_mirror_alone() -> None:
@@ -88,3 +99,25 @@ def test_so_does_a_reflection_that_was_not_on_its_reflector() -> None:
     found = glossy_reprojection(motion, torch.ones(1, 1, 1, 10, dtype=torch.bool), ready)
     assert found.motion[0, 0, 0].tolist() == [3, 3, 3, 0, 0, 0, 0, 3, 3, 3]
     assert found.valid[0, 0, 0].tolist() == [True] * 7 + [False] * 3  # out of the image there is no history
+
+
+def test_near_a_focus_lobes_keep_their_shape_and_a_bound() -> None:
+    covariance = torch.tensor([[1e6, 5e5, 1e6], [4.0, 1.0, 2.0], [0.0, 0.0, 0.0], [1e12, 0.0, 1.0]]).T.view(1, 3, 1, 4)
+    found = limit_spread(covariance)
+    matrices = found[0, [0, 1, 1, 2], 0].T.view(4, 2, 2).double()
+    assert torch.linalg.eigvalsh(matrices).max() <= WIDEST_DRAW**2 * (1 + 1e-5)
+    torch.testing.assert_close(found[0, 1, 0, 0] / found[0, 0, 0, 0], torch.tensor(0.5))
+    assert torch.equal(found[..., 1:3], covariance[..., 1:3])
+
+
+def test_one_reflection_near_a_focus_moves_nobody_elses() -> None:
+    edges = scene((40, 60)).edges
+    mean, covariance = torch.full((1, 2, 40, 60), 1.0), torch.full((1, 3, 40, 60), 0.5)
+    mean[..., ::2], covariance[..., ::2] = float("nan"), float("nan")
+    clean, width = gather_lobes(mean, covariance, edges), spread_of(covariance, edges)
+    mean[..., 20, 31], covariance[..., 20, 31] = 1e6, 1e30
+    spoilt = gather_lobes(mean, limit_spread(covariance), edges)
+    torch.testing.assert_close(spoilt.mean, clean.mean)
+    torch.testing.assert_close(spoilt.specular, clean.specular)
+    assert spread_of(limit_spread(covariance), edges).max() < 15
+    assert width.max() < 1

@@ -8,10 +8,11 @@ import torch
 from torch import Tensor
 
 from nte.denoiser import Session
-from nte.filters.bilateral import joint_bilateral
+from nte.filters.bilateral import Edges, joint_bilateral
 from nte.filters.trmv import Trmv
+from nte.filters.trmv.samples import believable
 from nte.filters.trmv.scene import RADIUS, Surface, prepare
-from nte.filters.trmv.shadows import FALLOFF, deviation_for, planarity, shadow_reprojection, splat
+from nte.filters.trmv.shadows import FALLOFF, deviation_for, geometric_normal, planarity, shadow_reprojection, splat
 from nte.frames.frame import Frame
 from nte.motion.geometric import Reprojection, traditional_motion
 from tests.filters.trmv_frames import plane
@@ -61,7 +62,7 @@ def surface(height: Tensor) -> Surface:
     x = (torch.arange(12) + 0.5) * 0.1
     position = torch.stack([x, 0 * x, height]).view(1, 3, 1, 12)
     normal = torch.tensor([0.0, 0.0, 1.0]).view(1, 3, 1, 1).expand(1, 3, 1, 12)
-    return Surface(position, normal, torch.full((1, 1, 1, 12), 5.0), torch.ones(1, 1, 1, 12))
+    return Surface(normal, torch.full((1, 1, 1, 12), 5.0), torch.ones(1, 1, 1, 12), position)
 
 
 @pytest.mark.parametrize(
@@ -135,3 +136,74 @@ def test_a_shadow_that_moves_over_a_step_is_trusted_less() -> None:
     # In frame 2 the shadow covers 15 to 29 and came from 10 to 24; what is now beyond the step came from before it.
     assert alpha[20] == pytest.approx(1 / 3, abs=1e-3)
     assert alpha[32] > 0.9
+
+
+def test_one_vector_that_is_wrong_moves_nobody() -> None:
+    # Like a ray that grazes its receiver. Long, or shorter than the image.
+    frame = plane(size=(40, 60)).torch()
+    edges = prepare(frame, None).edges
+    dark = torch.zeros(1, 1, 40, 60)
+    spread = torch.randn(1, 2, 40, 60, generator=torch.Generator().manual_seed(0))
+    for length in (1e4, 40.0):
+        motion = 2.0 + 0.3 * spread
+        clean = splat(dark, frame["direct"], motion, edges)
+        motion[0, :, 20, 30] = length
+        spoilt = splat(dark, frame["direct"], motion, edges)
+        assert spoilt.shadowed.all()
+        assert (spoilt.motion - clean.motion).abs().max() < 0.1
+
+
+def test_vectors_that_differ_are_all_believed() -> None:
+    """Two lights, and samples too few to judge by."""
+    motion = torch.full((1, 2, 20, 20), 3.0)
+    motion[..., ::2] = -9.0
+    assert believable(motion)[0].all()
+    few = torch.full((1, 2, 20, 20), float("nan"))
+    few[..., 5, 5], few[..., 5, 7] = 3.0, -9.0
+    assert believable(few)[0].sum() == 2
+
+
+def test_what_is_left_of_an_underflow_is_no_shadow() -> None:
+    frame = plane(size=(40, 40)).torch()
+    edges = prepare(frame, None).edges
+    faint = Edges([w * 1e-18 for w in edges.along_x], [w * 1e-18 for w in edges.along_y])
+    visibility, motion = torch.ones(1, 1, 40, 40), torch.full((1, 2, 40, 40), float("nan"))
+    visibility[..., 20, 20], motion[..., 20, 20] = 0, 7.0
+    for given in (edges, faint):
+        found = splat(visibility, frame["direct"], motion, given)
+        both = found.shadowed.expand(-1, 2, -1, -1)
+        np.testing.assert_allclose(found.motion[both], 7.0, rtol=1e-3)
+        assert (found.motion[~both] == 0).all()
+    assert found.shadowed.sum() < 50  # 10⁻¹⁸ along one axis is a weight, 10⁻³⁶ along both is none
+
+
+def tilted_wall(shading: Tensor) -> Surface:
+    """A steep flat wall whose shading normals are those of a normal map."""
+    y, x = torch.meshgrid(torch.arange(24) * 0.1, torch.arange(32) * 0.1, indexing="ij")
+    position = torch.stack([x, y, 0.7 * x - 0.4 * y])[None]
+    return Surface(shading, torch.full((1, 1, 24, 32), 5.0), torch.ones(1, 1, 24, 32), position)
+
+
+@pytest.mark.parametrize("given", [True, False])
+def test_a_normal_map_does_not_make_a_wall_look_bent(given: bool) -> None:
+    flat = torch.nn.functional.normalize(torch.tensor([-0.7, 0.4, 1.0]), dim=0).view(1, 3, 1, 1).expand(1, 3, 24, 32)
+    bumps = 0.36 * torch.randn(1, 3, 24, 32, generator=torch.Generator().manual_seed(1))  # some 20°
+    wall = tilted_wall(torch.nn.functional.normalize(flat + bumps, dim=1))
+    if given:
+        wall = wall._replace(geometric=flat)
+    still, shadow = (traditional_motion(torch.full((1, 2, 24, 32), m)) for m in (0.0, 3.0))
+    trust = planarity(wall, wall, still, shadow)
+    assert trust[..., :-3, :-3].min() > 0.999
+
+
+def test_a_normal_across_points_is_the_surfaces_own_at_an_edge() -> None:
+    wall = tilted_wall(torch.zeros(1, 3, 24, 32))
+    assert wall.position is not None
+    position, depth = wall.position.clone(), wall.depth.clone()
+    position[..., 16:] = torch.tensor([3.0, 2.0, -9.0]).view(1, 3, 1, 1)  # one point: no normal to be had
+    depth[..., :4, :] = 0
+    found = geometric_normal(wall._replace(position=position, depth=depth, normal=torch.full((1, 3, 24, 32), 0.5)))
+    flat = torch.nn.functional.normalize(torch.tensor([-0.7, 0.4, 1.0]), dim=0)
+    cosine = (found * flat.view(1, 3, 1, 1)).sum(1).abs()
+    torch.testing.assert_close(cosine[:, 4:, :16], torch.ones(1, 20, 16))
+    assert (found[..., 16:] == 0.5).all()

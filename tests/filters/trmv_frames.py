@@ -61,5 +61,7 @@ def plane(
         "reflection_motion": full(0, 0),
         "reflection_covariance": full(0, 0, 0),
     }
+    stratum = np.arange(size[0])[:, None] % 3 + 3 * (np.arange(size[1]) % 3)
+    channels["gradient"] = np.where(stratum == 4, full(1, 1), np.nan)
     channels["shadow_motion"] = np.where(channels["visibility"] < 1, full(0, 0), np.nan)
     return Frame({name: np.asarray(values, np.float32) for name, values in (channels | given).items()}, index)

@@ -16,6 +16,7 @@ from nte.errors import NteError
 from nte.filters.composition import COMPONENTS
 from nte.filters.trmv.cones import EQ_11, HALF_ANGLE, WEIGHTS
 from nte.filters.trmv.glossy import denoise_glossy
+from nte.filters.trmv.gradient import unchanged
 from nte.filters.trmv.indirect import Cones, denoise_indirect
 from nte.filters.trmv.scene import Scene, Surface, prepare
 from nte.filters.trmv.shadows import denoise_shadows
@@ -24,14 +25,15 @@ from nte.frames.frame import Frame
 
 CHOICES = {
     "target": ("color", *COMPONENTS),
-    "shadow": ("reliable", "traditional", "none"),
-    "glossy": ("reliable", "specular", "traditional", "none"),
-    "occlusion": ("dual", "traditional", "none"),
+    "shadow": ("reliable", "gradient", "traditional", "none"),
+    "glossy": ("reliable", "specular", "gradient", "traditional", "none"),
+    "occlusion": ("dual", "gradient", "traditional", "none"),
     "indirect": ("cones", "colour"),
     "reshading": ("cosine", "paper"),
     "history": ("cleaned", "blended"),
 }
-_GEOMETRY = ("normal", "depth", "position", "roughness", "motion")
+_GEOMETRY = ("normal", "depth", "roughness", "motion")
+_VECTORS = {"visibility": "shadow", "glossy": "glossy", "indirect": "occlusion"}  # the option that chooses them
 
 
 class State(NamedTuple):
@@ -45,12 +47,11 @@ class Trmv:
     """The whole system; every option is one of the paper's comparisons (docs/trmv.md).
 
     target: `color`, or one component, whose channels alone are then needed. shadow, glossy, occlusion: which
-    vectors fetch history; `none`: the spatial filter alone. indirect: what is kept of indirect light. half_angle:
+    vectors fetch history; `gradient`: traditional ones, with α raised as in A-SVGF where the light changed; `none`: the
+    spatial filter alone. indirect: what is kept of indirect light. half_angle:
     of the cones, degrees. clamp: in standard deviations; `inf` leaves history as it is. The others: `Settings`.
     Raises NteError for what is not a choice.
     """
-
-    optional: tuple[str, ...] = ("previous_forward_motion",)
 
     def __init__(
         self, target: str = "color", shadow: str = "reliable", glossy: str = "reliable", occlusion: str = "dual",
@@ -70,7 +71,7 @@ class Trmv:
         self.cones = Cones(math.radians(half_angle), WEIGHTS if reshading == "cosine" else EQ_11)
         self.settings = Settings(alpha, warm_up, clamp, cleanup, history == "cleaned")
         self.components = COMPONENTS if target == "color" else ()
-        self.needs = self._needs()
+        self.needs, self.optional = self._channels()
 
     @sanitised
     def step(self, frame: Frame, state: State | None, extras: tuple[str, ...] = ()) -> tuple[Result, State]:
@@ -81,8 +82,9 @@ class Trmv:
         """
         if state is not None:
             check_size(frame, state.surface.depth)
-        scene = prepare(frame.torch(self.device), state.surface if state else None)
-        effects = self._run(scene, state.tracks if state else {})
+        tensors = frame.torch(self.device)
+        scene = prepare(tensors, state.surface if state else None)
+        effects = self._run(tensors, scene, state.tracks if state else {})
         with record_function("trmv/compose"):
             image = effects[self.target].image if self.target != "color" else (
                 scene.frame["emission"] + scene.frame["direct"] * effects["visibility"].image
@@ -91,18 +93,21 @@ class Trmv:
         result = Result(image, self._extras(extras, effects, scene)).like(frame)
         return result, State(scene.surface, {name: effect.track for name, effect in effects.items()})
 
-    def _run(self, scene: Scene, tracks: dict[str, Track]) -> dict[str, Effect]:
+    def _run(self, frame: Frame, scene: Scene, tracks: dict[str, Track]) -> dict[str, Effect]:
         """The effects that the target is made of."""
         cones = self.cones if self.chosen["indirect"] == "cones" else None
         found = {}
         for name in self.components or (self.target,):
-            track = tracks.get(name)
+            track, vectors, trust = tracks.get(name), self.chosen[_VECTORS[name]], None
+            if vectors == "gradient":
+                sample = "indirect_radiance" if name == "indirect" and cones else name
+                vectors, trust = "traditional", unchanged(frame, name, scene.frame[sample])
             if name == "visibility":
-                found[name] = denoise_shadows(scene, track, self.chosen["shadow"], self.settings)
+                found[name] = denoise_shadows(scene, track, vectors, self.settings, trust)
             elif name == "glossy":
-                found[name] = denoise_glossy(scene, track, self.chosen["glossy"], self.settings)
+                found[name] = denoise_glossy(scene, track, vectors, self.settings, trust)
             else:
-                found[name] = denoise_indirect(scene, track, self.chosen["occlusion"], cones, self.settings)
+                found[name] = denoise_indirect(scene, track, vectors, cones, self.settings, trust)
         return found
 
     def _extras(self, names: tuple[str, ...], effects: dict[str, Effect], scene: Scene) -> dict[str, Tensor]:
@@ -116,17 +121,23 @@ class Trmv:
             raise NteError(f"trmv has no extra '{unknown[0]}'; it has {', '.join(offered)}")
         return {name: offered[name] for name in names}
 
-    def _needs(self) -> tuple[str, ...]:
-        """The channels that the chosen effects read."""
-        shadow = ("shadow_motion",) if self.chosen["shadow"] == "reliable" else ()
-        # The covariance is the size of every variant's spatial filter.
-        lobes = ("reflection_motion", "reflection_covariance")
+    def _channels(self) -> tuple[tuple[str, ...], tuple[str, ...]]:
+        """(the channels that the chosen effects must have, those that they use if there)."""
+        reliable = self.chosen["shadow"] == "reliable"
+        moved = ("reflection_motion",) if self.chosen["glossy"] in ("reliable", "specular") else ()
         cones = ("indirect_radiance", "indirect_direction")
         needs = {
-            "visibility": ("direct", "visibility", *shadow),
-            "glossy": ("glossy", *lobes),
+            "visibility": ("direct", "visibility", *(("position", "shadow_motion") if reliable else ())),
+            # The covariance is the size of every variant's spatial filter.
+            "glossy": ("glossy", "reflection_covariance", *moved),
             "indirect": ("albedo", *(cones if self.chosen["indirect"] == "cones" else ("indirect",))),
         }
-        if self.target != "color":
-            return _GEOMETRY + needs[self.target]
-        return (*_GEOMETRY, "emission", *needs["visibility"], *needs["glossy"], *needs["indirect"])
+        optional = {"visibility": ("geometric_normal",) if reliable else (), "indirect": ("diffuse_albedo",)}
+        required, used = [*_GEOMETRY, *(("emission",) if self.components else ())], ["previous_forward_motion"]
+        for name in self.components or (self.target,):
+            required += needs[name]
+            used += optional.get(name, ())
+            if self.chosen[_VECTORS[name]] == "gradient":
+                required.append("gradient")
+                used.append(f"gradient_{name}")
+        return tuple(dict.fromkeys(required)), tuple(used)

@@ -5,6 +5,7 @@ A pixel's cones are (N, 24, H, W): for each cone its weight times radiance, RGB,
 these are weighted means: an empty cone has no weight, it is unknown and not black.
 """
 
+import functools
 import math
 
 import torch
@@ -14,10 +15,16 @@ from torch import Tensor
 CONES = 6
 HALF_ANGLE = math.acos(5 / 6)  # solid angle π/3; the π/6 of the paper's text has 0.84 and leaves gaps
 KNOWN = 1e-6  # least weight that counts
-PARALLEL = 1 - 1e-5  # n·n′ of normals that count as equal: 0.26°, 0.5 % of Ω
+PARALLEL = 1 - 1e-6  # n·n′ of normals that count as equal: 0.08°; half floats are off by 0.03°
 _TILT = math.pi / 3
-# Cosine-weighted solid angles: they sum to π, so a white environment is exactly white.
-WEIGHTS = (math.pi / 4, *(5 * [3 * math.pi / 20]))
+_DISTINCT = 1e-3  # rad, of chords: cones of 30° only touch
+# The cosine-weighted solid angle, sr, of the directions that are nearest to the axis along the normal, by Lambert's
+# formula for a polygon: ½ Σ Θ cos(60°) over five edges of Θ each. A sample goes to the cone with the nearest axis, so
+# with the measures of those cells as weights light from any direction keeps its energy, and as they sum to π a white
+# environment is exactly white.
+_CORNER = math.atan(math.tan(_TILT / 2) / math.cos(math.pi / 5))  # from the axis to a corner of its cell
+_EDGE = math.acos(math.cos(_CORNER) ** 2 + math.sin(_CORNER) ** 2 * math.cos(2 * math.pi / 5))
+WEIGHTS = (5 / 4 * _EDGE, *(5 * [(math.pi - 5 / 4 * _EDGE) / 5]))
 EQ_11 = CONES * (math.pi / 3,)  # the paper's: without a cosine, so that a white environment is 2, not 1
 # The frame at any normal is that of _POLE, turned by the shortest way. Discontinuous at −_POLE alone, which
 # is no axis of the world: walls and floors have the same frame everywhere.
@@ -54,10 +61,42 @@ def overlap(cosine: Tensor, half_angle: float) -> Tensor:
     return 4 * (beta - phi * math.cos(half_angle))
 
 
-def overlap_shares(normal: Tensor, other: Tensor, half_angle: float) -> Tensor:
-    """(P, 6, 6): Ω_kj / Ω(0) of cone k at `normal` (P, 3) and cone j at `other`; 1 where both are the same."""
-    cosine = torch.einsum("pki,pji->pkj", cone_axes(normal), cone_axes(other))
-    return overlap(cosine, half_angle) / (2 * math.pi * (1 - math.cos(half_angle)))
+def moved_shares(normal: Tensor, other: Tensor, half_angle: float) -> Tensor:
+    """(P, 6, 6): the share of the samples in cone j at `other` (P, 3) that are in cone k at `normal`, in [0, 1].
+
+    All that are above the horizon, in proportion to Ω_kj less what k and j of one hemisphere share at rest, so that
+    nothing moves unless normals turn: the overlap itself, applied in every frame, would diffuse directions (ours).
+    """
+    axes = cone_axes(other)
+    cosine = torch.einsum("pki,pji->pkj", cone_axes(normal), axes)
+    at_rest, scale = (table.to(cosine) for table in _at_rest(half_angle))
+    shares = overlap(cosine, half_angle).sub_(at_rest).clamp_(min=0).mul_(scale)
+    # The axes of a ring are 30° high, and its samples, most of them higher still, within 30° of them: none is below the
+    # horizon, and all are when the axis is as far below.
+    height = torch.einsum("pji,pi->pj", axes, normal).clamp_(-1, 1).asin_()
+    above = 1 - (((math.pi / 6 - height) / _TILT).clamp_(0, 1)).square_()
+    return shares.mul_((above / shares.sum(1).clamp_(min=KNOWN)).unsqueeze(1))
+
+
+@functools.cache
+def _at_rest(half_angle: float) -> tuple[Tensor, Tensor]:
+    """(6, 6), twice: the Ω of different cones of a hemisphere, and what makes shares of samples out of changes of Ω.
+
+    That is 1 / Ω(0) between a cone and its own place. Between neighbours the cells, which share a whole edge, exchange
+    more than the cones: for a small turn straight across the edge, the samples that pass are the integral of
+    cos θ along it, and Ω grows by the chord that the two circles have in common.
+    """
+    axes = local_axes()
+    cosine = axes @ axes.T
+    shared = overlap(cosine, half_angle).fill_diagonal_(0)
+    chord = 2 * (math.sin(half_angle) ** 2 - (1 - cosine) / 2).clamp(min=0).sqrt().fill_diagonal_(0)
+    middle = (_CORNER + math.pi / 2) / 2  # of the edge between two cones of the ring: from a corner to the horizon
+    beside = (math.cos(middle) * (math.pi / 2 - _CORNER) + math.sin(math.pi / 2 - _CORNER) * math.sin(_CORNER)) / 2
+    passing = torch.full_like(cosine, beside)
+    passing[0] = passing[:, 0] = math.cos(_TILT / 2) * (_EDGE + math.sin(_EDGE)) / 2
+    scale = torch.full_like(cosine, 1 / (2 * math.pi * (1 - math.cos(half_angle))))
+    passing /= axes.new_tensor(WEIGHTS)
+    return shared, torch.where(chord > _DISTINCT, passing / chord.clamp(min=_DISTINCT), scale)
 
 
 def sample_to_cones(radiance: Tensor, direction: Tensor, normal: Tensor) -> Tensor:
@@ -71,19 +110,29 @@ def sample_to_cones(radiance: Tensor, direction: Tensor, normal: Tensor) -> Tens
     # The direction in the frame of the pole: cone_axes' rotation backwards.
     along = (middle * direction).sum(1, keepdim=True) / (1 + (normal * pole).sum(1, keepdim=True)).clamp(min=1e-6)
     turned = direction - along * middle + 2 * (normal * direction).sum(1, keepdim=True) * pole
-    nearest = torch.einsum("ki,nihw->nkhw", local, turned).argmax(1, keepdim=True)
+    parts = [turned[:, i : i + 1] for i in range(3)]
+    best = torch.full_like(parts[0], -math.inf)
+    nearest = torch.zeros_like(best, dtype=torch.int64)
+    for k, axis in enumerate(local.tolist()):  # one by one: argmax over so few takes four times as long
+        cosine = sum(part * a for part, a in zip(parts, axis, strict=True))
+        nearest.masked_fill_(cosine > best, k)
+        torch.maximum(best, cosine, out=best)
     taken = (direction != 0).any(1, keepdim=True)
     sample = torch.cat([radiance, torch.ones_like(radiance[:, :1])], 1) * taken
-    chosen = nearest == torch.arange(CONES, device=normal.device).view(1, CONES, 1, 1)
-    return (chosen.unsqueeze(2) * sample.unsqueeze(1)).flatten(1, 2)
+    cones = torch.zeros_like(sample[:, None]).repeat(1, CONES, 1, 1, 1)
+    return cones.scatter_(1, nearest[:, None].expand_as(sample[:, None]), sample[:, None]).flatten(1, 2)
 
 
-def radiance_of(cones: Tensor) -> Tensor:
-    """(N, 18, H, W): the radiance in each cone. Unknown ones have the mean of the pixel's samples, or 0."""
-    premultiplied, weight = split(cones)
-    total = weight.sum(1, keepdim=True)
-    mean = torch.where(total > KNOWN, premultiplied.sum(1, keepdim=True) / total.clamp(min=KNOWN), 0.0)
-    return torch.where(weight > KNOWN, premultiplied / weight.clamp(min=KNOWN), mean).flatten(1, 2)
+def mean_radiance(cones: Tensor) -> Tensor:
+    """(N, 3, H, W): the mean of a pixel's samples from all directions, 0 where there are none."""
+    sums = by_cone(cones, 4).sum(1)
+    return torch.where(sums[:, 3:] > KNOWN, sums[:, :3] / sums[:, 3:].clamp(min=KNOWN), 0.0)
+
+
+def cone_radiance(cones: Tensor, k: int, mean: Tensor) -> Tensor:
+    """(N, 3, H, W): the radiance in cone k, or `mean` where it is unknown."""
+    premultiplied, weight = cones[:, 4 * k : 4 * k + 3], cones[:, 4 * k + 3 : 4 * k + 4]
+    return torch.where(weight > KNOWN, premultiplied / weight.clamp(min=KNOWN), mean)
 
 
 def split(cones: Tensor) -> tuple[Tensor, Tensor]:
@@ -97,35 +146,25 @@ def by_cone(values: Tensor, channels: int) -> Tensor:
     return values.view(values.shape[0], CONES, channels, *values.shape[2:])
 
 
-def irradiance(radiance: Tensor, weights: tuple[float, ...] = WEIGHTS) -> Tensor:
-    """Σ w_k L_k / π, (N, 3, H, W), of the radiance (N, 18, H, W) in the cones: times albedo it is the light out."""
-    share = radiance.new_tensor(weights) / math.pi
-    return torch.einsum("k,nkchw->nchw", share, by_cone(radiance, 3))
+def irradiance(cones: Tensor, weights: tuple[float, ...] = WEIGHTS) -> Tensor:
+    """Σ w_k L_k / π, (N, 3, H, W), of the radiance in the cones (N, 24, H, W): times albedo it is the light out."""
+    mean = mean_radiance(cones)
+    total = torch.zeros_like(mean)
+    for k, weight in enumerate(weights):
+        total.add_(cone_radiance(cones, k, mean), alpha=weight / math.pi)
+    return total
 
 
-def mix_parallel(cones: Tensor, half_angle: float) -> Tensor:
-    """Each cone k gathers all cones j (N, 24, H, W) of its pixel with Ω_kj / Ω(0): pixels with equal normals."""
-    pole = local_axes()[:1]
-    shares = overlap_shares(pole, pole, half_angle)[0].to(cones)
-    return torch.einsum("kj,njchw->nkchw", shares, by_cone(cones, 4)).flatten(1, 2)
+def transfer(cones: Tensor, normal: Tensor, to: Tensor, half_angle: float) -> Tensor:
+    """Cones (N, 24, H, W) at `normal` (N, 3, H, W) as those at the normals `to`, in the place of `cones`.
 
-
-def transfer(cones: Tensor, normal: Tensor, to: Tensor, half_angle: float) -> tuple[Tensor, Tensor]:
-    """Cones (N, 24, H, W) at `normal` (N, 3, H, W) as those at the normals `to`: (cones, how much overlaps).
-
-    Cone k is the mean of all j with Ω_kj as weight; min(1, Σ_j Ω_kj / Ω(0)), (N, 6, H, W), says how far it is
-    covered by any. A cone that none overlaps is unknown. Parallel normals, most of an image, share one matrix.
+    Samples go where their directions are: into another cone, or away, below the horizon. A cone that gets none
+    is unknown. Where normals are parallel, in most of an image, nothing moves.
     """
-    pole = local_axes()[:1]
-    parallel = overlap_shares(pole, pole, half_angle)[0].to(cones)
-    moved = torch.einsum("kj,njchw->nkchw", parallel / parallel.sum(1, keepdim=True), by_cone(cones, 4))
-    covered = torch.ones_like(cones[:, :CONES])
     turned = ((normal * to).sum(1) < PARALLEL) & (split(cones)[1].sum(1)[:, 0] > 0)
     n, y, x = turned.nonzero(as_tuple=True)
     if len(n):
-        shares = overlap_shares(to[n, :, y, x], normal[n, :, y, x], half_angle)
-        total = shares.sum(2, keepdim=True)
-        apart = torch.einsum("pkj,pjc->pkc", shares / total.clamp(min=1e-6), by_cone(cones[n, :, y, x], 4))
-        moved[n, :, :, y, x] = apart
-        covered[n, :, y, x] = total[..., 0].clamp(max=1)
-    return moved.flatten(1, 2), covered
+        shares = moved_shares(to[n, :, y, x], normal[n, :, y, x], half_angle)
+        moved = torch.einsum("pkj,pjc->pkc", shares, by_cone(cones[n, :, y, x], 4))
+        cones[n, :, y, x] = moved.flatten(1)
+    return cones

@@ -12,15 +12,16 @@ from torch.profiler import record_function
 
 from nte.filters.bilateral import ROUGHNESS, Edges, joint_bilateral
 from nte.filters.noise import gaussian_noise
+from nte.filters.trmv.samples import TINY, believable
 from nte.filters.trmv.scene import RADIUS, Scene
 from nte.filters.trmv.temporal import Effect, Settings, Track, accumulate
 from nte.motion.geometric import Reprojection, traditional_motion
 from nte.motion.warp import fetch_nearest, pixel_centres
 
 WIDEST = 7.5  # deviation, px
+WIDEST_DRAW = 15.0  # deviation of what vectors are drawn from, px: that of a lobe whose filter is as wide as any
 SCALE = 0.5  # of the filter's deviation to the lobe's: the least error of training clips without history
 _FILL_RADIUS, _FILL_DEVIATION = 7, 3.5
-_TINY = 1e-30  # not 0: what is divided by it is 0 too
 
 
 class Lobes(NamedTuple):
@@ -29,44 +30,73 @@ class Lobes(NamedTuple):
     mean: Tensor  # (N, 2, H, W) px, to the previous frame
     specular: Tensor  # (N, 2, H, W) px, the mean of the neighbourhood: without the samples' own spread
     covariance: Tensor  # (N, 3, H, W) XX XY YY, px²
-    spread: Tensor  # (N, 1, H, W) px: the lobe's deviation, mean of both axes and of the neighbourhood; 0 without one
     glossy: Tensor  # (N, 1, H, W) bool: there is one
 
 
-def denoise_glossy(scene: Scene, track: Track | None, vectors: str, settings: Settings) -> Effect:
+def denoise_glossy(
+    scene: Scene, track: Track | None, vectors: str, settings: Settings, trust: Tensor | None = None
+) -> Effect:
     """Light of all lobes but the diffuse one (N, 3, H, W). vectors: reliable, specular, traditional or none.
 
     specular: one vector for what the mirror direction meets, as for pure reflections (the paper's comparison): clips
     hold no such ray, so it is the mean of those of the lobe's footprint, which is the same on a mirror.
+    trust: of the history, in [0, 1].
     """
     frame = scene.frame
     with record_function("trmv/glossy/filter"):
-        lobes = gather_lobes(frame["reflection_motion"], frame["reflection_covariance"], scene.edges)
-        current = filter_glossy(frame["glossy"], lobes.spread, scene.edges)
+        covariance = limit_spread(frame["reflection_covariance"])
+        spread = spread_of(covariance, scene.edges)
+        current = filter_glossy(frame["glossy"], spread, scene.edges)
     with record_function("trmv/glossy/vectors"):
         reprojection = scene.traditional
         if vectors in ("reliable", "specular"):
-            motion = draw(lobes, frame.index) if vectors == "reliable" else lobes.specular
+            lobes = gather_lobes(frame["reflection_motion"], covariance, scene.edges)
+            motion = draw(lobes, frame.index, frame["glossy"]) if vectors == "reliable" else lobes.specular
             reprojection = glossy_reprojection(motion, lobes.glossy, scene)
     used = None if vectors == "none" else reprojection
-    return accumulate("glossy", current, track, used, scene, settings, deviation_of(lobes.spread))
+    return accumulate("glossy", current, track, used, scene, settings, deviation_of(spread), trust)
 
 
 def gather_lobes(mean: Tensor, covariance: Tensor, edges: Edges) -> Lobes:
     """The lobe of each pixel: its own, or, where its path left otherwise, the mean of those around it (ours).
 
     mean (N, 2, H, W) and covariance (N, 3, H, W) are NaN where no path was reflected; on glossy paint that is
-    about every other pixel.
+    about every other pixel. A mean that those around it contradict counts as none.
     """
-    values = torch.cat([mean, covariance], 1)
-    own = (values.abs() < float("inf")).all(1, keepdim=True)
-    values = torch.where(own, values, 0.0)
-    reached = joint_bilateral(torch.cat([own.float(), values], 1), edges, _FILL_RADIUS, _FILL_DEVIATION)
-    glossy = reached[:, :1] > 0
-    around = torch.where(glossy, reached[:, 1:] / reached[:, :1].clamp(min=_TINY), 0.0)
-    spread = ((around[:, 2:3] + around[:, 4:5]) / 2).clamp(min=0).sqrt()
+    believed, mean = believable(mean)
+    own = (believed > 0) & _finite(covariance)
+    values = torch.where(own, torch.cat([mean, covariance], 1), 0.0)
+    around, glossy = _mean_around(values, own, edges)
     filled = torch.where(own, values, around)
-    return Lobes(filled[:, :2], around[:, :2], filled[:, 2:], spread, glossy)
+    return Lobes(filled[:, :2], around[:, :2], filled[:, 2:], glossy)
+
+
+def spread_of(covariance: Tensor, edges: Edges) -> Tensor:
+    """(N, 1, H, W) px: the lobe's deviation, mean of both axes and of the neighbourhood; 0 where there is no lobe."""
+    own = _finite(covariance)
+    variance = torch.where(own, (covariance[:, :1] + covariance[:, 2:]) / 2, 0.0)
+    return _mean_around(variance, own, edges)[0].clamp(min=0).sqrt()
+
+
+def _finite(values: Tensor) -> Tensor:
+    return (values.abs() < float("inf")).all(1, keepdim=True)
+
+
+def _mean_around(values: Tensor, own: Tensor, edges: Edges) -> tuple[Tensor, Tensor]:
+    """(mean of the values (N, C, H, W) that are a pixel's own, (N, 1, H, W), on the surface around; any there?)."""
+    reached = joint_bilateral(torch.cat([own.float(), values], 1), edges, _FILL_RADIUS, _FILL_DEVIATION)
+    known = reached[:, :1] > TINY
+    return torch.where(known, reached[:, 1:] / reached[:, :1].clamp(min=TINY), 0.0), known
+
+
+def limit_spread(covariance: Tensor) -> Tensor:
+    """Covariances (N, 3, H, W), XX XY YY, made smaller where a deviation is over WIDEST_DRAW px, in any direction.
+
+    Near the focus of a curved reflector they have no bound, and vectors drawn from them would leave the image.
+    """
+    xx, xy, yy = covariance.chunk(3, 1)
+    largest = (xx + yy) / 2 + torch.hypot((xx - yy) / 2, xy)
+    return covariance * (WIDEST_DRAW**2 / largest.clamp(min=WIDEST_DRAW**2))
 
 
 def filter_glossy(glossy: Tensor, spread: Tensor, edges: Edges) -> Tensor:
@@ -82,9 +112,14 @@ def deviation_of(spread: Tensor) -> Tensor:
     return (SCALE * spread).clamp(max=WIDEST)
 
 
-def draw(lobes: Lobes, frame: int) -> Tensor:
-    """Vectors (N, 2, H, W) drawn from the lobes: sample(mean, Σ) of Eq. 5, with noise of pixel and frame."""
-    noise = gaussian_noise(lobes.mean.shape[-2], lobes.mean.shape[-1], frame, lobes.mean.device)
+def draw(lobes: Lobes, frame: int, light: Tensor) -> Tensor:
+    """Vectors (N, 2, H, W) drawn from the lobes: sample(mean, Σ) of Eq. 5, with noise of pixel, frame and image.
+
+    light (N, 3, H, W): any noisy image; its bits tell the sequences of a batch apart, wherever in it they are.
+    """
+    height, width = light.shape[-2:]
+    keys = light.contiguous().view(torch.int32).sum((1, 2, 3), dtype=torch.int64).tolist()
+    noise = torch.cat([gaussian_noise(height, width, frame, light.device, key) for key in keys])
     return lobes.mean + spread_noise(noise, lobes.covariance)
 
 

@@ -1,6 +1,8 @@
 """Diffuse indirect light: six cones of incident radiance, filtered in space and time (section 4.3)."""
 
+from collections.abc import Callable
 from dataclasses import dataclass
+from functools import partial
 
 import torch
 import torch.nn.functional as F
@@ -8,26 +10,23 @@ from torch import Tensor
 from torch.profiler import record_function
 
 from nte.color import demodulate, remodulate
-from nte.filters.atrous import atrous_step
-from nte.filters.bilateral import Guide, pair_weight
+from nte.filters.bilateral import Edges, atrous_bilateral
+from nte.filters.threads import side_by_side, threads_for
 from nte.filters.trmv import cones as hemisphere
 from nte.filters.trmv import temporal
+from nte.filters.trmv.fetch import Fetcher, fetch_from_anything, fetch_from_surface
 from nte.filters.trmv.scene import Scene
-from nte.filters.trmv.temporal import Blended, Effect, Fetched, Settings, Track, Weight
-from nte.motion.geometric import Reprojection
-from nte.motion.warp import warp
+from nte.filters.trmv.temporal import Blended, Effect, Settings, Track, Weight
+from nte.frames.frame import Frame
 
-LEVELS = 4
-KERNEL = (1.0, 0.5)  # 3×3 taps: 4 levels make 31×31, the paper's «essentially 32×32»
+LEVELS = 4  # of 3×3 taps: 31×31, the paper's «essentially 32×32»
 REACH = 8.0  # deviation of that filter, px
-STRIP = 64  # rows blended and shaded at a time: 24 channels with their temporaries would be most of the frame's memory
+STRIP = 96  # rows blended and shaded at a time: 24 channels with their temporaries would be most of the frame's memory
 
 
-def filter_indirect(values: Tensor, guide: Guide) -> Tensor:
+def filter_indirect(values: Tensor, edges: Edges) -> Tensor:
     """À-trous filter (N, C, H, W) over 31×31 pixels of the same surface."""
-    for level in range(LEVELS):
-        values = atrous_step(values, 2**level, pair_weight, guide, kernel=KERNEL).values
-    return values
+    return atrous_bilateral(values, edges, LEVELS)
 
 
 @dataclass(frozen=True)
@@ -37,89 +36,126 @@ class Cones:
     half_angle: float = hemisphere.HALF_ANGLE  # rad
     weights: tuple[float, ...] = hemisphere.WEIGHTS  # of each cone's radiance, sr: EQ_11 is the paper's
 
-    def gather(self, radiance: Tensor, direction: Tensor, normal: Tensor, guide: Guide) -> Tensor:
+    def gather(self, radiance: Tensor, direction: Tensor, normal: Tensor, edges: Edges) -> Tensor:
         """Cones (N, 24, H, W) out of one sample per pixel, filtered in space.
 
-        The à-trous levels are one filter of 31×31, so Ω enters once for a pair of pixels; where its normal test
-        lets them mix, cones of the same number are within 7° and share the Ω of equal normals.
+        Where the filter's normal test lets pixels mix, cones of the same number are within 7°.
         """
-        filtered = filter_indirect(hemisphere.sample_to_cones(radiance, direction, normal), guide)
-        return hemisphere.mix_parallel(filtered, self.half_angle)
+        cones = radiance.new_empty(len(radiance), 4 * hemisphere.CONES, *radiance.shape[2:])
+
+        def sort(first: int) -> None:
+            strip = (image[:, :, first : first + STRIP] for image in (radiance, direction, normal))
+            cones[:, :, first : first + STRIP] = hemisphere.sample_to_cones(*strip)
+
+        _by_strips(sort, cones)
+        return filter_indirect(cones, edges)
 
     def blend(
-        self, current: Tensor, track: Track | None, vectors: Reprojection | None, scene: Scene, settings: Settings
+        self, current: Tensor, track: Track, fetcher: Fetcher, trust: Tensor | None, scene: Scene, settings: Settings
     ) -> Blended:
-        """`temporal.accumulate`, cone by cone: history's cone k weighs (1 − α) min(1, Σ_j Ω_kj / Ω(0)).
+        """`temporal.accumulate`, cone by cone, each with the weight of what its history holds.
 
-        Cones of the current frame that no previous one overlaps are made of this frame alone, and previous ones
-        without overlap are dropped: both have the weight 0.
+        Cones of the current frame that no sample of the history falls into are made of this frame alone, and what
+        has turned below the horizon is dropped.
         """
-        if vectors is None or track is None or scene.before is None:
-            return temporal.start(current, settings)
+        assert scene.before is not None
         with record_function("trmv/indirect/temporal"):
-            fetched = temporal.fetch(track, vectors, scene.frame.reset)
-            weight = temporal.weigh(fetched, settings)
-            normal = F.normalize(warp(scene.before.normal, vectors.motion).image, dim=1)
+            fetched = temporal.fetch(track, fetcher, scene.frame.reset)
+            weight = temporal.weigh(fetched, settings, trust)
+            normal = F.normalize(fetcher(scene.before.normal), dim=1)
             deviation = torch.empty_like(weight.used)
-            for top in range(0, current.shape[2], STRIP):
-                rows = slice(top, top + STRIP)
-                self._blend_rows(rows, current, fetched, normal, scene, weight, settings, deviation)
+
+            def blend(first: int) -> None:
+                """A strip of rows, in the place of the history."""
+                rows = slice(first, first + STRIP)
+
+                def cut(image: Tensor) -> Tensor:
+                    return image[:, :, rows]
+
+                history, valid = cut(fetched.history), cut(fetched.valid)
+                hemisphere.transfer(history, cut(normal), cut(scene.surface.normal), self.half_angle)
+                light, kept = self._limit(history, current, rows, settings)
+                history.copy_(torch.where(valid, torch.lerp(history, cut(current), cut(weight.used)), cut(current)))
+                doubts = Weight(cut(weight.default), cut(weight.used))
+                cut(deviation).copy_(temporal.clean_up_deviation(doubts, light, kept, valid, settings))
+
+            _by_strips(blend, current)
             return Blended(fetched.history, temporal.blended_variance(weight, fetched), weight.used, deviation)
 
-    def _blend_rows(
-        self, rows: slice, current: Tensor, fetched: Fetched, normal: Tensor, scene: Scene, weight: Weight,
-        settings: Settings, deviation: Tensor,
-    ) -> None:  # fmt: skip
-        """Blend a strip of rows, in the place of the history, and give the clean-up's `deviation`.
+    def _limit(
+        self, history: Tensor, current: Tensor, rows: slice, settings: Settings
+    ) -> tuple[Tensor, Tensor]:
+        """Clamp the radiance in each cone, in place; (the light that history and clamped history make, (N, 3, h, W)).
 
-        normal: that of the history.
+        history: of the strip of `rows`; current: of the whole image.
         """
-
-        def cut(image: Tensor) -> Tensor:
-            return image[:, :, rows]
-
-        normals = cut(normal), cut(scene.surface.normal)
-        moved, covered = hemisphere.transfer(cut(fetched.history), *normals, self.half_angle)
-        history = hemisphere.radiance_of(moved)
         reach = temporal.NEIGHBOURHOOD // 2 * temporal.spacing(REACH)
-        margin = slice(max(0, rows.start - reach), rows.stop + reach)
-        around = hemisphere.radiance_of(current[:, :, margin])
-        inner = slice(rows.start - margin.start, rows.start - margin.start + history.shape[2])
-        clamped = temporal.limit(history, around, REACH, settings, inner)
-        valid, used = cut(fetched.valid), cut(weight.used)
-        share = hemisphere.split(moved)[1] * covered.unsqueeze(2)
-        usable = torch.cat([share * hemisphere.by_cone(clamped, 3), share], 2).flatten(1, 2)
-        now = cut(current)
-        cut(fetched.history).copy_(torch.where(valid, torch.lerp(usable, now, used), now))
-        light, kept = (hemisphere.irradiance(radiance, self.weights) for radiance in (history, clamped))
-        doubts = Weight(cut(weight.default), used)
-        cut(deviation).copy_(temporal.clean_up_deviation(doubts, light, kept, valid, settings))
+        around = current[:, :, max(0, rows.start - reach) : rows.stop + reach]
+        start = min(rows.start, reach)
+        inner = slice(start, start + history.shape[2])
+        means = hemisphere.mean_radiance(history), hemisphere.mean_radiance(around)
+        light = torch.zeros_like(means[0])
+        kept = torch.zeros_like(light)
+        for k, share in enumerate(self.weights):
+            before, now = (hemisphere.cone_radiance(c, k, m) for c, m in zip((history, around), means, strict=True))
+            clamped = temporal.limit(before, now, REACH, settings, inner)
+            history[:, 4 * k : 4 * k + 3] = clamped * history[:, 4 * k + 3 : 4 * k + 4]
+            light.add_(before, alpha=share)
+            kept.add_(clamped, alpha=share)
+        return light, kept
 
-    def shade(self, cones: Tensor, albedo: Tensor) -> Tensor:
-        """Eq. 11 with f_r = albedo / π: reflected light (N, 3, H, W)."""
-        strips = (hemisphere.radiance_of(strip) for strip in torch.split(cones, STRIP, 2))
-        return albedo * torch.cat([hemisphere.irradiance(strip, self.weights) for strip in strips], 2)
+    def shade(self, cones: Tensor, reflectance: Tensor) -> Tensor:
+        """Eq. 11 with f_r = reflectance of the diffuse lobe / π: reflected light (N, 3, H, W)."""
+        light = torch.empty_like(reflectance)
+
+        def shade(first: int) -> None:
+            rows = slice(first, first + STRIP)
+            light[:, :, rows] = hemisphere.irradiance(cones[:, :, rows], self.weights)
+
+        _by_strips(shade, cones)
+        return light.mul_(reflectance)
+
+
+def _by_strips(work: Callable[[int], None], image: Tensor) -> None:
+    """`work` on the first row of each strip of an image (N, C, H, W)."""
+    side_by_side([partial(work, first) for first in range(0, image.shape[2], STRIP)], threads_for(image))
+
+
+def diffuse_reflectance(frame: Frame) -> Tensor:
+    """(N, 3, H, W): that of the diffuse lobe alone; the albedo, which has all lobes in it, where nobody says."""
+    own: Tensor | None = frame.get("diffuse_albedo")
+    return frame["albedo"] if own is None else own
 
 
 def denoise_indirect(
-    scene: Scene, track: Track | None, vectors: str, cones: Cones | None, settings: Settings
-) -> Effect:
-    """Diffuse indirect light (N, 3, H, W). vectors: dual, traditional or none. cones None: colours are reused."""
-    frame = scene.frame
+    scene: Scene, track: Track | None, vectors: str, cones: Cones | None, settings: Settings,
+    trust: Tensor | None = None,
+) -> Effect:  # fmt: skip
+    """Diffuse indirect light (N, 3, H, W). vectors: dual, traditional or none. cones None: colours are reused.
+
+    trust: of the history, in [0, 1]. History comes from the same surface only, but for colours along traditional
+    vectors: that is what the paper compares with.
+    """
+    frame, reflectance = scene.frame, diffuse_reflectance(scene.frame)
     reprojection = {"dual": scene.dual, "traditional": scene.traditional, "none": None}[vectors]
+    fetcher = None
+    if reprojection is not None and track is not None:
+        anything = cones is None and vectors == "traditional"
+        fetcher = fetch_from_anything(reprojection) if anything else fetch_from_surface(reprojection, scene)
     if cones is None:
         with record_function("trmv/indirect/filter"):
-            current = filter_indirect(demodulate(frame["indirect"], frame["albedo"]), scene.guide)
-        effect = temporal.accumulate("indirect", current, track, reprojection, scene, settings, REACH)
-        return effect._replace(image=remodulate(effect.image, frame["albedo"]))
-    blended = cones.blend(_gathered(scene, cones), track, reprojection, scene, settings)
+            current = filter_indirect(demodulate(frame["indirect"], reflectance), scene.edges)
+        effect = temporal.accumulate(
+            "indirect", current, track, reprojection, scene, settings, REACH, trust, fetcher
+        )
+        return effect._replace(image=remodulate(effect.image, reflectance))
+    with record_function("trmv/indirect/filter"):
+        light, direction = frame["indirect_radiance"], frame["indirect_direction"]
+        current = cones.gather(light, direction, scene.surface.normal, scene.edges)
+    blended = temporal.start(current, settings)
+    if fetcher is not None and track is not None:
+        blended = cones.blend(current, track, fetcher, trust, scene, settings)
+        del current  # the largest of the frame's tensors
     effect = temporal.finish("indirect", blended, reprojection, scene, settings)
     with record_function("trmv/indirect/shade"):
-        return effect._replace(image=cones.shade(effect.image, frame["albedo"]))
-
-
-def _gathered(scene: Scene, cones: Cones) -> Tensor:
-    """The current frame's cones (N, 24, H, W), filtered in space."""
-    with record_function("trmv/indirect/filter"):
-        light, direction = scene.frame["indirect_radiance"], scene.frame["indirect_direction"]
-        return cones.gather(light, direction, scene.surface.normal, scene.guide)
+        return effect._replace(image=cones.shade(effect.image, reflectance))

@@ -16,10 +16,11 @@ RADIUS = 15  # of the widest separable filter, 31×31
 class Surface(NamedTuple):
     """The G-buffer of a frame."""
 
-    position: Tensor  # (N, 3, H, W) world, 0 at a miss
     normal: Tensor  # (N, 3, H, W) unit, 0 at a miss
     depth: Tensor  # (N, 1, H, W), 0 at a miss
     roughness: Tensor  # (N, 1, H, W)
+    position: Tensor | None = None  # (N, 3, H, W) world, 0 at a miss; None: nobody asked for it
+    geometric: Tensor | None = None  # (N, 3, H, W) unit, without normal maps; None: the frame does not say
 
 
 class Scene(NamedTuple):
@@ -37,7 +38,10 @@ class Scene(NamedTuple):
 def prepare(frame: Frame, before: Surface | None) -> Scene:
     """Compute what the effects share of a sanitised PyTorch frame."""
     with record_function("trmv/guide"):
-        surface = Surface(frame["position"], F.normalize(frame["normal"], dim=1), frame["depth"], frame["roughness"])
+        surface = Surface(
+            F.normalize(frame["normal"], dim=1), frame["depth"], frame["roughness"],
+            frame.get("position"), frame.get("geometric_normal"),
+        )  # fmt: skip
         guide = make_guide(surface.normal, surface.depth, frame["roughness"])
         edges = make_edges(guide, RADIUS)
     with record_function("trmv/vectors"):

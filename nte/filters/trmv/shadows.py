@@ -7,6 +7,7 @@ from torch import Tensor
 from torch.profiler import record_function
 
 from nte.filters.bilateral import Edges, joint_bilateral
+from nte.filters.trmv.samples import TINY, believable
 from nte.filters.trmv.scene import RADIUS, Scene, Surface
 from nte.filters.trmv.temporal import Effect, Settings, Track, accumulate
 from nte.motion.geometric import Reprojection, traditional_motion
@@ -17,7 +18,6 @@ from nte.motion.warp import fetch_nearest, pixel_centres
 # penumbrae are. At 128 lines 7.5 px would leave nothing of a slat's shadow.
 NARROWEST, WIDEST, LINES = 1.5, 7.5, 640
 FALLOFF = 0.1  # rad, of G in Eq. 4
-_TINY = 1e-30  # not 0: what is divided by it is 0 too
 
 
 class Splatted(NamedTuple):
@@ -28,15 +28,17 @@ class Splatted(NamedTuple):
     shadowed: Tensor  # (N, 1, H, W) bool: some shadowed sample reaches
 
 
-def denoise_shadows(scene: Scene, track: Track | None, vectors: str, settings: Settings) -> Effect:
-    """Visibility (N, 1, H, W) in [0, 1]. vectors: reliable, traditional or none."""
+def denoise_shadows(
+    scene: Scene, track: Track | None, vectors: str, settings: Settings, trust: Tensor | None = None
+) -> Effect:
+    """Visibility (N, 1, H, W) in [0, 1]. vectors: reliable, traditional or none. trust: of the history, in [0, 1]."""
     frame, reliable = scene.frame, vectors == "reliable"
     with record_function("trmv/shadow/filter"):
         splatted = splat(
             frame["visibility"], frame["direct"], frame["shadow_motion"] if reliable else None, scene.edges
         )
     with record_function("trmv/shadow/vectors"):
-        reprojection, trust = scene.traditional, None
+        reprojection = scene.traditional
         if reliable:
             reprojection = shadow_reprojection(splatted, scene.traditional)
             if scene.before is not None:
@@ -55,16 +57,16 @@ def splat(visibility: Tensor, direct: Tensor, shadow_motion: Tensor | None, edge
     lit = (direct > 0).any(1, keepdim=True).float()
     parts = [lit, lit * visibility]
     if shadow_motion is not None:
-        finite = (shadow_motion.abs() < float("inf")).all(1, keepdim=True)
+        believed, motion = believable(shadow_motion)
         # 1 − V: the mean of several shadow rays counts each blocked one.
-        shadow = lit * (1 - visibility) * finite
-        parts += [shadow, shadow * torch.where(finite, shadow_motion, 0.0)]
+        shadow = lit * (1 - visibility) * believed
+        parts += [shadow, shadow * motion]
     reached = joint_bilateral(torch.cat(parts, 1), edges, RADIUS, deviation_for(direct.shape[2]))
-    soft = torch.where(lit > 0, reached[:, 1:2] / reached[:, :1].clamp(min=_TINY), 1.0)
+    soft = torch.where(lit > 0, reached[:, 1:2] / reached[:, :1].clamp(min=TINY), 1.0)
     if shadow_motion is None:
         return Splatted(soft, torch.zeros_like(direct[:, :2]), torch.zeros_like(lit, dtype=torch.bool))
-    shadowed = reached[:, 2:3] > 0
-    motion = torch.where(shadowed, reached[:, 3:] / reached[:, 2:3].clamp(min=_TINY), 0.0)
+    shadowed = reached[:, 2:3] > TINY
+    motion = torch.where(shadowed, reached[:, 3:] / reached[:, 2:3].clamp(min=TINY), 0.0)
     return Splatted(soft, motion, shadowed)
 
 
@@ -84,22 +86,55 @@ def planarity(now: Surface, before: Surface, traditional: Reprojection, vectors:
 
     θ lies between the normal T⁻¹n(s) and the direction from T⁻¹s to s^V, the surface that was seen at x^V. The
     moved receiver is what was seen at the end of the traditional vector, or, where that was hidden or out
-    of the image, the receiver as it is now, which is exact for one at rest.
+    of the image, the receiver as it is now, which is exact for one at rest. Normals are geometric ones: a normal
+    map would make a flat wall look bent.
     """
+    assert now.position is not None
+    assert before.position is not None
     here, there = (pixel_centres(now.depth) + v.motion for v in (traditional, vectors))
-    then = fetch_nearest(torch.cat([before.position, before.normal, before.depth], 1), here)
+    then = fetch_nearest(torch.cat([before.position, geometric_normal(before), before.depth], 1), here)
     seen = traditional.valid & ~traditional.disoccluded & (then[:, 6:] > 0)
     receiver = torch.where(seen, then[:, :3], now.position)
-    normal = torch.where(seen, then[:, 3:6], now.normal)
+    normal = torch.where(seen, then[:, 3:6], geometric_normal(now))
     landed = fetch_nearest(torch.cat([before.position, before.depth], 1), there)
     away = landed[:, :3] - receiver
     squared = away.square().sum(1, keepdim=True)
     # θ − π/2 = −asin(n·d): the angle by which the direction leaves the plane.
-    sine = ((normal * away).sum(1, keepdim=True) * squared.clamp(min=_TINY).rsqrt()).clamp(-1, 1)
+    sine = ((normal * away).sum(1, keepdim=True) * squared.clamp(min=TINY).rsqrt()).clamp(-1, 1)
     falloff = sine.asin_().mul_(1 / FALLOFF).square_().mul_(-0.5).exp_()
     # Within a pixel's footprint θ has no meaning (ours).
     falloff = torch.where(squared <= squared_footprint(now.position), 1.0, falloff)
     return torch.where(landed[:, 3:] > 0, falloff, 0.0)
+
+
+def geometric_normal(surface: Surface) -> Tensor:
+    """(N, 3, H, W): unit normals without normal maps, of either sign; the shading normal where nothing tells.
+
+    Those that the frame gives, or else across the points of the pixels beside each, on the nearer side along x and
+    along y, which is the surface's own at an edge.
+    """
+    if surface.geometric is not None:
+        return surface.geometric
+    if surface.position is None:
+        return surface.normal
+    along_x, along_y = (_tangent(surface.position, surface.depth > 0, axis) for axis in (3, 2))
+    across = torch.linalg.cross(along_x, along_y, dim=1)
+    length = across.norm(dim=1, keepdim=True)
+    return torch.where(length > 0, across / length, surface.normal)
+
+
+def _tangent(position: Tensor, hit: Tensor, axis: int) -> Tensor:
+    """(N, 3, H, W): unit vectors from pixel to pixel along an axis, 0 where no neighbour is a surface."""
+    if position.shape[axis] < 2:
+        return torch.zeros_like(position)
+    near, far = pairs(position, axis, 1)
+    one, other = pairs(hit, axis, 1)
+    step = far - near
+    length = torch.where(one & other, step.norm(dim=1, keepdim=True), float("inf"))
+    step, nothing = step / length.clamp(min=TINY), torch.full_like(length.narrow(axis, 0, 1), float("inf"))
+    none = torch.zeros_like(step.narrow(axis, 0, 1))
+    ahead = torch.cat([length, nothing], axis) < torch.cat([nothing, length], axis)
+    return torch.where(ahead, torch.cat([step, none], axis), torch.cat([none, step], axis))
 
 
 def squared_footprint(position: Tensor) -> Tensor:

@@ -9,10 +9,10 @@ from torch.profiler import record_function
 
 from nte.color import luminance
 from nte.filters.bilateral import clean_up
-from nte.filters.blocks import Moments, clamp_history, fetch_history, neighbourhood_moments
+from nte.filters.blocks import Moments, clamp_history, neighbourhood_moments
+from nte.filters.trmv.fetch import Fetcher, fetch_from_anything
 from nte.filters.trmv.scene import Scene
 from nte.motion.geometric import Reprojection
-from nte.motion.warp import warp
 
 NEIGHBOURHOOD = 5  # pixels across, of the clamp
 WIDEST = 5.0  # deviation of the clean-up filter, px
@@ -73,17 +73,17 @@ class Blended(NamedTuple):
 
 def accumulate(
     name: str, current: Tensor, track: Track | None, vectors: Reprojection | None, scene: Scene, settings: Settings,
-    reach: float | Tensor, trust: Tensor | None = None,
+    reach: float | Tensor, trust: Tensor | None = None, fetcher: Fetcher | None = None,
 ) -> Effect:  # fmt: skip
     """Eq. 2 with everything of section 5 on current c̃ (N, C, H, W): c = α c̃ + (1 − α) c*, cleaned up.
 
-    vectors None: the spatial filter alone. reach: of that filter, see `limit`. trust: G of Eq. 4. name: in
-    the profile.
+    vectors None: the spatial filter alone. reach: of that filter, see `limit`. trust: G of Eq. 4. fetcher: in place of
+    plain fetching at the vectors' ends. name: in the profile.
     """
     if vectors is None or track is None:
         return finish(name, start(current, settings), vectors, scene, settings)
     with record_function(f"trmv/{name}/temporal"):
-        fetched = fetch(track, vectors, scene.frame.reset)
+        fetched = fetch(track, fetcher or fetch_from_anything(vectors), scene.frame.reset)
         clamped = limit(fetched.history, current, reach, settings)
         weight = weigh(fetched, settings, trust)
         # Not lerp alone: a history that is not valid must not leave a trace, not even of rounding.
@@ -99,10 +99,10 @@ def start(current: Tensor, settings: Settings) -> Blended:
     return Blended(current, one, one, _first(settings) * one)
 
 
-def fetch(track: Track, vectors: Reprojection, reset: Tensor | None) -> Fetched:
-    """The track at the ends of the vectors, bilinear; valid inside the image and without a reset."""
-    history, valid = fetch_history(track.history, vectors, reset)
-    return Fetched(history, warp(track.variance, vectors.motion).image, valid)
+def fetch(track: Track, fetcher: Fetcher, reset: Tensor | None) -> Fetched:
+    """The track at the ends of the vectors; valid where the fetcher finds it and without a reset."""
+    valid = fetcher.valid if reset is None else fetcher.valid & ~(reset.view(-1, 1, 1, 1) > 0)
+    return Fetched(fetcher(track.history), fetcher(track.variance), valid)
 
 
 def weigh(fetched: Fetched, settings: Settings, trust: Tensor | None = None) -> Weight:

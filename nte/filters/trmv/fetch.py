@@ -1,0 +1,86 @@
+"""Fetching history from the surface that it belongs to: bilinear over those of the four pixels that show it."""
+
+from typing import NamedTuple
+
+import torch
+from torch import Tensor
+
+from nte.filters.trmv.scene import Scene
+from nte.motion.geometric import Reprojection
+from nte.motion.warp import inside, nearest_index, pixel_centres, warp
+
+DEEPER = 0.1  # relative difference of depth to that expected: leaves room for motion in depth
+LEAST_WEIGHT = 0.01  # of the pixels that show the surface
+CORNERS = ((0, 0), (1, 0), (0, 1), (1, 1))
+
+
+class Edge(NamedTuple):
+    """The pixels, P of them, whose four do not all show the same surface, and what they gather instead."""
+
+    at: tuple[Tensor, Tensor, Tensor]  # indices (P,) of batch, row and column
+    source: Tensor  # (4, P) row-major indices of the four pixels
+    weight: Tensor  # (4, P), with the sum 1, or 0 where none shows it
+
+
+class Fetcher(NamedTuple):
+    """Vectors, and where the surfaces seen at their ends are mixed."""
+
+    motion: Tensor  # (N, 2, H, W) px, to the previous frame
+    valid: Tensor  # (N, 1, H, W) bool: some pixel at the end of the vector shows the surface
+    edge: Edge | None = None
+
+    def __call__(self, image: Tensor) -> Tensor:
+        """The previous frame's image (N, C, H, W) at the ends of the vectors."""
+        fetched = warp(image, self.motion).image
+        if self.edge is not None and self.edge.source.shape[1]:
+            n, y, x = self.edge.at
+            flat = image.flatten(2)
+            mixed = sum(flat[n, :, s] * w[:, None] for s, w in zip(self.edge.source, self.edge.weight, strict=True))
+            fetched[n, :, y, x] = mixed
+        return fetched
+
+
+def fetch_from_anything(vectors: Reprojection) -> Fetcher:
+    """Plain bilinear fetching: across edges, and from whatever hid the surface."""
+    return Fetcher(vectors.motion, vectors.valid & inside(pixel_centres(vectors.motion) + vectors.motion))
+
+
+def fetch_from_surface(vectors: Reprojection, scene: Scene) -> Fetcher:
+    """Fetching from pixels whose depth is that of the surface; where it was hidden, and so history is taken from
+    beside the occluder, that of the nearest pixel there. A miss matches a miss.
+
+    Depths are compared as 1/z, which is linear in the image on a plane, however steep.
+    """
+    plain = fetch_from_anything(vectors)
+    if scene.before is None:
+        return plain
+    width = vectors.motion.shape[3]
+    end = pixel_centres(vectors.motion) + vectors.motion
+    corner = end - 0.5
+    x, y = (corner - corner.floor()).chunk(2, 1)
+    before = torch.where(scene.before.depth > 0, 1 / scene.before.depth, 0.0).flatten(2)
+
+    def at(position: Tensor) -> tuple[Tensor, Tensor]:
+        index = nearest_index(position)
+        return index, before.gather(2, index).view_as(x)
+
+    _, beside = at(end)
+    expected = torch.where(vectors.disoccluded, beside, scene.guide.disparity)
+    room = expected * DEEPER + scene.guide.slope.abs().sum(1, keepdim=True)
+    sources, weights, whole = [], [], torch.ones_like(plain.valid)
+    for right, down in CORNERS:
+        index, seen = at(corner.floor() + corner.new_tensor([right + 0.5, down + 0.5]).view(1, 2, 1, 1))
+        same = ((seen - expected).abs() <= room) & ((seen > 0) == (expected > 0))
+        weights.append((x if right else 1 - x) * (y if down else 1 - y) * same)
+        whole &= same
+        sources.append(index)
+    total = weights[0] + weights[1] + weights[2] + weights[3]
+    n, row, column = (~whole & plain.valid)[:, 0].nonzero(as_tuple=True)
+    found = total[n, 0, row, column]
+    share = torch.where(found >= LEAST_WEIGHT, 1 / found.clamp(min=LEAST_WEIGHT), 0.0)
+    edge = Edge(
+        (n, row, column),
+        torch.stack([source[n, 0, row * width + column] for source in sources]),
+        torch.stack([weight[n, 0, row, column] * share for weight in weights]),
+    )
+    return Fetcher(vectors.motion, plain.valid & (total >= LEAST_WEIGHT), edge)

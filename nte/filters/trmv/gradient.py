@@ -1,0 +1,22 @@
+"""The temporal component of A-SVGF in place of reliable vectors: the paper's «temporal gradient» comparison."""
+
+from torch import Tensor
+from torch.profiler import record_function
+
+from nte.filters.asvgf import change_of, stratify
+from nte.filters.moments import brightness
+from nte.filters.reproject import surface_of
+from nte.frames.frame import Frame
+
+
+def unchanged(frame: Frame, component: str, light: Tensor) -> Tensor:
+    """1 − λ, (N, 1, H, W): how far the history of a component may be trusted, so that α ← lerp(α, 1, λ).
+
+    From `gradient_<component>` (N, 2, H, W) where the frame has it, else from `gradient`, which is of all light
+    together. light (N, C, H, W): the component's noisy samples.
+    """
+    with record_function(f"trmv/{component}/gradient"):
+        own = frame.get(f"gradient_{component}")
+        surface = surface_of(frame["depth"], frame["normal"])
+        change = change_of(stratify(frame["gradient"] if own is None else own, brightness(light), surface))
+        return 1 - change[..., : light.shape[2], : light.shape[3]]
