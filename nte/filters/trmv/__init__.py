@@ -31,6 +31,7 @@ CHOICES = {
     "indirect": ("cones", "colour"),
     "reshading": ("cosine", "paper"),
     "history": ("cleaned", "blended"),
+    "neighbourhood": ("spaced", "adjacent"),
 }
 _GEOMETRY = ("normal", "depth", "roughness", "motion")
 _VECTORS = {"visibility": "shadow", "glossy": "glossy", "indirect": "occlusion"}  # the option that chooses them
@@ -57,10 +58,10 @@ class Trmv:
         self, target: str = "color", shadow: str = "reliable", glossy: str = "reliable", occlusion: str = "dual",
         indirect: str = "cones", reshading: str = "cosine", half_angle: float = math.degrees(HALF_ANGLE),
         alpha: float = 0.1, warm_up: bool = True, clamp: float = 3.0, cleanup: bool = True,
-        history: str = "cleaned", device: str = "cpu",
+        history: str = "cleaned", neighbourhood: str = "spaced", device: str = "cpu",
     ) -> None:  # fmt: skip
         chosen = {"target": target, "shadow": shadow, "glossy": glossy, "occlusion": occlusion, "indirect": indirect,
-                  "reshading": reshading, "history": history}  # fmt: skip
+                  "reshading": reshading, "history": history, "neighbourhood": neighbourhood}  # fmt: skip
         for key, value in chosen.items():
             if value not in CHOICES[key]:
                 raise NteError(f"trmv: {key} is '{value}', expected one of {', '.join(CHOICES[key])}")
@@ -69,7 +70,7 @@ class Trmv:
                 raise NteError(f"trmv: {key} is {number}, expected a number above 0, at most {most}")
         self.target, self.device, self.chosen = target, device, chosen
         self.cones = Cones(math.radians(half_angle), WEIGHTS if reshading == "cosine" else EQ_11)
-        self.settings = Settings(alpha, warm_up, clamp, cleanup, history == "cleaned")
+        self.settings = Settings(alpha, warm_up, clamp, cleanup, history == "cleaned", neighbourhood == "adjacent")
         self.components = COMPONENTS if target == "color" else ()
         self.needs, self.optional = self._channels()
 

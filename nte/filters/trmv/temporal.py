@@ -29,6 +29,7 @@ class Settings:
     clamp: float = 3.0  # history within μ ± clamp·σ of the current neighbourhood; inf: as it is
     clean_up: bool = True
     cleaned_history: bool = True  # the history is the cleaned output; false: the blended one
+    adjacent: bool = False  # clamp to 3×3 adjacent pixels, as TAA does; false: to 5×5 pixels that lie apart (ours)
 
 
 class Track(NamedTuple):
@@ -130,7 +131,9 @@ def limit(
     """
     if settings.clamp == float("inf"):
         return history
-    if not isinstance(reach, Tensor):
+    if settings.adjacent:
+        moments = neighbourhood_moments(current)
+    elif not isinstance(reach, Tensor):
         moments = neighbourhood_moments(current, NEIGHBOURHOOD, spacing(reach))
     else:
         near, far = (neighbourhood_moments(current, NEIGHBOURHOOD, step) for step in (1, _APART))
