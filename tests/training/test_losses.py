@@ -18,9 +18,7 @@ LINEAR = LossConfig(space="linear")
 class Painter(nn.Module):
     """A stand-in for the network: its image is `color`, its mask the first component of `normal`."""
 
-    def step(
-        self, frame: Frame, state: TemporalState | None, extras: tuple[str, ...]
-    ) -> tuple[Result, TemporalState]:
+    def step(self, frame: Frame, state: TemporalState | None, extras: tuple[str, ...]) -> tuple[Result, TemporalState]:
         color = frame["color"]
         state = TemporalState(color, color[:, :1], frame.exposure, frame.depth_scale)  # type: ignore[arg-type]
         return Result(color, {"disoccluded": frame["normal"][:, :1]}), state
@@ -168,6 +166,7 @@ def test_a_reference_that_is_all_bad_costs_nothing() -> None:
     total, parts = loss(LossConfig(irradiance=1.0), batch([3.0, 4.0], [float("nan")] * 2, masks=[1, 1]), occlusion=1.0)
     assert total == 0
     assert set(parts.values()) == {0}
+
 
 def test_spaces() -> None:
     radiance, exposure = torch.rand(2, 3, 4, 5) * 10, torch.tensor([0.5, 2.0])
