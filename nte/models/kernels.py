@@ -19,7 +19,7 @@ def apply_kernels(image: Tensor, kernels: Tensor) -> Tensor:
     """
     padded = F.pad(image, [math.isqrt(int(kernels.shape[1])) // 2] * 4, mode="replicate")
     # A traced graph takes the plain operators. So does inference, which has nothing to save.
-    if torch.is_grad_enabled() and not torch.jit.is_tracing():  # type: ignore[attr-defined]
+    if torch.is_grad_enabled() and not torch.jit.is_tracing():  # type: ignore[attr-defined, no-untyped-call]
         filtered: Tensor = _ApplyKernels.apply(padded, kernels)  # type: ignore[no-untyped-call]
         return filtered
     return _sum_of_taps(padded, kernels)
@@ -37,7 +37,7 @@ class _ApplyKernels(torch.autograd.Function):
         return _sum_of_taps(padded, kernels)
 
     @staticmethod
-    @once_differentiable  # type: ignore[untyped-decorator]
+    @once_differentiable
     def backward(ctx: Any, grad: Tensor) -> tuple[Tensor | None, Tensor | None]:
         padded, kernels = ctx.saved_tensors
         wants_image, wants_kernels = ctx.needs_input_grad
