@@ -79,7 +79,7 @@ def _difference(saved: list[list[str]], now: list[list[str]]) -> str:
 
 def _read(path: Path) -> Plan:
     if not path.is_file():
-        raise NteError(f"{path}: missing, so nobody knows what the run was trained on: train it again")
+        raise NteError(f"{path}: missing, so nobody knows what the run was trained on: start it anew with --force")
     try:
         loaded: Any = json.loads(path.read_text(encoding="utf-8"))
         plan = Plan(**{field.name: loaded[field.name] for field in fields(Plan)})
@@ -87,5 +87,5 @@ def _read(path: Path) -> Plan:
         if not well_formed or any([str(n), str(d)] != [n, d] for n, d in (*plan.clips, *plan.validation)):
             raise ValueError("another type of value than expected")
     except (OSError, ValueError, TypeError, KeyError, RecursionError) as error:
-        raise NteError(f"{path}: not a plan of ours, or damaged: {error}: train the run again") from error
+        raise NteError(f"{path}: not a plan of ours, or damaged: {error}: start the run anew with --force") from error
     return plan
