@@ -184,20 +184,20 @@ class TemporalDenoiser(nn.Module):
         if config.feed_masks:
             features += [valid.to(light.dtype), disoccluded.to(light.dtype)]
         # On the first frame the paper's rule holds: the noisy image takes the place of the warped one, everywhere.
-        filtered, alpha = self._filter(torch.cat(features, 1), light, warped, valid | ~continues)
+        warped = torch.cat([warped, (valid | ~continues).to(light.dtype)], 1)
+        filtered, alpha = self._filter(torch.cat(features, 1), light, warped)
         image = remodulate(filtered, albedo) if config.demodulate else filtered
         return Denoised(image / scale, filtered, disoccluded.float(), valid.float(), alpha)
 
-    def _filter(self, features: Tensor, light: Tensor, warped: Tensor, usable: Tensor) -> tuple[Tensor, Tensor]:
+    def _filter(self, features: Tensor, light: Tensor, warped: Tensor) -> tuple[Tensor, Tensor]:
         """Predict kernels from the features and apply them: (filtered light ≥ 0, α of the last blend).
 
-        usable (N, 1, H, W): the pixels of `warped` that the temporal kernels may read.
+        warped (N, 4, H, W): the previous output, and 1 where the temporal kernels may read it, else 0.
         """
         config = self.config
         height, width = light.shape[-2:]
         pad = (0, -width % self.multiple, 0, -height % self.multiple)
-        weight = usable.to(light.dtype)
-        features, light, warped, weight = (F.pad(x, pad, mode="replicate") for x in (features, light, warped, weight))
+        features, light, warped = (F.pad(x, pad, mode="replicate") for x in (features, light, warped))
         front = F.pixel_unshuffle(features, config.front) if config.front > 1 else features
         predicted = self.heads(self.unet(front))
         pyramid = [light]
@@ -210,7 +210,7 @@ class TemporalDenoiser(nn.Module):
         output = output.clamp(min=0)  # before it is blended, compressed or kept: Eq. 4 may go negative
         alpha, _, temporal = predicted[0]
         if config.temporal:
-            history, known = _apply_masked(warped, weight, temporal)
+            history, known = _apply_masked(warped[:, :3], warped[:, 3:], temporal)
             alpha = torch.where(known, alpha, 1.0)
             output = alpha * output + (1 - alpha) * history  # Eq. 1
         return output[..., :height, :width], alpha[..., :height, :width]

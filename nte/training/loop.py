@@ -58,7 +58,7 @@ def train(config: TrainConfig, force: bool = False, device: str = "auto") -> Pat
         try:
             _run(config, fabric, denoiser, data, chosen, plan, run)
         finally:
-            if fabric.is_global_zero:
+            if fabric.local_rank == 0:  # of every machine: its disk may be its own
                 run.forget_decoded()
     return run.folder
 

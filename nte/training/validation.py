@@ -95,7 +95,7 @@ def _score(denoiser: TemporalDenoiser, clip: Clip, first: int) -> tuple[list[Ten
         if i < first:
             continue
         count_bad_pixels(frame, "reference", clip.folder)
-        exposure = state.exposure
+        exposure = state.exposure.nan_to_num(1)  # unknown where there was no light yet
         reference, usable = usable_reference(frame["reference"], exposure)
         scale = per_sequence(exposure)
         errors.append(masked_mean((compress(result.image * scale) - compress(reference * scale)).abs(), usable))

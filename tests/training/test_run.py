@@ -175,6 +175,26 @@ def test_bad_pixels_of_the_reference_are_left_out(tmp_path: Path, noisy_disc: Pa
     assert all(np.isfinite(value) for line in metrics(run) for value in line.values())
 
 
+def test_clips_with_backward_vectors_only_train_and_validate(tmp_path: Path, noisy_disc: Path) -> None:
+    frames = [read_frame(noisy_disc / f"frame_{i:04d}.exr") for i in range(4)]
+    for frame in frames:
+        del frame["forward_motion"]
+    clip = write_clip(tmp_path / "bare", frames)
+    run = train(tiny_config(tmp_path, clip, "data.batch=1"), device="cpu")
+    assert [line["step"] for line in metrics(run) if "validation_psnr" in line] == [4, 8]
+    # It is the training of a clip that has forward vectors, with all of them scattered; with its own it is another one.
+    choices = {"scattered": "data.scatter=1", "stored": "data.scatter=0"}
+    ours, scattered, stored = (
+        checkpoint(folder)["denoiser.heads.heads.0.weight"]
+        for folder in (run, *(
+            train(tiny_config(tmp_path, noisy_disc, "data.batch=1", choice, f"name={name}"), device="cpu")
+            for name, choice in choices.items()
+        ))
+    )  # fmt: skip
+    assert torch.equal(ours, scattered)
+    assert not torch.equal(ours, stored)
+
+
 def test_a_loss_that_is_not_finite_stops_before_the_checkpoint_and_names_the_clip(
     tmp_path: Path, noisy_disc: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

@@ -8,6 +8,7 @@ import torch
 
 from nte.errors import NteError
 from nte.frames.clip import Clip
+from nte.info import describe
 from nte.registry import load_denoiser
 from nte.training.checkpoint import read_checkpoint
 from nte.training.loop import train
@@ -119,6 +120,7 @@ def test_the_best_checkpoint_is_that_of_the_best_validation(tmp_path: Path, nois
     assert validate(loaded, ValidationSet([Clip(noisy_disc)], 1)).psnr == pytest.approx(psnr[best])
     name = "unet.encoders.0.0.weight"
     assert not torch.equal(loaded.state_dict()[name], load_run(run).state_dict()[name])
+    assert f"best validation: {psnr[best]:.2f} dB after {best} steps, in {run / 'best.safetensors'}" in describe(run)
     typed = load_denoiser(str(run / "best.safetensors"))
     assert torch.equal(typed.state_dict()[name], loaded.state_dict()[name])  # type: ignore[attr-defined]
 
