@@ -54,12 +54,13 @@ class Plan:
 
 
 def digests(clips: Sequence[Clip]) -> list[list[str]]:
-    """[name, digest of clip.json and number of frames] of each clip."""
-    found = []
-    for clip in clips:
-        content = (clip.folder / "clip.json").read_bytes() + str(len(clip)).encode()
-        found.append([clip.name, sha256(content).hexdigest()[:16]])
-    return found
+    """[name, digest of what clip.json says] of each clip; it says the number of frames too."""
+    return [[clip.name, digest_of(clip)] for clip in clips]
+
+
+def digest_of(clip: Clip, *more: object) -> str:
+    """16 hexadecimal digits of what clip.json says, and of whatever else."""
+    return sha256(repr((json.dumps(clip.info, sort_keys=True), *more)).encode()).hexdigest()[:16]
 
 
 def _difference(saved: list[list[str]], now: list[list[str]]) -> str:

@@ -12,7 +12,6 @@ import shutil
 import warnings
 from collections.abc import Callable, Sequence
 from contextlib import suppress
-from hashlib import sha256
 from pathlib import Path
 from typing import NamedTuple
 
@@ -29,6 +28,7 @@ from nte.frames.frame import Frame
 from nte.frames.reference import BadReferenceWarning, count_bad_pixels, describe_bad_pixels
 from nte.frames.scalars import sequence_scalars
 from nte.motion.geometric import scatter_forward_motion
+from nte.training.plan import digest_of
 
 TILE = 64  # pixels; a crop of 256 reads 1.6 times its size
 FORMAT = "nte-tiles/1"
@@ -106,6 +106,7 @@ class ClipStore:
                 temporary.mkdir()
                 made = self._decode(key, lambda shape, dtype: _allocate(temporary / "tiles.npy", shape))
                 np.save(temporary / "scalars.npy", made.scalars)
+                _reach_the_disk(temporary)
                 with suppress(FileExistsError, NotADirectoryError):
                     _rename(temporary, path)
             except OSError as error:
@@ -158,10 +159,12 @@ class ClipStore:
 
     def _digest(self, clip: Clip, seed: int) -> str:
         """Of all that the tiles are made from: a clip that is rendered again has other tiles."""
-        paths = [frame_path(clip.folder, i, s) for s in {0, seed} for i in range(len(clip))]
-        stats = [(path.name, (stat := path.stat()).st_size, stat.st_mtime_ns) for path in paths]
-        about = FORMAT, TILE, self.channels, seed, str(clip.folder.resolve()), stats
-        return sha256(repr(about).encode() + (clip.folder / "clip.json").read_bytes()).hexdigest()[:16]
+        paths = [frame_path(clip.folder, i, s) for s in sorted({0, seed}) for i in range(len(clip))]
+        try:
+            stats = [(path.name, (stat := path.stat()).st_size, stat.st_mtime_ns) for path in paths]
+        except OSError as error:
+            raise NteError(f"{error.filename}: cannot be read: {error.strerror}") from error
+        return digest_of(clip, FORMAT, TILE, self.channels, seed, str(clip.folder.resolve()), stats)
 
 
 def width_of(channel: str) -> int:
@@ -184,6 +187,13 @@ def _allocate(path: Path, shape: tuple[int, ...]) -> Pixels:
         with path.open("r+b") as file:
             os.posix_fallocate(file.fileno(), 0, path.stat().st_size)
     return tiles
+
+
+def _reach_the_disk(folder: Path) -> None:
+    """Wait until files are on the disk: after a power cut, a name without its content would be a clip of zeros."""
+    for path in folder.iterdir():
+        with path.open("r+b") as file:
+            os.fsync(file.fileno())
 
 
 def _rename(temporary: Path, path: Path) -> None:
