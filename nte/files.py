@@ -16,6 +16,8 @@ from nte.errors import NteError
 _HERE = sha256(socket.gethostname().encode()).hexdigest()[:8]
 _OWNER = re.compile(r"\.(?P<host>[0-9a-f]{8})_(?P<process>\d+)_[0-9a-f]{8}\.tmp$")
 
+_held: set[int] = set()  # descriptors of the folders that this process has locked
+
 
 def temporary_name(path: Path) -> Path:
     """A hidden name beside `path` that tells who is writing: .NAME.HOST_PROCESS_TOKEN.tmp."""
@@ -88,6 +90,7 @@ def only_writer(folder: Path) -> Iterator[None]:
     was_there = folder.is_dir()
     make_folder(folder)
     descriptor = _locked(folder)
+    _held.update(() if descriptor is None else (descriptor,))
     try:
         sweep(folder)
         yield
@@ -96,7 +99,20 @@ def only_writer(folder: Path) -> Iterator[None]:
             if not was_there:
                 folder.rmdir()  # only if it is empty
         if descriptor is not None:
+            _held.discard(descriptor)
             os.close(descriptor)
+
+
+def _close_inherited() -> None:
+    """Close in a forked process the locks of its parent: a worker would hold the folder after its parent was killed."""
+    for descriptor in _held:
+        with suppress(OSError):
+            os.close(descriptor)
+    _held.clear()
+
+
+if hasattr(os, "register_at_fork"):
+    os.register_at_fork(after_in_child=_close_inherited)
 
 
 def _locked(folder: Path) -> int | None:

@@ -37,9 +37,13 @@ def _model(path: Path) -> str:
 
 
 def _run(folder: Path) -> str:
-    from nte.training.checkpoint import read_checkpoint
+    from nte.training.checkpoint import BEST, read_checkpoint
     from nte.training.run import load_run
 
     step, _ = read_checkpoint(folder)
     parameters = sum(p.numel() for p in load_run(folder).parameters())
-    return f"run {folder}: {step} steps done, {parameters:,} parameters; every choice is in {folder / 'config.yaml'}"
+    said = f"run {folder}: {step} steps done, {parameters:,} parameters; every choice is in {folder / 'config.yaml'}"
+    if not (folder / BEST).is_file():
+        return said
+    best, state = read_checkpoint(folder, BEST)
+    return f"{said}\n  best validation: {state['psnr'].item():.2f} dB after {best} steps, in {folder / BEST}"

@@ -26,7 +26,8 @@ NAMES: dict[str, tuple[str, str, str]] = {
 
 
 def load_denoiser(spec: str, device: str = "cpu") -> Denoiser:
-    """The denoiser that `spec` names: a run folder, an .onnx file, or `name:key=value,key=value`.
+    """The denoiser that `spec` names: a run folder, an .onnx file, or `name:key=value,key=value`. A checkpoint
+    in a run folder stands for it as well: RUN/best.safetensors.
 
     What exists on disk wins over a name. `estimate+` before any of them, or `estimate:key=value+`: with motion that is
     estimated from the images (nte.filters.estimated; noise, guides, known). Option `target=components`, of those that
@@ -43,7 +44,7 @@ def load_denoiser(spec: str, device: str = "cpu") -> Denoiser:
         from nte.runtime.session import OnnxDenoiser
 
         return OnnxDenoiser(path, [onnx_provider(device)])
-    if (path / "config.yaml").is_file():
+    if (path / "config.yaml").is_file() or path.suffix == ".safetensors":
         return _construct("nte.training.run", "load_run", "train", spec, {"folder": path}, device)
     name, _, options = spec.partition(":")
     if name not in NAMES:

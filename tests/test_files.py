@@ -102,3 +102,26 @@ def test_a_read_only_folder_is_one_line(read_only: Path) -> None:
         read_only / "new"
     ):
         pass
+
+
+@pytest.mark.skipif(not hasattr(os, "fork"), reason="no fork here")
+def test_a_forked_worker_does_not_keep_the_folder_of_its_parent(tmp_path: Path) -> None:
+    # As where a training is killed, and its loading workers have not noticed yet.
+    (ended, end), (started, start) = os.pipe(), os.pipe()
+    with only_writer(tmp_path):
+        child = os.fork()
+        if child == 0:
+            os.write(start, b"x")
+            os.read(ended, 1)
+            os._exit(0)
+        os.read(started, 1)
+        with pytest.raises(NteError, match="another process is writing to it"), only_writer(tmp_path):
+            pass
+    try:
+        with only_writer(tmp_path):
+            pass
+    finally:
+        os.write(end, b"x")
+        os.waitpid(child, 0)
+        for descriptor in (ended, end, started, start):
+            os.close(descriptor)

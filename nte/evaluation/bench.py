@@ -21,6 +21,7 @@ from nte.denoiser import Denoiser, State, check_needs
 from nte.errors import NteError
 from nte.evaluation.bench_frames import Source, source_of
 from nte.frames.clip import Clip
+from nte.frames.reference import usable_pixels
 from nte.frames.scalars import sequence_scalars
 from nte.progress import Progress
 from nte.registry import load_denoiser
@@ -184,13 +185,14 @@ def _peak_mb() -> float:
 
 
 def _psnr(image: Any, reference: Any, exposure: Any) -> float:
-    """PSNR with peak 1, in decibels, after the display transform."""
+    """PSNR with peak 1, in decibels, after the display transform, of the pixels whose reference says something."""
     import torch
 
     from nte.color import display
 
     shown = [display(torch.as_tensor(a), torch.as_tensor(exposure)) for a in (image, reference)]
-    return float(-10 * torch.log10((shown[0] - shown[1]).square().mean().clamp(min=1e-12)))
+    errors = (shown[0] - shown[1]).square().mean(1, keepdim=True)[usable_pixels(torch.as_tensor(reference))]
+    return float(-10 * torch.log10(errors.mean().clamp(min=1e-12)))
 
 
 def named_steps(denoiser: Denoiser, source: Source, frames: int = 2) -> dict[str, float]:

@@ -2,6 +2,7 @@
 
 import statistics
 import time
+import warnings
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from typing import Any
@@ -15,6 +16,7 @@ from nte.evaluation.table import METRICS
 from nte.evaluation.truth import Truth, displayed, picture, read_truth, reference_of
 from nte.frames.clip import Clip
 from nte.frames.frame import Frame
+from nte.frames.reference import BadReferenceWarning, describe_bad_pixels
 from nte.frames.scalars import sequence_scalars
 from nte.frames.show import RGB, heat, quantise
 
@@ -53,6 +55,7 @@ class ClipRun:
         self.truths: dict[str, Truth] = {}
         self.shown: dict[str, Shown] = {}  # by target
         self._depth: Tensor | None = None  # of the frame before
+        self._told: set[str] = set()  # targets whose bad pixels were told
 
     @torch.no_grad()
     def advance(self, index: int) -> None:
@@ -61,6 +64,7 @@ class ClipRun:
         on_device = frame.torch(self.device)
         before = self.truths
         self.truths = {target: read_truth(frame, target, self.exposure, self.label) for target in self.targets}
+        self._tell_bad_pixels(index)
         regions = regions_of(frame, self._depth)
         self._depth = frame.get("depth")
         scored = index >= self.first
@@ -76,6 +80,13 @@ class ClipRun:
                         self.shown[target].images[run.spec] = picture(output.cpu(), target, self.exposure)
                         self.shown[target].flip[run.spec] = quantise(heat(maps["flip"][0, 0].numpy(), "magma"))
                 track.before = image
+
+    def _tell_bad_pixels(self, index: int) -> None:
+        for target, truth in self.truths.items():
+            if truth.bad and target not in self._told:
+                self._told.add(target)
+                told = describe_bad_pixels(truth.bad, reference_of(target), self.label, index)
+                warnings.warn(told, BadReferenceWarning, stacklevel=3)
 
     def rows(self) -> list[dict[str, Any]]:
         """The rows of metrics.json, one per denoiser, target and region."""
@@ -150,8 +161,12 @@ class _Track:
     def score(
         self, image: Tensor, truth: Truth, before: Truth | None, regions: Mapping[str, Tensor]
     ) -> dict[str, Tensor]:
-        """Add the scores of one frame; gives its error maps."""
-        scores, maps = score(image, truth.image, regions)
+        """Add the scores of one frame; gives its error maps.
+
+        Where the reference says nothing no region has a pixel, and windows around it see no error.
+        """
+        seen = {region: pixels & truth.usable for region, pixels in regions.items()}
+        scores, maps = score(torch.where(truth.usable, image, truth.image), truth.image, seen)
         if before and self.before is not None:
             maps["temporal_l1"] = temporal_l1(image, self.before, truth.image, before.image)
             if truth.halves and before.halves:
@@ -159,7 +174,8 @@ class _Track:
                 maps["temporal_l1_floor"] = temporal_l1_floor(a, a_before, b, b_before)
         for name in ("temporal_l1", "temporal_l1_floor"):
             for region, values in scores.items():
-                values[name] = region_mean(maps[name], regions[region]) if name in maps else None
+                compared = seen[region] & before.usable if before else seen[region]
+                values[name] = region_mean(maps[name], compared) if name in maps else None
         self.scores.append(scores)
         return maps
 

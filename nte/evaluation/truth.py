@@ -2,12 +2,14 @@
 
 from typing import NamedTuple
 
+import torch
 from torch import Tensor
 
 from nte.color import display
 from nte.errors import NteError
 from nte.frames.channels import CHANNELS
 from nte.frames.frame import Frame
+from nte.frames.reference import count_bad_pixels, usable_pixels
 from nte.frames.show import RGB, quantise
 
 # Indirect light is a small part of a picture; papers print it ten times as bright, and so do our pictures of it.
@@ -17,8 +19,10 @@ BRIGHTENED = {"indirect": 10.0}
 class Truth(NamedTuple):
     """A target's reference after the display transform, and its two independent halves if stored."""
 
-    image: Tensor  # (1, 3, H, W)
+    image: Tensor  # (1, 3, H, W); 0 where it is not usable
     halves: tuple[Tensor, Tensor] | None
+    usable: Tensor  # (1, 1, H, W) bool: where the reference says something; the rest is not scored
+    bad: int  # how many pixels do not
 
 
 def reference_of(target: str) -> str:
@@ -27,12 +31,18 @@ def reference_of(target: str) -> str:
 
 
 def read_truth(frame: Frame, target: str, exposure: Tensor, clip: str) -> Truth:
-    """The truth of a target in a frame; `clip` names it in errors. exposure: (1,), of the sequence."""
+    """The truth of a target in a frame; `clip` names it in errors. exposure: (1,), of the sequence.
+
+    Raises NteError where too many pixels of the reference say nothing.
+    """
     name = reference_of(target)
     where = f"'{name}' of {clip}, frame {frame.index}"
+    bad = count_bad_pixels(frame, name, clip)
     halves = [frame[half] for half in (f"{name}_a", f"{name}_b") if half in frame]
-    shown = [displayed(image, target, exposure, where, frame.size) for image in (frame[name], *halves)]
-    return Truth(shown[0], (shown[1], shown[2]) if len(halves) == 2 else None)
+    images = (frame[name], *halves)
+    usable = torch.stack([usable_pixels(image) for image in images]).all(0)
+    shown = [displayed(torch.where(usable, image, 0.0), target, exposure, where, frame.size) for image in images]
+    return Truth(shown[0], (shown[1], shown[2]) if len(halves) == 2 else None, usable, bad)
 
 
 def displayed(image: Tensor, target: str, exposure: Tensor, where: str, size: tuple[int, ...]) -> Tensor:

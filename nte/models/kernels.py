@@ -1,11 +1,13 @@
 """Applying predicted kernels, and combining scales with them."""
 
 import math
-from typing import Literal
+from collections.abc import Iterator
+from typing import Any, Literal
 
 import torch
 import torch.nn.functional as F
 from torch import Tensor
+from torch.autograd.function import once_differentiable
 
 Downsample = Literal["max", "mean"]
 
@@ -13,17 +15,59 @@ Downsample = Literal["max", "mean"]
 def apply_kernels(image: Tensor, kernels: Tensor) -> Tensor:
     """Filter image (N, C, H, W) with one kernel per pixel, kernels (N, K·K, H, W), row by row.
 
-    The border repeats, so kernels that sum to one keep a constant constant. A loop over the K² taps: an
-    unfold would hold K²·C images at once.
+    The border repeats, so kernels that sum to one keep a constant constant. Differentiable once.
     """
-    size = math.isqrt(int(kernels.shape[1]))
-    height, width = image.shape[-2:]
-    padded = F.pad(image, [size // 2] * 4, mode="replicate")
-    filtered = torch.zeros_like(image)
-    for tap in range(size * size):
-        dy, dx = divmod(tap, size)
-        filtered = filtered + kernels[:, tap : tap + 1] * padded[:, :, dy : dy + height, dx : dx + width]
+    padded = F.pad(image, [math.isqrt(int(kernels.shape[1])) // 2] * 4, mode="replicate")
+    # A traced graph takes the plain operators. So does inference, which has nothing to save.
+    if torch.is_grad_enabled() and not torch.jit.is_tracing():  # type: ignore[attr-defined, no-untyped-call]
+        filtered: Tensor = _ApplyKernels.apply(padded, kernels)  # type: ignore[no-untyped-call]
+        return filtered
+    return _sum_of_taps(padded, kernels)
+
+
+class _ApplyKernels(torch.autograd.Function):
+    """The sum over taps with a backward pass of its own.
+
+    That of the slices writes a padded image of zeros for each tap; tests/benchmarks/kernels.py has the times.
+    """
+
+    @staticmethod
+    def forward(ctx: Any, padded: Tensor, kernels: Tensor) -> Tensor:
+        ctx.save_for_backward(padded, kernels)
+        return _sum_of_taps(padded, kernels)
+
+    @staticmethod
+    @once_differentiable
+    def backward(ctx: Any, grad: Tensor) -> tuple[Tensor | None, Tensor | None]:
+        padded, kernels = ctx.saved_tensors
+        wants_image, wants_kernels = ctx.needs_input_grad
+        of_image = torch.zeros_like(padded) if wants_image else None
+        of_kernels = torch.zeros_like(kernels) if wants_kernels else None
+        for tap, (rows, columns) in enumerate(_windows(padded, kernels)):
+            if of_image is not None:
+                of_image[:, :, rows, columns].addcmul_(kernels[:, tap : tap + 1], grad)
+            if of_kernels is not None:
+                for component in range(grad.shape[1]):  # the product of all, to be summed, costs twice the time
+                    of_kernels[:, tap].addcmul_(padded[:, component, rows, columns], grad[:, component])
+        return of_image, of_kernels
+
+
+def _sum_of_taps(padded: Tensor, kernels: Tensor) -> Tensor:
+    """Σ kernel × shifted image: a loop over the K² taps, where an unfold would hold K²·C images at once."""
+    height, width = kernels.shape[-2:]
+    filtered = torch.zeros_like(padded[:, :, :height, :width])
+    for tap, (rows, columns) in enumerate(_windows(padded, kernels)):
+        filtered = filtered + kernels[:, tap : tap + 1] * padded[:, :, rows, columns]
     return filtered
+
+
+def _windows(padded: Tensor, kernels: Tensor) -> Iterator[tuple[slice, slice]]:
+    """Rows and columns of the padded image that each tap reads, row by row."""
+    height, width = kernels.shape[-2:]
+    size = math.isqrt(int(kernels.shape[1]))
+    for dy in range(size):
+        for dx in range(size):
+            yield slice(dy, dy + height), slice(dx, dx + width)
 
 
 def combine_scales(fine: Tensor, coarse: Tensor, alpha: Tensor, downsample: Downsample) -> Tensor:

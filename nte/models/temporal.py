@@ -201,12 +201,17 @@ class TemporalDenoiser(nn.Module):
             features.append(compress(warped))
         if config.feed_masks:
             features += [valid.to(light.dtype), disoccluded.to(light.dtype)]
+        # On the first frame the paper's rule holds: the noisy image takes the place of the warped one, everywhere.
+        warped = torch.cat([warped, (valid | ~continues).to(light.dtype)], 1)
         filtered, alpha = self._filter(torch.cat(features, 1), light, warped)
         image = filtered if texture is None else filtered * texture
         return Denoised(image / scale, filtered, disoccluded.float(), valid.float(), alpha)
 
     def _filter(self, features: Tensor, light: Tensor, warped: Tensor) -> tuple[Tensor, Tensor]:
-        """Predict kernels from the features and apply them: (filtered light ≥ 0, α of the last blend)."""
+        """Predict kernels from the features and apply them: (filtered light ≥ 0, α of the last blend).
+
+        warped (N, 4, H, W): the previous output, and 1 where the temporal kernels may read it, else 0.
+        """
         config = self.config
         height, width = light.shape[-2:]
         pad = (0, -width % self.multiple, 0, -height % self.multiple)
@@ -223,8 +228,24 @@ class TemporalDenoiser(nn.Module):
         output = output.clamp(min=0)  # before it is blended, compressed or kept: Eq. 4 may go negative
         alpha, _, temporal = predicted[0]
         if config.temporal:
-            output = alpha * output + (1 - alpha) * apply_kernels(warped, temporal)  # Eq. 1
+            history, known = _apply_masked(warped[:, :3], warped[:, 3:], temporal)
+            alpha = torch.where(known, alpha, 1.0)
+            output = alpha * output + (1 - alpha) * history  # Eq. 1
         return output[..., :height, :width], alpha[..., :height, :width]
+
+
+_LEAST_WEIGHT = 1e-12  # of the pixels that a temporal kernel may read: below, it has chosen others
+
+
+def _apply_masked(image: Tensor, weight: Tensor, kernels: Tensor) -> tuple[Tensor, Tensor]:
+    """Apply kernels to the pixels whose weight (N, 1, H, W) is 1, not 0, and renormalise them.
+
+    Gives the image, and (N, 1, H, W) bool: where a kernel had anything to read; elsewhere the image is 0.
+    """
+    summed = apply_kernels(torch.cat([image * weight, weight], 1), kernels)
+    total = summed[:, 3:]
+    known = total > _LEAST_WEIGHT
+    return summed[:, :3] / torch.where(known, total, 1.0) * known, known
 
 
 def _normalised(depth: Tensor, depth_scale: Tensor) -> Tensor:

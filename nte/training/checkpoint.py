@@ -12,10 +12,11 @@ from torch.optim import Optimizer
 from nte.errors import NteError
 from nte.files import write_whole
 
-CHECKPOINT = "checkpoint.safetensors"
+CHECKPOINT = "checkpoint.safetensors"  # the last one, which a run goes on from
+BEST = "best.safetensors"  # weights alone, of the step whose validation was best
 
 
-def write_checkpoint(folder: Path, step: int, state: Mapping[str, Tensor]) -> None:
+def write_checkpoint(folder: Path, step: int, state: Mapping[str, Tensor], name: str = CHECKPOINT) -> None:
     """Replace a run's checkpoint by the state after `step` steps."""
     tensors = {name: tensor.detach().cpu().contiguous() for name, tensor in state.items()}
 
@@ -25,17 +26,19 @@ def write_checkpoint(folder: Path, step: int, state: Mapping[str, Tensor]) -> No
         except SafetensorError as error:  # no space left
             raise OSError(str(error)) from error
 
-    write_whole(folder / CHECKPOINT, write)
+    write_whole(folder / name, write)
 
 
-def read_checkpoint(folder: Path) -> tuple[int, dict[str, Tensor]]:
+def read_checkpoint(folder: Path, name: str = CHECKPOINT) -> tuple[int, dict[str, Tensor]]:
     """(step, tensors) of a run's checkpoint; raises NteError if it is missing or damaged.
 
     Damaged is also a file of which a bit was flipped: its checksum does not fit.
     """
-    path = folder / CHECKPOINT
+    path = folder / name
     if not path.is_file():
-        raise NteError(f"{path}: missing: the run has not reached its first checkpoint")
+        raise NteError(
+            f"{path}: missing: the run has not reached its first {'validation' if name == BEST else 'checkpoint'}"
+        )
     try:
         with safe_open(path, framework="pt") as file:
             step, checksum = int(file.metadata()["step"]), file.metadata()["sha256"]

@@ -25,7 +25,10 @@ class DataConfig:
     holdout: int = 1  # last frames of every clip that are never trained on, for validation
     augment: bool = False  # flips, transposes, colour permutations
     workers: int = 0  # processes that load; 0 loads between steps, best where everything fits the cache
-    cache_gb: float = 4.0  # decoded clips kept in memory, per worker
+    cache_gb: float = 4.0  # decoded clips are kept in memory if all of them fit, once per worker; else in files
+    cache_dir: str = ""  # folder of these files, kept and shared between runs; empty: in the run's, until it ends
+    scatter: float = 0.0  # share of sequences whose previous_forward_motion is made from motion, as in most engines
+    validation: list[str] = field(default_factory=list)  # clips of their own; none: held-out frames of training clips
 
 
 @dataclass
@@ -68,7 +71,7 @@ class TrainConfig:
     precision: str = "32-true"  # or bf16-mixed
     checkpoint_every: int = 500  # steps
     validate_every: int = 500  # steps
-    validate_clips: int = 8  # clips whose held-out frames are looked at
+    validate_clips: int = 8  # clips that are looked at, spread over their families
     log_every: int = 20  # steps
     runs: str = "runs"  # folder that holds the run folders
     resume: bool = False
@@ -103,6 +106,8 @@ def _check(config: TrainConfig) -> None:
     for key in ("spatial", "temporal", "occlusion", "irradiance"):
         _within(f"loss.{key}", getattr(config.loss, key), 0)
     _within("optimiser.ema", config.optimiser.ema, 0, 1)
+    _within("data.scatter", config.data.scatter, 0, 1)
+    _within("data.cache_gb", config.data.cache_gb, 0)
     _within("seed", config.seed, 0, 2**32 - 1)  # what NumPy's and PyTorch's generators both take
     if config.data.warmup >= config.data.frames:
         raise NteError(f"'data.warmup' is {config.data.warmup}, expected less than data.frames")

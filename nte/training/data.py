@@ -1,8 +1,8 @@
 """Clips → training batches. What a step trains on depends on (seed, step) alone, so a run can be resumed."""
 
-from collections import OrderedDict
-from collections.abc import Iterator, Sequence
+from collections.abc import Generator, Sequence
 from pathlib import Path
+from typing import NamedTuple
 
 import numpy as np
 import torch
@@ -11,36 +11,22 @@ from torch.utils.data import DataLoader, Dataset
 
 from nte.errors import NteError
 from nte.frames.clip import Clip, find_clips
-from nte.frames.scalars import sequence_scalars
 from nte.training.augment import Augmentation
 from nte.training.batch import Batch, collate
 from nte.training.config import DataConfig
+from nte.training.tiles import FORWARD, SCATTERED, ClipStore
 
 
-class ClipCache:
-    """Decoded clips, (F, C, H, W) per channel and noise seed, as many as fit the memory given."""
+class Sample(NamedTuple):
+    """One sequence of a batch: which part of which clip, and how it is changed."""
 
-    def __init__(self, clips: Sequence[Clip], channels: Sequence[str], gigabytes: float) -> None:
-        self.clips, self.channels = clips, channels
-        self.budget = gigabytes * 2**30
-        self._kept: OrderedDict[tuple[int, int], dict[str, Tensor]] = OrderedDict()
-
-    def get(self, index: int, seed: int) -> dict[str, Tensor]:
-        """Every frame of clip `index` with noise seed `seed`."""
-        key = index, seed
-        if key not in self._kept:
-            frames = [self.clips[index].frame(i, self.channels, (seed,)) for i in range(len(self.clips[index]))]
-            exposure, depth_scale = sequence_scalars(frames[0])
-            decoded = {name: torch.from_numpy(np.concatenate([f[name] for f in frames])) for name in self.channels}
-            scalars = {"exposure": torch.from_numpy(exposure), "depth_scale": torch.from_numpy(depth_scale)}
-            self._kept[key] = decoded | scalars
-            while len(self._kept) > 1 and self._size() > self.budget:
-                self._kept.popitem(last=False)
-        self._kept.move_to_end(key)
-        return self._kept[key]
-
-    def _size(self) -> int:
-        return sum(t.nbytes for clip in self._kept.values() for t in clip.values())
+    clip: int
+    seed: int
+    frames: slice
+    rows: slice
+    columns: slice
+    augmentation: Augmentation
+    scattered: bool
 
 
 class TrainingSteps(Dataset[Batch | NteError]):
@@ -51,14 +37,20 @@ class TrainingSteps(Dataset[Batch | NteError]):
     """
 
     def __init__(
-        self, clips: Sequence[Clip], channels: Sequence[str], config: DataConfig, seed: int, rank: int, world: int
-    ) -> None:
+        self, clips: Sequence[Clip], channels: Sequence[str], config: DataConfig, seed: int, rank: int, world: int,
+        cache: Path | None = None,
+    ) -> None:  # fmt: skip
+        """Check the clips. cache: the folder of decoded clips where memory cannot hold them, if config names none."""
         self.clips, self.config, self.seed, self.rank, self.world = clips, config, seed, rank, world
-        self.cache = ClipCache(clips, channels, config.cache_gb)
         for clip in clips:
             _check_clip(clip, channels, config)
         if config.crop == 0:
             _check_whole_frames(clips, config)
+        self.scatter = config.scatter if FORWARD in channels else 0.0
+        self.store = ClipStore(clips, channels, scattered=self.scatter > 0)
+        fits = self.store.gigabytes() * max(1, config.workers) <= config.cache_gb  # every worker has its own
+        if config.cache_dir or not fits:
+            self.store.folder = Path(config.cache_dir) if config.cache_dir else cache
 
     @property
     def epoch(self) -> int:
@@ -72,30 +64,45 @@ class TrainingSteps(Dataset[Batch | NteError]):
         except NteError as error:
             return error
 
-    def _batch(self, step: int) -> Batch:
+    def samples(self, step: int) -> list[Sample]:
+        """What the batch of a step consists of."""
         rng = np.random.default_rng([self.seed, step, self.rank])
         epoch, place = divmod(step, self.epoch)
         order = np.random.default_rng([self.seed, epoch]).permutation(len(self.clips))
         # The last step of an epoch is filled up from the beginning of its order.
         begin = (place * self.world + self.rank) * self.config.batch
         chosen = np.take(order, range(begin, begin + self.config.batch), mode="wrap")
-        return collate([self._sequence(int(index), rng) for index in chosen])
+        return [self._draw(int(index), rng) for index in chosen]
 
-    def _sequence(self, index: int, rng: np.random.Generator) -> dict[str, Tensor]:
-        """One clip's channels (F, C, crop, crop), and its scalars (1,)."""
+    def describe(self, step: int) -> str:
+        """The clips and frames of a step, to look at where it went wrong."""
+        return ", ".join(
+            f"{self.clips[s.clip].folder} frames {s.frames.start} to {s.frames.stop - 1}" for s in self.samples(step)
+        )
+
+    def _batch(self, step: int) -> Batch:
+        return collate([self._sequence(sample) for sample in self.samples(step)])
+
+    def _draw(self, index: int, rng: np.random.Generator) -> Sample:
         clip, config = self.clips[index], self.config
-        decoded = self.cache.get(index, int(rng.integers(clip.seeds)))
+        seed = int(rng.integers(clip.seeds))
         trained = len(clip) - config.holdout
         start = int(rng.integers(trained - config.frames + 1)) if config.any_start else 0
-        frames = slice(start, start + config.frames)
         rows, columns = (_crop(size, config.crop, rng) for size in (clip.height, clip.width))
-        images = {k: v[frames, :, rows, columns] for k, v in decoded.items() if v.ndim == 4}
-        if config.augment:
-            images = Augmentation.draw(rng)(images)
-        return images | {k: v for k, v in decoded.items() if v.ndim == 1}
+        augmentation = Augmentation.draw(rng) if config.augment else Augmentation()
+        scattered = self.scatter > 0 and bool(rng.random() < self.scatter)
+        return Sample(index, seed, slice(start, start + config.frames), rows, columns, augmentation, scattered)
+
+    def _sequence(self, sample: Sample) -> dict[str, Tensor]:
+        """One sample's channels (F, C, crop, crop), and its scalars (1,)."""
+        clip = self.store.get(sample.clip, sample.seed)
+        images = clip.crop(sample.frames, sample.rows, sample.columns)
+        if (scattered := images.pop(SCATTERED, None)) is not None and sample.scattered:
+            images[FORWARD] = scattered
+        return sample.augmentation(images) | clip.sequence_scalars()
 
 
-def training_loader(steps: TrainingSteps, first: int, last: int) -> Iterator[Batch]:
+def training_loader(steps: TrainingSteps, first: int, last: int) -> Generator[Batch]:
     """Batches of the steps [first, last), in order, from the configured number of worker processes."""
     workers = steps.config.workers
     loader = DataLoader(
@@ -103,7 +110,7 @@ def training_loader(steps: TrainingSteps, first: int, last: int) -> Iterator[Bat
         prefetch_factor=2 if workers else None, persistent_workers=False,
         generator=torch.Generator(),  # of its own: it would take a number from everybody's each time it starts
     )  # fmt: skip
-    for batch in loader:
+    for batch in loader:  # a generator that is closed ends its worker processes
         if isinstance(batch, NteError):
             raise batch
         yield batch
@@ -120,7 +127,7 @@ def _crop(size: int, crop: int, rng: np.random.Generator) -> slice:
 
 
 def _check_clip(clip: Clip, channels: Sequence[str], config: DataConfig) -> None:
-    missing = [name for name in channels if name not in clip.channels]
+    missing = [name for name in channels if name not in clip.channels and name != FORWARD]  # that is scattered
     if missing:
         have = ", ".join(clip.channels)
         raise NteError(f"{clip.folder}: training needs the channel '{missing[0]}'; the clip has {have}")

@@ -2,8 +2,8 @@
 
 import math
 import os
-import resource
-import time
+from collections.abc import Sequence
+from contextlib import closing, nullcontext
 from pathlib import Path
 from typing import Any, cast
 
@@ -15,67 +15,88 @@ from torch.utils.tensorboard import SummaryWriter
 from tqdm import tqdm
 
 from nte.errors import NteError
+from nte.files import only_writer
+from nte.frames.clip import Clip
 from nte.interrupt import InterruptFlag
 from nte.models.temporal import TemporalDenoiser
 from nte.training.checkpoint import CHECKPOINT, load_module, load_optimiser, module_state, optimiser_state
 from nte.training.config import OptimiserConfig, TrainConfig
 from nte.training.data import TrainingSteps, open_clips, training_loader
 from nte.training.losses import SequenceLoss
-from nte.training.run import RunFolder
-from nte.training.validation import validate
-
-REFERENCE = "reference"
+from nte.training.meter import Meter
+from nte.training.plan import Plan, digests
+from nte.training.run import DECODED, RunFolder
+from nte.training.tiles import REFERENCE
+from nte.training.validation import ValidationSet, spread, validate
 
 
 def train(config: TrainConfig, force: bool = False, device: str = "auto") -> Path:
     """Train as configured and return the run folder.
 
     Ends after the steps that the phases have, never by the clock; stops after the current step on Ctrl-C.
-    Raises NteError for wrong data or configuration, and where the loss is no longer finite.
+    Raises NteError for wrong data or configuration, where another process trains in the run's folder, and where the
+    loss is no longer finite.
     """
     fabric = _launch(device)
     torch.use_deterministic_algorithms(fabric.device.type == "cpu")
     fabric.seed_everything(config.seed, verbose=False)
     denoiser = TemporalDenoiser(config.network)
-    channels = (*denoiser.needs, *denoiser.optional, REFERENCE)
+    run = RunFolder(Path(config.runs) / config.name)
     clips = open_clips(config.data.clips)
-    data = TrainingSteps(clips, channels, config.data, config.seed, fabric.global_rank, fabric.world_size)
-    run = RunFolder.begin(config, force) if fabric.is_global_zero else RunFolder(Path(config.runs) / config.name)
-    fabric.barrier()
+    channels = (*denoiser.needs, *denoiser.optional, REFERENCE)
+    data = TrainingSteps(
+        clips, channels, config.data, config.seed, fabric.global_rank, fabric.world_size, run.folder / DECODED
+    )
+    chosen = _validation_set(config, clips, (*denoiser.needs, REFERENCE))
+    plan = Plan(
+        fabric.world_size, [phase.length(data.epoch) for phase in config.phases], digests(clips), digests(chosen.clips)
+    )
+    with only_writer(run.folder) if fabric.is_global_zero else nullcontext():
+        if fabric.is_global_zero:
+            RunFolder.begin(config, plan, force)
+        fabric.barrier()
+        try:
+            _run(config, fabric, denoiser, data, chosen, plan, run)
+        finally:
+            if fabric.local_rank == 0:  # of every machine: its disk may be its own
+                run.forget_decoded()
+    return run.folder
 
+
+def _run(
+    config: TrainConfig, fabric: Fabric, denoiser: TemporalDenoiser, data: TrainingSteps, chosen: ValidationSet,
+    plan: Plan, run: RunFolder,
+) -> None:  # fmt: skip
+    """Train, from the run's checkpoint where there is one."""
     sequence = SequenceLoss(denoiser, config.loss, config.precision)
     optimiser = make_optimiser(denoiser, config.optimiser)
     model, optimiser = fabric.setup(sequence, optimiser)
     average = AveragedModel(denoiser, multi_avg_fn=get_ema_multi_avg_fn(config.optimiser.ema))  # type: ignore[no-untyped-call]
     state = TrainingState(denoiser, optimiser, average if config.optimiser.ema else None)
-    first = state.resume(run)
+    last = plan.last
+    first = state.resume(run, last)
     if fabric.is_global_zero:
         run.forget_after(first)
-    lengths = [phase.length(data.epoch) for phase in config.phases]
-    last = sum(lengths)
-    occlusion = [phase.occlusion for phase, length in zip(config.phases, lengths, strict=True) for _ in range(length)]
+    occlusion = [p.occlusion for p, length in zip(config.phases, plan.steps, strict=True) for _ in range(length)]
 
     writer = SummaryWriter(str(run.folder), purge_step=first) if fabric.is_global_zero else None
     meter = Meter(config.data.batch * config.data.frames * fabric.world_size)
     shown = None if fabric.is_global_zero else True  # None: on a terminal
     bar = tqdm(total=last, initial=first, desc=f"train {config.name}", unit="step", disable=shown)
-    with InterruptFlag() as interrupted:
-        done = first
-        loader = training_loader(data, first, last)
+    done = first
+    with InterruptFlag() as interrupted, closing(training_loader(data, first, last)) as loader:
         for step in range(first, last):
             meter.begin()
             batch = fabric.to_device(next(loader))
             meter.loaded()
             optimiser.param_groups[0]["lr"] = learning_rate(config.optimiser, step, last)
             loss, parts = model(batch, occlusion[step], config.data.warmup)
-            if not loss.isfinite():
-                raise NteError(f"step {step}: the loss is {loss.item()}: lower the learning rate, or look at the data")
+            _check_finite(loss, "loss", step, data)
             fabric.backward(loss)
             norm = fabric.clip_gradients(
                 model, optimiser, max_norm=config.optimiser.clip_norm or math.inf, error_if_nonfinite=False
             )
-            if norm is None or not norm.isfinite():  # before it gets into the weights, and into a checkpoint
-                raise NteError(f"step {step}: the gradient is not finite: lower the learning rate, or look at the data")
+            _check_finite(norm, "gradient", step, data)  # before it gets into the weights, and into a checkpoint
             optimiser.step()
             optimiser.zero_grad()
             average.update_parameters(denoiser)
@@ -95,9 +116,10 @@ def train(config: TrainConfig, force: bool = False, device: str = "auto") -> Pat
                 _log(run, writer, done, values, optimiser.param_groups[0]["lr"], bar)
             if done % config.validate_every == 0 or done == last:
                 trained = cast(TemporalDenoiser, average.module) if config.optimiser.ema else denoiser
-                scores, pictures = validate(trained, clips[: config.validate_clips], channels, config.data.holdout)
-                _log(run, writer, done, scores, None, bar)
-                writer.add_image("validation/noisy, denoised, reference", pictures, done)
+                found = validate(trained, chosen)
+                _log(run, writer, done, found.scores, None, bar)
+                writer.add_image("validation/noisy, denoised, reference", found.picture, done)
+                run.save_best(done, found.psnr, state.trained())
             if done % config.checkpoint_every == 0 or stop:
                 run.save(done, state.tensors())
             if stop:
@@ -107,7 +129,26 @@ def train(config: TrainConfig, force: bool = False, device: str = "auto") -> Pat
         writer.close()
     if done < last and fabric.is_global_zero:
         print(f"stopped after step {done} of {last}; continue with resume=true")
-    return run.folder
+
+
+def _validation_set(config: TrainConfig, clips: Sequence[Clip], channels: Sequence[str]) -> ValidationSet:
+    """Clips that the configuration names for it, or the last frames of some that are trained on."""
+    own = open_clips(config.data.validation) if config.data.validation else []
+    for clip in own:
+        if missing := [name for name in channels if name not in clip.channels]:
+            have = ", ".join(clip.channels)
+            raise NteError(f"{clip.folder}: validation needs the channel '{missing[0]}'; the clip has {have}")
+    frames = 0 if own else max(1, config.data.holdout)
+    return ValidationSet(spread(own or clips, config.validate_clips), frames)
+
+
+def _check_finite(value: Tensor | None, name: str, step: int, data: TrainingSteps) -> None:
+    """Raise NteError for a loss or a gradient that is not finite; bad pixels of a reference are never the cause."""
+    if value is None or not value.isfinite():
+        found = "is not finite" if value is None or name == "gradient" else f"is {value.item()}"
+        raise NteError(
+            f"step {step}: the {name} {found}: lower the learning rate, or look at the data: {data.describe(step)}"
+        )
 
 
 class TrainingState:
@@ -124,12 +165,23 @@ class TrainingState:
         # Batches depend on (seed, step) alone; the generator is kept for layers that draw numbers.
         return state | {"random.torch": torch.get_rng_state()}
 
-    def resume(self, run: RunFolder) -> int:
-        """Take over the run's checkpoint; returns the step to go on with, 0 without a checkpoint."""
+    def trained(self) -> dict[str, Tensor]:
+        """The weights that are used after training: their moving average where there is one."""
+        if self.average is None:
+            return module_state("denoiser.", self.denoiser)
+        return module_state("average.", self.average)
+
+    def resume(self, run: RunFolder, last: int) -> int:
+        """Take over the run's checkpoint; returns the step to go on with, 0 without a checkpoint.
+
+        Raises NteError for one that does not fit, or that is of a step after the last.
+        """
         loaded = run.load()
         if loaded is None:
             return 0
         step, state = loaded
+        if step > last:
+            raise NteError(f"{run.folder / CHECKPOINT}: is of step {step}, but the run ends after step {last}")
         load_module(self.denoiser, state, "denoiser.", run.folder / CHECKPOINT)
         if self.average is not None:
             load_module(self.average, state, "average.", run.folder / CHECKPOINT)
@@ -138,44 +190,6 @@ class TrainingState:
             raise NteError(f"{run.folder / CHECKPOINT}: does not fit the configuration: 'random.torch' is missing")
         torch.set_rng_state(state["random.torch"])
         return step
-
-
-class Meter:
-    """Throughput, share of time spent waiting for data, and peak memory since the last reading."""
-
-    def __init__(self, frames: int) -> None:
-        self.frames = frames
-        self._reset()
-
-    def _reset(self) -> None:
-        self.steps, self.waited, self.total = 0, 0.0, 0.0
-
-    def begin(self) -> None:
-        """A step begins: the loader is asked."""
-        self._start = time.perf_counter()
-
-    def loaded(self) -> None:
-        """The loader has answered."""
-        self.waited += time.perf_counter() - self._start
-
-    def end(self) -> None:
-        """The step is done."""
-        self.total += time.perf_counter() - self._start
-        self.steps += 1
-
-    def read(self) -> dict[str, float]:
-        """frames_per_second, seconds_per_step, loader_wait (share of a step), peak_memory_mb; starts anew."""
-        peak = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024
-        if torch.cuda.is_available():
-            peak = torch.cuda.max_memory_allocated() / 2**20
-        values = {
-            "frames_per_second": self.frames * self.steps / self.total,
-            "seconds_per_step": self.total / self.steps,
-            "loader_wait": self.waited / self.total,
-            "peak_memory_mb": peak,
-        }
-        self._reset()
-        return values
 
 
 def make_optimiser(module: nn.Module, config: OptimiserConfig) -> torch.optim.Optimizer:

@@ -15,6 +15,9 @@ from nte.errors import NteError
 from nte.models.temporal import TemporalDenoiser, TemporalState
 from nte.training.batch import Batch, as_frames
 
+LEAST_HIDDEN = 0.01  # share of the pixels
+BRIGHTEST = 65504.0  # of an exposed reference: beyond, nobody sees a difference
+
 
 @dataclass
 class LossConfig:
@@ -26,7 +29,7 @@ class LossConfig:
     irradiance: float = 0.0  # the spatial loss once more, on the light without the albedo (ours)
     space: str = "log"  # linear, log (log(1 + exposed)) or display
     mask_weights: list[float] = field(default_factory=lambda: [1.0, 0.8, 0.6])  # w_k of frames i, i−1, i−2
-    normalise_occlusion: bool = False  # by the masked weight instead of all pixels (ours)
+    normalise_occlusion: bool = False  # by the batch's masked weight instead of all pixels (ours)
 
     def check(self) -> None:
         """Raise NteError for an unknown space and for no mask weights."""
@@ -44,13 +47,35 @@ def to_space(radiance: Tensor, exposure: Tensor, space: str) -> Tensor:
     return compress(exposed) if space == "log" else exposed
 
 
+def masked_mean(values: Tensor, usable: Tensor) -> Tensor:
+    """Mean of values (N, C, H, W) over the usable pixels (N, 1, H, W), bool; 0 where there are none.
+
+    Values elsewhere must be finite. The plain mean, bit for bit, where every pixel is usable.
+    """
+    share = usable.to(values.dtype).mean()
+    return (values * usable).mean() / torch.where(share > 0, share, 1.0)
+
+
+def usable_reference(reference: Tensor, exposure: Tensor) -> tuple[Tensor, Tensor]:
+    """A reference (N, 3, H, W) that losses can compare with, and where it says something: (N, 1, H, W), bool.
+
+    A pixel that is NaN, infinite or negative in any component says nothing, and is 0. What is brighter than BRIGHTEST
+    when exposed counts as that bright.
+    """
+    scale = per_sequence(exposure)
+    usable = ((reference >= 0) & (reference * scale < float("inf"))).all(1, keepdim=True)
+    return torch.where(usable, reference, 0.0).minimum(BRIGHTEST / scale), usable
+
+
 def occlusion_loss(image: Tensor, reference: Tensor, weights: Tensor, normalise: bool) -> Tensor:
     """Eq. 5: L1 of weights ⊙ (I, R), weights Σ w_k M_k (N, 1, H, W); 0 where nothing is hidden.
 
-    The paper's mean is over all pixels, so that the size of the loss depends on how many are hidden.
+    The paper's mean is over all pixels, so that the size of the loss depends on how many are hidden. normalise: by the
+    weight of the whole batch, so that every hidden pixel of it counts alike, and by that of LEAST_HIDDEN of the pixels
+    at least: a single hidden pixel would get the gradient of all.
     """
-    error = (weights * (image - reference).abs()).mean((1, 2, 3))
-    return (error / weights.mean((1, 2, 3)).clamp(min=1e-6)).mean() if normalise else error.mean()
+    error = (weights * (image - reference).abs()).mean()
+    return error / weights.mean().clamp(min=LEAST_HIDDEN) if normalise else error
 
 
 class SequenceLoss(nn.Module):
@@ -74,28 +99,29 @@ class SequenceLoss(nn.Module):
         parts: dict[str, list[Tensor]] = {}
         state: TemporalState | None = None
         masks: list[Tensor] = []
-        before: tuple[Tensor, Tensor] | None = None
+        before: tuple[Tensor, Tensor, Tensor] | None = None
         for i, frame in enumerate(as_frames(batch)):
             with torch.autocast(frame["color"].device.type, torch.bfloat16, enabled=self.mixed):
                 result, state = self.denoiser.step(frame, state, ("disoccluded",))
             masks.insert(0, result.extras["disoccluded"])
-            image = to_space(result.image, state.exposure, weights.space)
-            reference = to_space(frame["reference"], state.exposure, weights.space)
+            target, usable = usable_reference(frame["reference"], state.exposure)
+            image, reference = (to_space(x, state.exposure, weights.space) for x in (result.image, target))
             if i >= warmup:
-                parts.setdefault("spatial", []).append((image - reference).abs().mean())
+                parts.setdefault("spatial", []).append(masked_mean((image - reference).abs(), usable))
                 if before is not None:
                     change = (image - before[0]) - (reference - before[1])
-                    parts.setdefault("temporal", []).append(change.abs().mean())
+                    parts.setdefault("temporal", []).append(masked_mean(change.abs(), usable & before[2]))
                 if weights.occlusion:
-                    masked = occlusion_loss(image, reference, self._mask(masks), weights.normalise_occlusion)
+                    hidden = self._mask(masks) * usable
+                    masked = occlusion_loss(image, reference, hidden, weights.normalise_occlusion)
                     parts.setdefault("occlusion", []).append(masked)
                 if weights.irradiance:
                     light = [
                         to_space(demodulate(x, frame["albedo"]), state.exposure, weights.space)
-                        for x in (result.image, frame["reference"])
+                        for x in (result.image, target)
                     ]
-                    parts.setdefault("irradiance", []).append((light[0] - light[1]).abs().mean())
-            before = image, reference
+                    parts.setdefault("irradiance", []).append(masked_mean((light[0] - light[1]).abs(), usable))
+            before = image, reference, usable
         weighted = [getattr(weights, name) * torch.stack(values).sum() for name, values in parts.items()]
         means = {name: torch.stack(values).mean().detach() for name, values in parts.items()}
         return torch.stack(weighted).sum() / (len(batch) - warmup), means

@@ -1,8 +1,11 @@
 """A run folder: the sole identity of a run. Its files are whole or absent, and none of them is pickled.
 
 config.yaml             every choice, resolved
+plan.json               what they led to: steps of each phase, processes, clips
 versions.json           of everything that took part
 checkpoint.safetensors  weights, their moving average, optimiser and random states, and the step they belong to
+best.safetensors        the weights, or their moving average, whose validation was best
+decoded/                clips that memory cannot hold, until the run ends
 metrics.jsonl           a line per logged step and per validation
 events.out.tfevents.*   the same for TensorBoard, with pictures
 """
@@ -22,35 +25,41 @@ from torch import Tensor
 
 from nte.config import load_config, to_yaml
 from nte.errors import DISTRIBUTION, NteError
-from nte.files import make_folder, write_whole
+from nte.files import write_whole
 from nte.models.temporal import TemporalDenoiser
-from nte.training.checkpoint import CHECKPOINT, load_module, read_checkpoint, write_checkpoint
+from nte.training.checkpoint import BEST, CHECKPOINT, load_module, read_checkpoint, write_checkpoint
 from nte.training.config import TrainConfig
+from nte.training.plan import PLAN, Plan
 
+DECODED = "decoded"
 _LEFTOVERS = ".*.tmp"  # of files that a killed process was writing
-_OURS = ("config.yaml", "versions.json", CHECKPOINT, "metrics.jsonl", "events.out.tfevents.*", _LEFTOVERS)
+_OURS = (
+    "config.yaml", PLAN, "versions.json", CHECKPOINT, BEST, DECODED, "metrics.jsonl", "events.out.tfevents.*",
+    _LEFTOVERS,
+)  # fmt: skip
 _HOW_IT_RUNS = (
-    "resume", "runs", "data.workers", "data.cache_gb", "checkpoint_every", "validate_every", "validate_clips",
+    "resume", "runs", "data.workers", "data.cache_gb", "data.cache_dir", "checkpoint_every", "validate_every",
     "log_every",
 )  # fmt: skip
 
 
 class RunFolder:
-    """Files of one run: made, continued, or refused."""
+    """Files of one run: made, continued, or refused. Its methods are for the folder's only writer."""
 
     def __init__(self, folder: Path) -> None:
         self.folder = folder
 
     @classmethod
-    def begin(cls, config: TrainConfig, force: bool) -> "RunFolder":
+    def begin(cls, config: TrainConfig, plan: Plan, force: bool) -> "RunFolder":
         """A new run folder, or the one to resume.
 
         Raises NteError where one exists and neither `resume` nor force is given, or where the run to resume
-        was made by another configuration.
+        was made by another configuration, another number of processes or from other clips.
         """
         run = cls(Path(config.runs) / config.name)
         if config.resume and (run.folder / "config.yaml").is_file():
             run._check_same(config)
+            plan.check_same(run.folder)
             for path in run.folder.glob(_LEFTOVERS):
                 path.unlink()
             return run
@@ -59,8 +68,8 @@ class RunFolder:
             if not force and not config.resume:
                 raise NteError(f"{run.folder}: exists: continue it with resume=true, or overwrite it with --force")
             run._delete()
-        make_folder(run.folder)
         text = to_yaml(replace(config, resume=False))
+        plan.write(run.folder)
         write_whole(run.folder / "versions.json", lambda path: path.write_text(_versions(), encoding="utf-8"))
         write_whole(run.folder / "config.yaml", lambda path: path.write_text(text, encoding="utf-8"))
         return run
@@ -73,6 +82,18 @@ class RunFolder:
     def save(self, step: int, state: Mapping[str, Tensor]) -> None:
         """Replace the checkpoint by the state after `step` steps."""
         write_checkpoint(self.folder, step, state)
+
+    def save_best(self, step: int, psnr: float, weights: Mapping[str, Tensor]) -> None:
+        """Keep the weights after `step` steps if no validation was better so far."""
+        best = -math.inf
+        if (self.folder / BEST).is_file():
+            best = read_checkpoint(self.folder, BEST)[1]["psnr"].item()
+        if psnr > best:
+            write_checkpoint(self.folder, step, {**weights, "psnr": torch.tensor(psnr, dtype=torch.float64)}, BEST)
+
+    def forget_decoded(self) -> None:
+        """Remove the decoded clips."""
+        shutil.rmtree(self.folder / DECODED, ignore_errors=True)
 
     def load(self) -> tuple[int, dict[str, Tensor]] | None:
         """(step, state) of the checkpoint, or None where there is none yet."""
@@ -103,18 +124,25 @@ class RunFolder:
         strangers = sorted(set(self.folder.iterdir()) - set(files))
         if strangers:
             raise NteError(f"{strangers[0]}: not a file of a run: move it away; nothing was overwritten")
-        shutil.rmtree(self.folder)
+        self.forget_decoded()  # the folder itself stays: it is locked
+        for path in files:
+            if path.name != DECODED:
+                path.unlink()
 
 
 def load_run(folder: Path, device: str = "cpu") -> TemporalDenoiser:
-    """The denoiser that a run has trained so far: the moving average of its weights where it keeps one."""
+    """The denoiser that a run has trained so far: the moving average of its weights where it keeps one.
+
+    folder: a run folder, or a checkpoint in it: RUN/best.safetensors is the one whose validation was best.
+    """
+    folder, name = (folder, CHECKPOINT) if folder.suffix != ".safetensors" else (folder.parent, folder.name)
     if not (folder / "config.yaml").is_file():
         raise NteError(f"{folder}: no run folder: config.yaml is missing")
     config = load_config(TrainConfig, folder / "config.yaml")
-    _, state = read_checkpoint(folder)
+    _, state = read_checkpoint(folder, name)
     prefix = "average.module." if "average.n_averaged" in state else "denoiser."
     denoiser = TemporalDenoiser(config.network)
-    load_module(denoiser, state, prefix, folder / CHECKPOINT)
+    load_module(denoiser, state, prefix, folder / name)
     return denoiser.to(device).eval().requires_grad_(False)
 
 

@@ -1,38 +1,105 @@
-"""Validation on the held-out last frames of the training clips."""
+"""Validation while training: on clips of their own, or on the held-out last frames of training clips."""
 
+import re
 from collections.abc import Sequence
+from itertools import chain, zip_longest
+from typing import NamedTuple
 
 import torch
 from torch import Tensor
 
 from nte.color import compress, display, per_sequence
 from nte.frames.clip import Clip
+from nte.frames.reference import count_bad_pixels
 from nte.models.temporal import TemporalDenoiser
+from nte.training.losses import masked_mean, usable_reference
+
+PSNR_MAX = 100.0  # dB, also that of identical images
+
+
+class ValidationSet(NamedTuple):
+    """Clips, and how many of their last frames count; 0: all but the first, which has no history."""
+
+    clips: Sequence[Clip]
+    frames: int
+
+    def first(self, clip: Clip) -> int:
+        """The first frame of a clip that counts."""
+        return max(0, len(clip) - self.frames) if self.frames else min(1, len(clip) - 1)
+
+
+class Validation(NamedTuple):
+    """Scores by name, and a picture (3, H, 3·W) of the last clip: noisy, denoised, reference."""
+
+    scores: dict[str, float]
+    picture: Tensor
+
+    @property
+    def psnr(self) -> float:
+        """What the best checkpoint is chosen by."""
+        return self.scores["validation_psnr"]
+
+
+def families(clips: Sequence[Clip]) -> dict[str, list[Clip]]:
+    """Clips by family: their names without the number at the end, within a folder each where there are several."""
+    several = len({clip.folder.resolve().parent for clip in clips}) > 1
+    found: dict[str, list[Clip]] = {}
+    for clip in clips:
+        stem = re.sub(r"[\W_]*\d+$", "", clip.name) or "clips"
+        parent = clip.folder.resolve().parent.name
+        found.setdefault(f"{parent}/{stem}" if several else stem, []).append(clip)
+    return found
+
+
+def spread(clips: Sequence[Clip], count: int) -> list[Clip]:
+    """At most `count` clips: the first of every family, then the second of every one, and so on."""
+    rounds = zip_longest(*families(clips).values())
+    return [clip for clip in chain.from_iterable(rounds) if clip is not None][:count]
 
 
 @torch.no_grad()
-def validate(
-    denoiser: TemporalDenoiser, clips: Sequence[Clip], channels: Sequence[str], holdout: int
-) -> tuple[dict[str, float], Tensor]:
-    """Run whole clips and look at their last `holdout` frames (at least one), which training never saw.
+def validate(denoiser: TemporalDenoiser, chosen: ValidationSet) -> Validation:
+    """Run whole clips and score the frames that count: log-L1 and PSNR (peak 1, display transform).
 
-    Returns the mean log-L1 and PSNR (peak 1, display transform), and a picture (3, H, 3·W) of the last clip:
-    noisy, denoised, reference.
+    A family's score is the mean of its frames, validation_l1 and validation_psnr that of the families; with several of
+    them validation_psnr/NAME is each one's. Bad pixels of a reference are left out; raises NteError for too many.
     """
-    errors: list[Tensor] = []
-    psnr: list[Tensor] = []
+    l1: list[float] = []
+    psnr: dict[str, float] = {}
     pictures: list[Tensor] = []
-    for clip in clips:
-        state = None
-        for i in range(len(clip)):
-            frame = clip.frame(i, channels).torch(next(denoiser.parameters()).device)
-            result, state = denoiser.step(frame, state)
-            if i < len(clip) - max(1, holdout):
-                continue
-            exposure = state.exposure.nan_to_num(1)
-            scale = per_sequence(exposure)
-            errors.append((compress(result.image * scale) - compress(frame["reference"] * scale)).abs().mean())
-            pictures = [display(x, exposure) for x in (frame["color"], result.image, frame["reference"])]
-            psnr.append(-10 * (pictures[1] - pictures[2]).square().mean().log10())
-    scores = {"validation_l1": torch.stack(errors).mean().item(), "validation_psnr": torch.stack(psnr).mean().item()}
-    return scores, torch.cat(pictures, 3)[0].cpu()
+    for family, clips in families(chosen.clips).items():
+        errors: list[Tensor] = []
+        decibels: list[Tensor] = []
+        for clip in clips:
+            scored = _score(denoiser, clip, chosen.first(clip))
+            errors += scored[0]
+            decibels += scored[1]
+            pictures = scored[2]
+        l1.append(torch.stack(errors).mean().item())
+        psnr[family] = torch.stack(decibels).mean().item()
+    scores = {"validation_l1": sum(l1) / len(l1), "validation_psnr": sum(psnr.values()) / len(psnr)}
+    if len(psnr) > 1:
+        scores |= {f"validation_psnr/{family}": value for family, value in psnr.items()}
+    return Validation(scores, torch.cat(pictures, 3)[0].cpu())
+
+
+def _score(denoiser: TemporalDenoiser, clip: Clip, first: int) -> tuple[list[Tensor], list[Tensor], list[Tensor]]:
+    """log-L1 and PSNR of each frame that counts, and noisy, denoised and reference image of the last."""
+    channels = [name for name in (*denoiser.needs, *denoiser.optional, "reference") if name in clip.channels]
+    errors, decibels = [], []
+    pictures: list[Tensor] = []
+    state = None
+    for i in range(len(clip)):
+        frame = clip.frame(i, channels).torch(next(denoiser.parameters()).device)
+        result, state = denoiser.step(frame, state)
+        if i < first:
+            continue
+        count_bad_pixels(frame, "reference", clip.folder)
+        exposure = state.exposure.nan_to_num(1)  # unknown where there was no light yet
+        reference, usable = usable_reference(frame["reference"], exposure)
+        scale = per_sequence(exposure)
+        errors.append(masked_mean((compress(result.image * scale) - compress(reference * scale)).abs(), usable))
+        pictures = [display(x, exposure) for x in (frame["color"], result.image, reference)]
+        error = masked_mean((pictures[1] - pictures[2]).square(), usable)
+        decibels.append((-10 * error.log10()).clamp(max=PSNR_MAX))
+    return errors, decibels, pictures

@@ -10,7 +10,7 @@ import pytest
 from nte.cli import main
 from nte.denoiser import Noisy
 from nte.errors import NteError
-from nte.evaluation.bench import bench, named_steps
+from nte.evaluation.bench import _psnr, bench, named_steps
 from nte.evaluation.bench_frames import clip_frames, scaled, synthetic_frames
 from nte.filters.svgf import Svgf
 from nte.frames.channels import CHANNELS
@@ -127,3 +127,15 @@ def test_what_a_process_finds_wrong_is_told_here(tmp_path: Path) -> None:
     clip = disc_clip(tmp_path / "clip", frames=2)
     with pytest.raises(NteError, match="clip: Asvgf needs gradient, which is missing"):
         bench(["asvgf"], clip=clip, frames=1)
+
+
+@pytest.mark.parametrize("value", [float("nan"), float("inf"), -20.0])
+def test_bad_pixels_of_a_reference_do_not_count(value: float) -> None:
+    rng = np.random.default_rng(2)
+    image, reference = (rng.random((1, 3, 6, 9)).astype(np.float32) for _ in range(2))
+    exposure = np.ones(1, np.float32)
+    reference[:, :, 2, 5] = image[:, :, 2, 5]
+    without = _psnr(image, reference, exposure)
+    reference[:, 1, 2, 5] = value
+    # One of 54 pixels had no error: without it the mean is 54/53 of what it was.
+    assert _psnr(image, reference, exposure) == pytest.approx(without - 10 * np.log10(54 / 53), abs=1e-4)

@@ -16,6 +16,7 @@ from nte.evaluation.compare import Evaluation, clip_labels, evaluate, means_of
 from nte.evaluation.metrics import score
 from nte.evaluation.run import mean
 from nte.frames.clip import find_clips
+from nte.frames.reference import BadReferenceWarning
 from nte.frames.show import display
 from tests.evaluation.conftest import noisy_frames
 from tests.synthetic import Pixels, disc_clip, disc_frame, write_clip
@@ -303,3 +304,34 @@ def test_clips_are_found_below_a_folder_once_and_in_order(tmp_path: Path) -> Non
 def test_mean_leaves_out_what_is_not_there() -> None:
     assert mean([1.0, None, 3.0]) == 2
     assert mean([None]) is None
+
+
+@pytest.mark.parametrize("value", [math.nan, math.inf, -20.0])
+def test_bad_pixels_of_a_reference_are_not_scored(tmp_path: Path, value: float) -> None:
+    # A denoiser that is wrong where the reference is bad, and nowhere else, is perfect.
+    frames = [clean_frame(i) for i in range(3)]
+    good = write_clip(tmp_path / "good", frames)
+    for i, frame in enumerate(frames):
+        frame["reference"][i % 3, 7 + i, 9] = value
+        frame["color"][:, 7 + i, 9] = 40.0
+    bad = write_clip(tmp_path / "bad", frames)
+    with pytest.warns(BadReferenceWarning, match=r"bad, frame 0: 1 pixels of 'reference' are NaN, inf") as told:
+        found = evaluate([bad], ["noisy"], tmp_path / "out")
+    assert len(told) == 1
+    (row,) = rows_of(found, region="all")
+    assert row["psnr"] == 100
+    assert row["l1"] == row["temporal_l1"] == 0
+    assert row["ssim"] == pytest.approx(1, abs=1e-6)
+    assert row["flip"] == pytest.approx(0, abs=1e-6)
+    (perfect,) = rows_of(evaluate([good], ["noisy"], tmp_path / "out2"), region="all")
+    assert row["frames"] == perfect["frames"] == 2
+
+
+def test_too_many_bad_pixels_of_a_reference_are_an_error(tmp_path: Path) -> None:
+    frames = [clean_frame(i) for i in range(3)]
+    height, width = frames[0]["color"].shape[1:]
+    frames[2]["reference"][:, : height // 4] = np.nan
+    clip = write_clip(tmp_path / "half", frames)
+    message = rf"half, frame 2: {height // 4 * width} of {height * width} pixels of 'reference' are NaN, infinite or"
+    with pytest.raises(NteError, match=message):
+        evaluate([clip], ["noisy"], tmp_path / "out")

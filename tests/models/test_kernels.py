@@ -97,3 +97,40 @@ def test_the_mean_keeps_constants_and_energy_and_the_maximum_darkens() -> None:
     coarse, alike = torch.nn.functional.avg_pool2d(fine, 2), torch.full((1, 1, 4, 4), 0.7)
     torch.testing.assert_close(combine_scales(fine, coarse, alike, "mean"), fine)
     assert combine_scales(fine, coarse, alike, "max").mean() < fine.mean()
+
+
+@pytest.mark.parametrize("wanted", [(True, True), (True, False), (False, True)])
+def test_the_backward_pass_is_that_of_the_slices(wanted: tuple[bool, bool]) -> None:
+    generator = torch.Generator().manual_seed(3)
+    upstream = torch.randn(2, 3, 5, 8, generator=generator)
+    found: list[list[Tensor | None]] = []
+    for apply in (apply_kernels, apply_slowly):
+        image = torch.randn(2, 3, 5, 8, generator=generator.manual_seed(4), requires_grad=wanted[0])
+        kernels = torch.randn(2, 25, 5, 8, generator=generator, requires_grad=wanted[1])
+        apply(image, kernels).backward(upstream)
+        found.append([image.grad, kernels.grad])
+    for ours, theirs in zip(*found, strict=True):
+        torch.testing.assert_close(ours, theirs)
+
+
+def test_autograd_records_one_operation_for_all_taps() -> None:
+    image, kernels = torch.rand(1, 3, 6, 7, requires_grad=True), torch.rand(1, 25, 6, 7, requires_grad=True)
+    recorded, waiting = set(), [apply_kernels(image, kernels).grad_fn]
+    while waiting:
+        node = waiting.pop()
+        if node is not None and node not in recorded:
+            recorded.add(node)
+            waiting += [parent for parent, _ in node.next_functions]
+    assert len(recorded) <= 4  # all taps, padding, two leaves: a slice each would be over 75
+
+
+@pytest.mark.filterwarnings("ignore:.*torch.jit.trace:DeprecationWarning", "ignore::torch.jit.TracerWarning")
+def test_a_trace_consists_of_plain_operators() -> None:
+    image, kernels = torch.rand(1, 3, 6, 7), torch.rand(1, 9, 6, 7)
+    with torch.no_grad():
+        traced = torch.jit.trace(apply_kernels, (image, kernels))
+    kinds = {node.kind() for node in traced.graph.nodes()}
+    assert kinds
+    assert not any(kind.startswith("prim::Python") for kind in kinds)
+    other = torch.rand(2, 3, 9, 5), torch.rand(2, 9, 9, 5)
+    torch.testing.assert_close(traced(*other), apply_kernels(*other))

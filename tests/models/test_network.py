@@ -42,7 +42,7 @@ def test_a_front_works_at_a_fraction_of_the_resolution_and_predicts_at_all(front
     seen: list[tuple[int, ...]] = []
     network.unet.register_forward_hook(lambda _, inputs, __: seen.append(tuple(inputs[0].shape)))
     features, light = torch.rand(1, 13, 32, 32), torch.rand(1, 3, 32, 32)
-    filtered, alpha = network._filter(features, light, light)
+    filtered, alpha = network._filter(features, light, torch.cat([light, torch.ones(1, 1, 32, 32)], 1))
     assert seen == [(1, 13 * front**2, 32 // front, 32 // front)]
     assert filtered.shape == (1, 3, 32, 32)
     assert alpha.shape == (1, 1, 32, 32)

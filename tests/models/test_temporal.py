@@ -116,6 +116,64 @@ def test_history_where_it_is_invalid_has_no_influence() -> None:
     assert not np.array_equal(ours, theirs)
 
 
+def half_invalid(motion_x: float = 1e4) -> tuple[Frame, Frame]:
+    """Two frames; the left 18 of 36 columns of the second come from outside the image, the others stand still."""
+    frame, following = random_frames(2)
+    following["motion"][:] = 0
+    following["motion"][:, 0, :, :18] = motion_x
+    return frame, following
+
+
+@pytest.mark.parametrize("variant", [*VARIANTS, {"scales": 1, "feed_warped": False}])
+def test_temporal_kernels_leave_invalid_pixels_out(variant: dict[str, object]) -> None:
+    # A history without noise, of one colour, and α of 0: whatever the kernels weigh, they can only give that colour.
+    network = small_network(**variant)
+    network.heads.heads[0].bias[0] = -50.0  # of α before the sigmoid; of its first pixel where there are several
+    if network.config.front == 2:
+        network.heads.heads[0].bias[:4] = -50.0
+    frame, following = half_invalid()
+    following["previous_forward_motion"][:] = np.nan
+    following["albedo"][:] = 1
+    _, state = network.step(frame, None)
+    colour = torch.tensor([0.2, 3.0, 7.0]).view(1, 3, 1, 1)
+    state = state._replace(history=colour.expand_as(state.history).contiguous())
+    result, _ = network.step(following, state, ("alpha", "valid", "history"))
+    assert (result.extras["valid"][..., :18] == 0).all()
+    assert (result.extras["valid"][..., 18:] == 1).all()
+    # A 5×5 kernel reaches two pixels: columns 16 and 17 are served by their valid neighbours.
+    np.testing.assert_allclose(result.extras["history"][..., 16:], colour.expand(1, 3, 24, 20), rtol=1e-5)
+    assert (result.extras["alpha"][..., 16:] < 1e-6).all()
+    assert (result.extras["alpha"][..., :16] == 1).all()
+
+
+def test_where_nothing_is_valid_the_current_frame_alone_counts() -> None:
+    network = small_network()
+    frame, following = half_invalid()
+    _, state = network.step(frame, None)
+    black = state._replace(history=torch.zeros_like(state.history))
+    ours, theirs = (network.step(following, s)[0].image for s in (state, black))
+    # Kernels may differ near the edge, where the network sees history; far from it nothing does.
+    alpha = network.step(following, state, ("alpha",))[0].extras["alpha"]
+    assert (alpha[..., :16] == 1).all()
+    assert (alpha[..., 16:] < 1).any()
+    assert not np.array_equal(ours[..., 18:], theirs[..., 18:])
+
+
+def test_the_first_frame_blends_two_filtered_noisy_images() -> None:
+    network = small_network()
+    (frame,) = random_frames(1)
+    result, _ = network.step(frame, None, ("alpha", "valid"))
+    assert (result.extras["valid"] == 0).all()
+    assert (result.extras["alpha"] < 1).all()
+
+
+def test_gradients_are_finite_where_history_is_partly_invalid() -> None:
+    network = small_network().requires_grad_(True)
+    frame, following = half_invalid()
+    run(network, [frame.torch(), following.torch()])[-1].sum().backward()
+    assert all(parameter.grad is not None and parameter.grad.isfinite().all() for parameter in network.parameters())
+
+
 @pytest.mark.parametrize("factor", [1e-6, 0.25, 1e4])
 @pytest.mark.parametrize("variant", VARIANTS)
 def test_the_output_has_the_units_of_the_input(variant: dict[str, object], factor: float) -> None:

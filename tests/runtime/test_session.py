@@ -55,6 +55,25 @@ def test_equals_pytorch_with_scattered_forward_motion(network: TemporalDenoiser,
     assert not np.allclose(pairs[-1][0], both(network, exported, frames)[-1][0])
 
 
+def test_equals_pytorch_where_history_comes_from_outside(network: TemporalDenoiser, exported: OnnxDenoiser) -> None:
+    # A slanted edge between what comes from outside the image and what stands still, and an image all from outside.
+    frames = random_frames(4, batch=2)
+    y, x = np.indices((24, 36))
+    for frame in frames[1:]:
+        frame["motion"][:] = np.where(x + 2 * y < 40, 1e4, 0.25)
+    frames[3]["motion"][1] = -1e4
+    states = [None, None]
+    for frame in frames:
+        results = []
+        for i, denoiser in enumerate((network, exported)):
+            result, states[i] = denoiser.step(frame, states[i], ("alpha", "valid"))
+            results.append(result)
+        assert_close([(results[0].image, results[1].image), (results[0].extras["alpha"], results[1].extras["alpha"])])
+        assert np.array_equal(results[0].extras["valid"], results[1].extras["valid"])
+    assert (results[1].extras["alpha"][1] == 1).all()
+    assert 0.2 < (results[1].extras["alpha"][0] == 1).mean() < 0.8
+
+
 def test_equals_pytorch_with_given_scalars_and_after_a_reset(network: TemporalDenoiser, exported: OnnxDenoiser) -> None:
     frames = random_frames(4, batch=2)
     scalars = {"exposure": np.array([2, 0.5], np.float32), "depth_scale": np.array([3, 9], np.float32)}

@@ -8,9 +8,10 @@ import torch
 
 from nte.errors import NteError
 from nte.frames.clip import Clip, frame_path
+from nte.motion.geometric import scatter_forward_motion
 from nte.training.batch import Batch, as_frames, collate
 from nte.training.config import DataConfig
-from nte.training.data import ClipCache, TrainingSteps, open_clips, training_loader
+from nte.training.data import TrainingSteps, open_clips, training_loader
 from tests.synthetic import Pixels, disc_frame, write_clip
 
 CHANNELS = ("color", "albedo", "motion", "previous_forward_motion", "depth", "reference")
@@ -138,19 +139,63 @@ def test_processes_share_a_step_without_overlap(clips: list[Clip]) -> None:
     assert set(both) == set(range(5))
 
 
-def test_a_small_cache_gives_the_same_clips(clips: list[Clip]) -> None:
-    large, small = (ClipCache(clips, CHANNELS, gigabytes) for gigabytes in (1.0, 0.0))
-    for index, seed in ((0, 0), (1, 1), (0, 0), (0, 1)):
-        assert same([large.get(index, seed)], [small.get(index, seed)])
-    assert len(large._kept) == 3
-    assert len(small._kept) == 1
-
-
 def test_the_scalars_of_a_sequence_are_those_of_its_clip(clips: list[Clip]) -> None:
     batch = steps(clips)[0]
     first = clips[clip_numbers(batch)[0]].frame(0)
     assert batch[0]["depth_scale"][0] == np.median(first["depth"])
     assert all(frame["exposure"] is batch[0]["exposure"] for frame in batch)
+
+
+def test_clips_with_backward_vectors_only_are_scattered_as_in_inference(tmp_path: Path) -> None:
+    frames = [disc_frame(i, (24, 40), start=(10.0, 12.0), radius=6.0) for i in range(4)]
+    bare = [{k: v for k, v in frame.items() if k != "forward_motion"} for frame in frames]
+    clips = [Clip(write_clip(tmp_path / name, content)) for name, content in (("bare", bare), ("full", frames))]
+    data = steps(clips, crop=24, batch=2, holdout=1)
+    batch = data[0]
+    order = [sample.clip for sample in data.samples(0)]
+    columns = [sample.columns for sample in data.samples(0)]
+    for n, clip in enumerate(order):
+        for i in range(3):
+            frame = clips[clip].frame(i)
+            expected = (
+                frame["previous_forward_motion"] if clip == 1
+                else scatter_forward_motion(*(torch.from_numpy(frame[c]) for c in ("motion", "depth"))).numpy()
+            )  # fmt: skip
+            found = batch[i]["previous_forward_motion"][n].numpy()
+            np.testing.assert_array_equal(found, expected[0][:, :, columns[n]])
+    assert batch[1]["previous_forward_motion"][order.index(0)].isnan().any()  # the hole behind the disc
+
+
+def test_scattering_at_random_changes_the_chosen_share_of_sequences_and_nothing_else(clips: list[Clip]) -> None:
+    plain, mixed, always = (steps(clips, scatter=share, batch=5) for share in (0.0, 0.5, 1.0))
+    scattered = []
+    for step in range(12):
+        ours, theirs = mixed[step], plain[step]
+        assert ours[0].keys() == theirs[0].keys()
+        assert sorted(clip_numbers(ours)) == sorted(clip_numbers(theirs))
+        scattered += [sample.scattered for sample in mixed.samples(step)]
+    assert 0.3 < np.mean(scattered) < 0.7
+    assert all(sample.scattered for sample in always.samples(3))
+    batch, samples = always[3], always.samples(3)
+    for n, sample in enumerate(samples):
+        frame = clips[sample.clip].frame(sample.frames.start + 1, seeds=(sample.seed,))
+        expected = scatter_forward_motion(*(torch.from_numpy(frame[c]) for c in ("motion", "depth")))
+        np.testing.assert_array_equal(
+            batch[1]["previous_forward_motion"][n], expected[0][:, sample.rows, sample.columns]
+        )
+
+
+def test_networks_without_dual_vectors_scatter_nothing(clips: list[Clip]) -> None:
+    channels = tuple(name for name in CHANNELS if name != "previous_forward_motion")
+    config = DataConfig(clips=["."], frames=3, crop=8, batch=2, scatter=1.0)
+    assert "previous_forward_motion" not in TrainingSteps(clips, channels, config, 1, 0, 1)[0][0]
+
+
+def test_what_a_step_saw_can_be_named(clips: list[Clip]) -> None:
+    data = steps(clips, any_start=True)
+    batch, said = data[7], data.describe(7)
+    for number, start in zip(clip_numbers(batch), batch[0]["albedo"][:, 1, 0, 0].tolist(), strict=True):
+        assert f"c{number} frames {int(start)} to {int(start) + 2}" in said
 
 
 def test_collate_keeps_order() -> None:

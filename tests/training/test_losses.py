@@ -18,9 +18,7 @@ LINEAR = LossConfig(space="linear")
 class Painter(nn.Module):
     """A stand-in for the network: its image is `color`, its mask the first component of `normal`."""
 
-    def step(
-        self, frame: Frame, state: TemporalState | None, extras: tuple[str, ...]
-    ) -> tuple[Result, TemporalState]:
+    def step(self, frame: Frame, state: TemporalState | None, extras: tuple[str, ...]) -> tuple[Result, TemporalState]:
         color = frame["color"]
         state = TemporalState(color, color[:, :1], frame.exposure, frame.depth_scale)  # type: ignore[arg-type]
         return Result(color, {"disoccluded": frame["normal"][:, :1]}), state
@@ -99,8 +97,75 @@ def test_the_occlusion_loss_grows_with_the_mask_unless_it_is_normalised() -> Non
     mask[..., 0] = 2
     assert occlusion_loss(image, reference, mask, normalise=False) == 2 * 1 / 4
     torch.testing.assert_close(occlusion_loss(image, reference, mask, normalise=True), torch.tensor(1.0))
-    mask[1] = 0  # a sequence without hidden pixels adds nothing
-    torch.testing.assert_close(occlusion_loss(image, reference, mask, normalise=True), torch.tensor(0.5))
+    mask[1] = 0  # a sequence without hidden pixels changes nothing
+    torch.testing.assert_close(occlusion_loss(image, reference, mask, normalise=True), torch.tensor(1.0))
+
+
+def occlusion_gradient(hidden: Tensor) -> Tensor:
+    """What each pixel of the image gets from a normalised loss, for a mask (N, H, W)."""
+    image = torch.zeros(hidden.shape[0], 3, *hidden.shape[1:], requires_grad=True)
+    occlusion_loss(image, torch.ones_like(image), hidden[:, None].float(), normalise=True).backward()
+    assert image.grad is not None
+    return image.grad.abs()[:, 0]
+
+
+def test_hidden_pixels_of_a_batch_get_the_same_gradient_however_many_their_neighbours_are() -> None:
+    hidden = torch.zeros(2, 32, 40)
+    hidden[0, 5, 7] = 1
+    hidden[1, :30] = 1
+    gradient = occlusion_gradient(hidden)
+    torch.testing.assert_close(gradient[0, 5, 7], gradient[1, 3, 3])
+    assert (gradient[hidden == 0] == 0).all()
+
+
+def test_a_single_hidden_pixel_of_a_batch_gets_no_more_than_one_of_a_hundredth_of_the_pixels() -> None:
+    single, hundredth, all_of_them = (torch.zeros(1, 40, 50) for _ in range(3))
+    single[0, 1, 2] = 1
+    hundredth[0, 0, :20] = 1
+    all_of_them[:] = 1
+    alone, some, each = (occlusion_gradient(hidden).max() for hidden in (single, hundredth, all_of_them))
+    torch.testing.assert_close(alone, some)
+    torch.testing.assert_close(alone, 100 * each)
+
+
+@pytest.mark.parametrize("space", ["linear", "log", "display"])
+@pytest.mark.parametrize("bad", [float("nan"), float("inf"), -20.0, -float("inf")])
+def test_bad_pixels_of_the_reference_are_left_out(space: str, bad: float) -> None:
+    # Slanted images, so that leaving a pixel out changes every mean; one component of one pixel of frame 1 is bad.
+    frames = batch([3.0, 4.0, 9.0], [2.0, 7.0, 10.0], masks=[1, 1, 1])
+    ramp = torch.arange(12.0).view(1, 3, 2, 2)
+    for frame in frames:
+        frame["reference"] = frame["reference"] + ramp
+        frame["color"] = frame["color"].requires_grad_()
+    frames[1]["reference"][0, 2, 0, 1] = bad
+    config = LossConfig(space=space, irradiance=1.0, normalise_occlusion=True)
+    total, parts = SequenceLoss(Painter(), config)(frames, 1.0)  # type: ignore[arg-type]
+    total.backward()
+    gradient = frames[1]["color"].grad
+    assert gradient is not None
+    assert gradient.isfinite().all()
+    assert (gradient[..., 0, 1] == 0).all()
+    assert (gradient[..., 0, 0] != 0).all()
+
+    def kept(values: Tensor, *bad_in: int) -> float:
+        return float(values.flatten(2)[..., [0, 2, 3]].mean() if bad_in else values.mean())
+
+    def shown(x: Tensor) -> Tensor:
+        return to_space(x.detach(), torch.ones(1), space)
+
+    errors = [shown(f["color"]) - shown(f["reference"]) for f in frames]
+    assert parts["spatial"] == pytest.approx(
+        (kept(errors[0].abs()) + kept(errors[1].abs(), 1) + kept(errors[2].abs())) / 3
+    )
+    changes = [(errors[1] - errors[0]).abs(), (errors[2] - errors[1]).abs()]
+    assert parts["temporal"] == pytest.approx((kept(changes[0], 1) + kept(changes[1], 1)) / 2)
+    assert parts["occlusion"] == pytest.approx(float(parts["spatial"]))
+
+
+def test_a_reference_that_is_all_bad_costs_nothing() -> None:
+    total, parts = loss(LossConfig(irradiance=1.0), batch([3.0, 4.0], [float("nan")] * 2, masks=[1, 1]), occlusion=1.0)
+    assert total == 0
+    assert set(parts.values()) == {0}
 
 
 def test_spaces() -> None:

@@ -9,6 +9,7 @@ from pathlib import Path
 
 import pytest
 
+from nte.errors import NteError
 from nte.training.loop import train
 from tests.training.runs import assert_same_run, checkpoint, config_file, metrics, start, tiny_config
 
@@ -113,3 +114,5 @@ def test_two_processes_train_one_network_and_one_of_them_writes(tmp_path: Path, 
     weight = "denoiser.unet.encoders.0.0.weight"
     assert checkpoint(run)["step"] == "8"
     assert not (checkpoint(run)[weight] == checkpoint(alone)[weight]).all()
+    with pytest.raises(NteError, match="trained by 2 processes, and here are 1, which changes what a step is"):
+        train(tiny_config(tmp_path, noisy_disc, "data.batch=1", "resume=true"), device="cpu")

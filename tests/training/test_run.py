@@ -10,7 +10,8 @@ import pytest
 import torch
 
 from nte.errors import NteError
-from nte.frames.clip import Clip, read_frame
+from nte.frames.clip import read_frame
+from nte.frames.reference import BadReferenceWarning
 from nte.training.config import OptimiserConfig
 from nte.training.loop import learning_rate, train
 from nte.training.losses import SequenceLoss
@@ -21,7 +22,12 @@ from tests.training.runs import TIMINGS, assert_same_run, checkpoint, contents, 
 
 def test_a_run_folder_says_everything_about_its_run(finished: Path, noisy_disc: Path) -> None:
     names = sorted(re.sub("tfevents.*", "tfevents", path.name) for path in finished.iterdir())
-    assert names == ["checkpoint.safetensors", "config.yaml", "events.out.tfevents", "metrics.jsonl", "versions.json"]
+    assert names == [
+        "best.safetensors", "checkpoint.safetensors", "config.yaml", "events.out.tfevents", "metrics.jsonl",
+        "plan.json", "versions.json",
+    ]  # fmt: skip
+    plan = json.loads((finished / "plan.json").read_text())
+    assert (plan["processes"], plan["steps"], [name for name, _ in plan["clips"]]) == (1, [4, 4], ["disc"])
     assert json.loads((finished / "versions.json").read_text())["torch"] == torch.__version__
     assert str(noisy_disc) in (finished / "config.yaml").read_text()
     assert checkpoint(finished)["step"] == "8"
@@ -159,15 +165,49 @@ def test_what_is_no_run_and_what_cannot_be_written(tmp_path: Path, noisy_disc: P
         train(tiny_config(tmp_path, noisy_disc), device="cpu")
 
 
-def test_a_loss_that_is_not_finite_stops_before_the_checkpoint(tmp_path: Path, noisy_disc: Path) -> None:
+def test_bad_pixels_of_the_reference_are_left_out(tmp_path: Path, noisy_disc: Path) -> None:
+    frames = [read_frame(noisy_disc / f"frame_{i:04d}.exr") for i in range(4)]
+    for frame, value in zip(frames, (np.nan, np.inf, -20.0, np.nan), strict=True):
+        frame["reference"][1, 12, 20] = value
+    clip = write_clip(tmp_path / "clip", frames)
+    with pytest.warns(BadReferenceWarning, match=r"clip, frame 0: 1 pixels of 'reference'"):
+        run = train(tiny_config(tmp_path, clip, "data.crop=24"), device="cpu")
+    assert all(np.isfinite(value) for line in metrics(run) for value in line.values())
+
+
+def test_clips_with_backward_vectors_only_train_and_validate(tmp_path: Path, noisy_disc: Path) -> None:
     frames = [read_frame(noisy_disc / f"frame_{i:04d}.exr") for i in range(4)]
     for frame in frames:
-        frame["reference"][:, 12, 20] = np.nan
-    clip = write_clip(tmp_path / "clip", frames)
-    with pytest.raises(NteError, match="step 0: the loss is nan"):
-        train(tiny_config(tmp_path, clip, "data.crop=24"), device="cpu")
+        del frame["forward_motion"]
+    clip = write_clip(tmp_path / "bare", frames)
+    run = train(tiny_config(tmp_path, clip, "data.batch=1"), device="cpu")
+    assert [line["step"] for line in metrics(run) if "validation_psnr" in line] == [4, 8]
+    # It is the training of a clip that has forward vectors, with all of them scattered; with its own it is another one.
+    choices = {"scattered": "data.scatter=1", "stored": "data.scatter=0"}
+    ours, scattered, stored = (
+        checkpoint(folder)["denoiser.heads.heads.0.weight"]
+        for folder in (run, *(
+            train(tiny_config(tmp_path, noisy_disc, "data.batch=1", choice, f"name={name}"), device="cpu")
+            for name, choice in choices.items()
+        ))
+    )  # fmt: skip
+    assert torch.equal(ours, scattered)
+    assert not torch.equal(ours, stored)
+
+
+def test_a_loss_that_is_not_finite_stops_before_the_checkpoint_and_names_the_clip(
+    tmp_path: Path, noisy_disc: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    whole = SequenceLoss.forward
+
+    def forward(self: SequenceLoss, *arguments: Any) -> tuple[torch.Tensor, dict[str, torch.Tensor]]:
+        loss, parts = whole(self, *arguments)
+        return loss * torch.nan, parts
+
+    monkeypatch.setattr(SequenceLoss, "forward", forward)
+    with pytest.raises(NteError, match=r"step 0: the loss is nan: .*disc frames \d to \d, .*disc frames \d to \d$"):
+        train(tiny_config(tmp_path, noisy_disc), device="cpu")
     assert not (tmp_path / "runs" / "tiny" / "checkpoint.safetensors").exists()
-    assert len(Clip(clip)) == 4
 
 
 def test_a_gradient_that_is_not_finite_stops_before_the_checkpoint(

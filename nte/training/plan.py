@@ -1,0 +1,92 @@
+"""What a run is made of, resolved: its steps, processes and clips, kept in plan.json and compared on resuming.
+
+Steps of an epoch follow from the number of clips and of sequences a step; a run that went on with others would end
+elsewhere, or learn from other data, without a word.
+"""
+
+import json
+from collections.abc import Sequence
+from dataclasses import asdict, dataclass, fields
+from hashlib import sha256
+from pathlib import Path
+from typing import Any
+
+from nte.errors import NteError
+from nte.files import write_whole
+from nte.frames.clip import Clip
+
+PLAN = "plan.json"
+_AGAIN = "restore it, or give the run another name"
+
+
+@dataclass(frozen=True)
+class Plan:
+    """The numbers and clips that a configuration led to."""
+
+    processes: int  # that share a step: `data.batch` sequences each
+    steps: list[int]  # of every phase
+    clips: list[list[str]]  # [name, digest], in order
+    validation: list[list[str]]
+
+    @property
+    def last(self) -> int:
+        """Steps in all."""
+        return sum(self.steps)
+
+    def write(self, folder: Path) -> None:
+        """Write plan.json into a run folder."""
+        text = json.dumps(asdict(self)) + "\n"
+        write_whole(folder / PLAN, lambda path: path.write_text(text, encoding="utf-8"))
+
+    def check_same(self, folder: Path) -> None:
+        """Raise NteError, with the first difference, unless the run in `folder` was made by this plan."""
+        saved = _read(folder / PLAN)
+        if saved.processes != self.processes:
+            raise NteError(
+                f"{folder}: trained by {saved.processes} processes, and here are {self.processes}, which changes what "
+                "a step is: start as many, or give the run another name"
+            )
+        for key in ("clips", "validation"):
+            if difference := _difference(getattr(saved, key), getattr(self, key)):
+                raise NteError(f"{folder}: trained on other clips: {difference} in data.{key}: {_AGAIN}")
+        if saved.steps != self.steps:
+            raise NteError(f"{folder}: its phases have {saved.steps} steps, and here {self.steps}: {_AGAIN}")
+
+
+def digests(clips: Sequence[Clip]) -> list[list[str]]:
+    """[name, digest of what clip.json says] of each clip; it says the number of frames too."""
+    return [[clip.name, digest_of(clip)] for clip in clips]
+
+
+def digest_of(clip: Clip, *more: object) -> str:
+    """16 hexadecimal digits of what clip.json says, and of whatever else."""
+    return sha256(repr((json.dumps(clip.info, sort_keys=True), *more)).encode()).hexdigest()[:16]
+
+
+def _difference(saved: list[list[str]], now: list[list[str]]) -> str:
+    """The first difference in words; nothing where there is none."""
+    before, after = [{name for name, _ in clips} for clips in (saved, now)]
+    if missing := sorted(before - after):
+        return f"'{missing[0]}' is missing"
+    if new := sorted(after - before):
+        return f"'{new[0]}' is new"
+    for was, is_ in zip(saved, now, strict=False):
+        if was[0] != is_[0]:
+            return f"'{is_[0]}' stands where '{was[0]}' stood"
+        if was[1] != is_[1]:
+            return f"'{is_[0]}' has another clip.json"
+    return "" if len(saved) == len(now) else f"there are {len(now)} for {len(saved)}"
+
+
+def _read(path: Path) -> Plan:
+    if not path.is_file():
+        raise NteError(f"{path}: missing, so nobody knows what the run was trained on: start it anew with --force")
+    try:
+        loaded: Any = json.loads(path.read_text(encoding="utf-8"))
+        plan = Plan(**{field.name: loaded[field.name] for field in fields(Plan)})
+        well_formed = type(plan.processes) is int and all(type(n) is int for n in plan.steps)
+        if not well_formed or any([str(n), str(d)] != [n, d] for n, d in (*plan.clips, *plan.validation)):
+            raise ValueError("another type of value than expected")
+    except (OSError, ValueError, TypeError, KeyError, RecursionError) as error:
+        raise NteError(f"{path}: not a plan of ours, or damaged: {error}: start the run anew with --force") from error
+    return plan

@@ -1,0 +1,204 @@
+"""Decoded clips in tiles, so that a crop reads little else: from memory, or from files that the system maps.
+
+A folder of the cache holds one clip with one noise seed. Its name has a digest of all that it was made from, and it is
+whole or absent, so several processes and several runs can share a cache.
+
+tiles.npy    float32 (rows of tiles, columns of tiles, frames, components, TILE, TILE)
+scalars.npy  float32 (2, 1): exposure and depth scale of the sequence
+"""
+
+import os
+import shutil
+import warnings
+from collections.abc import Callable, Sequence
+from contextlib import suppress
+from pathlib import Path
+from typing import NamedTuple
+
+import numpy as np
+import numpy.typing as npt
+import torch
+from torch import Tensor
+
+from nte.errors import NteError
+from nte.files import make_folder, sweep, temporary_name
+from nte.frames.channels import CHANNELS
+from nte.frames.clip import Clip, frame_path
+from nte.frames.frame import Frame
+from nte.frames.reference import BadReferenceWarning, count_bad_pixels, describe_bad_pixels
+from nte.frames.scalars import sequence_scalars
+from nte.motion.geometric import scatter_forward_motion
+from nte.training.plan import digest_of
+
+TILE = 64  # pixels; a crop of 256 reads 1.6 times its size
+FORMAT = "nte-tiles/1"
+FORWARD, SCATTERED = "previous_forward_motion", "scattered_forward_motion"
+REFERENCE = "reference"
+Pixels = npt.NDArray[np.float32]
+
+
+class TiledClip(NamedTuple):
+    """One clip with one noise seed, decoded."""
+
+    channels: tuple[str, ...]
+    tiles: Pixels  # see the module
+    scalars: Pixels
+
+    def crop(self, frames: slice, rows: slice, columns: slice) -> dict[str, Tensor]:
+        """Channels (F, C, H, W) of some frames, rows and columns."""
+        top, left = rows.start // TILE, columns.start // TILE
+        chosen = self.tiles[top : -(-rows.stop // TILE), left : -(-columns.stop // TILE), frames]
+        down, across, count, components = chosen.shape[:4]
+        joined = chosen.transpose(2, 3, 0, 4, 1, 5).reshape(count, components, down * TILE, across * TILE)
+        inside = joined[:, :, rows.start - top * TILE :, columns.start - left * TILE :]
+        inside = inside[:, :, : rows.stop - rows.start, : columns.stop - columns.start]
+        images, first = {}, 0
+        for name in self.channels:
+            images[name] = torch.from_numpy(inside[:, first : first + width_of(name)].copy())
+            first += width_of(name)
+        return images
+
+    def sequence_scalars(self) -> dict[str, Tensor]:
+        """Exposure and depth scale, each (1,)."""
+        return {
+            name: torch.tensor(value) for name, value in zip(("exposure", "depth_scale"), self.scalars, strict=True)
+        }
+
+
+class ClipStore:
+    """Clips that are decoded once: kept in memory, or, where a folder is given, in files below it.
+
+    channels: what a clip must have; previous_forward_motion is made by scattering where the clip has none.
+    scattered: the channel SCATTERED besides, what scattering makes of every clip.
+    """
+
+    def __init__(
+        self, clips: Sequence[Clip], channels: Sequence[str], folder: Path | None = None, scattered: bool = False
+    ) -> None:
+        self.clips, self.folder = clips, folder
+        self.channels = (*channels, SCATTERED) if scattered else tuple(channels)
+        self._open: dict[tuple[int, int], TiledClip] = {}
+        self._told: set[int] = set()
+
+    def get(self, index: int, seed: int) -> TiledClip:
+        """Clip `index` with noise seed `seed`."""
+        key = index, seed
+        if key not in self._open:
+            self._open[key] = self._decode(key, np.empty) if self.folder is None else self._mapped(self.folder, key)
+        return self._open[key]
+
+    def gigabytes(self) -> float:
+        """What all clips take with all their seeds, decoded."""
+        return sum(4.0 * np.prod(self._shape(clip)) * clip.seeds for clip in self.clips) / 2**30
+
+    def _shape(self, clip: Clip) -> tuple[int, ...]:
+        components = sum(map(width_of, self.channels))
+        return -(-clip.height // TILE), -(-clip.width // TILE), len(clip), components, TILE, TILE
+
+    def _mapped(self, folder: Path, key: tuple[int, int]) -> TiledClip:
+        clip = self.clips[key[0]]
+        path = folder / f"{clip.name}_{self._digest(clip, key[1])}"
+        if not path.is_dir():
+            make_folder(folder)
+            sweep(folder, path.name)
+            temporary = temporary_name(path)
+            try:
+                temporary.mkdir()
+                made = self._decode(key, lambda shape, dtype: _allocate(temporary / "tiles.npy", shape))
+                np.save(temporary / "scalars.npy", made.scalars)
+                _reach_the_disk(temporary)
+                with suppress(FileExistsError, NotADirectoryError):
+                    _rename(temporary, path)
+            except OSError as error:
+                reason = f"cannot be written: {error.strerror}: name another folder by data.cache_dir"
+                raise NteError(f"{path}: {reason}") from error
+            finally:
+                shutil.rmtree(temporary, ignore_errors=True)
+        try:
+            tiles = np.load(path / "tiles.npy", mmap_mode="r", allow_pickle=False)
+            scalars = np.load(path / "scalars.npy", allow_pickle=False)
+        except (OSError, ValueError, EOFError) as error:
+            raise NteError(f"{path}: damaged ({error}): delete it, it will be made again") from error
+        found, expected = (tiles.shape, scalars.shape), (self._shape(clip), (2, 1))
+        if found != expected:
+            raise NteError(f"{path}: damaged: it holds {found}, expected {expected}: delete it, it will be made again")
+        return TiledClip(self.channels, tiles, scalars)
+
+    def _decode(
+        self, key: tuple[int, int], allocate: Callable[[tuple[int, ...], type[np.float32]], Pixels]
+    ) -> TiledClip:
+        """Read frame after frame; one of them is in memory at a time, besides what `allocate` gives."""
+        index, seed = key
+        clip = self.clips[index]
+        tiles = allocate(self._shape(clip), np.float32)
+        stored = [name for name in self.channels if name in clip.channels]
+        scalars = np.empty((2, 1), np.float32)
+        for i in range(len(clip)):
+            frame = clip.frame(i, stored, (seed,))
+            self._look(frame, index)
+            if i == 0:
+                scalars = np.stack(sequence_scalars(frame))
+            planes = np.concatenate([self._channel(frame, name)[0] for name in self.channels])
+            tiles[:, :, i] = _tiled(planes)
+        return TiledClip(self.channels, tiles, scalars)
+
+    def _channel(self, frame: Frame, name: str) -> Pixels:
+        if name == SCATTERED or (name == FORWARD and name not in frame):
+            motion, depth = (torch.from_numpy(frame[n]) for n in ("motion", "depth"))
+            return np.asarray(scatter_forward_motion(motion, depth))
+        return np.asarray(frame[name])
+
+    def _look(self, frame: Frame, index: int) -> None:
+        if REFERENCE not in frame:
+            return
+        folder = self.clips[index].folder
+        bad = count_bad_pixels(frame, REFERENCE, folder)
+        if bad and index not in self._told:
+            self._told.add(index)
+            warnings.warn(describe_bad_pixels(bad, REFERENCE, folder, frame.index), BadReferenceWarning, stacklevel=2)
+
+    def _digest(self, clip: Clip, seed: int) -> str:
+        """Of all that the tiles are made from: a clip that is rendered again has other tiles."""
+        paths = [frame_path(clip.folder, i, s) for s in sorted({0, seed}) for i in range(len(clip))]
+        try:
+            stats = [(path.name, (stat := path.stat()).st_size, stat.st_mtime_ns) for path in paths]
+        except OSError as error:
+            raise NteError(f"{error.filename}: cannot be read: {error.strerror}") from error
+        return digest_of(clip, FORMAT, TILE, self.channels, seed, str(clip.folder.resolve()), stats)
+
+
+def width_of(channel: str) -> int:
+    """How many components a channel has."""
+    return len(CHANNELS[FORWARD if channel == SCATTERED else channel].components)
+
+
+def _tiled(planes: Pixels) -> Pixels:
+    """(C, H, W) → (rows of tiles, columns of tiles, C, TILE, TILE), filled up with zeros."""
+    count, height, width = planes.shape
+    padded = np.pad(planes, [(0, 0), (0, -height % TILE), (0, -width % TILE)])
+    split = padded.reshape(count, padded.shape[1] // TILE, TILE, padded.shape[2] // TILE, TILE)
+    return split.transpose(1, 3, 0, 2, 4)
+
+
+def _allocate(path: Path, shape: tuple[int, ...]) -> Pixels:
+    """A new mapped file, with its room on the disk: writing to a map of a full disk would kill the process."""
+    tiles = np.lib.format.open_memmap(path, mode="w+", dtype=np.float32, shape=shape)
+    if hasattr(os, "posix_fallocate"):
+        with path.open("r+b") as file:
+            os.posix_fallocate(file.fileno(), 0, path.stat().st_size)
+    return tiles
+
+
+def _reach_the_disk(folder: Path) -> None:
+    """Wait until files are on the disk: after a power cut, a name without its content would be a clip of zeros."""
+    for path in folder.iterdir():
+        with path.open("r+b") as file:
+            os.fsync(file.fileno())
+
+
+def _rename(temporary: Path, path: Path) -> None:
+    """Rename a folder; FileExistsError where another process was faster."""
+    try:
+        temporary.rename(path)
+    except OSError as error:
+        raise (FileExistsError if path.is_dir() else type(error))(*error.args) from error
