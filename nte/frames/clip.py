@@ -137,7 +137,7 @@ class Clip:
     @cached_property
     def channels(self) -> tuple[str, ...]:
         """The channels that frames have, by their first file; derived ones included."""
-        found = tuple(read_frame(frame_path(self.folder, 0)))
+        found = tuple(self._read(frame_path(self.folder, 0)))
         return (*found, "previous_forward_motion") if "forward_motion" in found else found
 
     def frame(self, index: int, channels: Iterable[str] | None = None, seeds: Sequence[int] = (0,)) -> Frame:

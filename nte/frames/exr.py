@@ -37,6 +37,10 @@ class Part(NamedTuple):
     layers: dict[str, npt.NDArray[Any]]  # channel name → (H, W), as stored
     views: tuple[str, ...] = ()  # of a part that holds several, the default one first
 
+    def full(self, channel: str) -> str:
+        """The full layered name of a channel: the part's name is the layer of one that names none itself."""
+        return f"{self.name}.{channel}" if self.name and "." not in channel else channel
+
 
 def read_layers(path: Path, size: tuple[int, int] | None = None) -> dict[str, npt.NDArray[Any]]:
     """Read every channel of an OpenEXR file: full layered name → array (H, W), float16, float32 or uint32 as stored.
@@ -107,7 +111,7 @@ def merge_parts(path: Path, parts: Sequence[Part]) -> dict[str, npt.NDArray[Any]
     first: dict[str, Part] = {}
     for part in parts:
         for channel, pixels in part.layers.items():
-            name = f"{part.name}.{channel}" if part.name and "." not in channel else channel
+            name = part.full(channel)
             if name in merged:
                 both = " and ".join(f"'{p.view or p.name}'" for p in (first[name], part))
                 kind = "views" if part.view else "parts"

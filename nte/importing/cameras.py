@@ -28,7 +28,7 @@ def load_cameras(path: Path, frames: int) -> list[Camera]:
         found = [Camera(*(np.array(c[key], np.float64) for key in Camera._fields)) for c in listed]
     except OSError as error:
         raise NteError(f"{path}: cannot be read: {error.strerror}") from error
-    except (ValueError, TypeError, KeyError) as error:
+    except (ValueError, TypeError, KeyError, OverflowError, RecursionError) as error:
         raise NteError(f"{path}: expected a JSON list of view and projection matrices: {error}") from error
     if len(found) != frames:
         raise NteError(f"{path}: {len(found)} cameras for {frames} frames")
