@@ -70,6 +70,9 @@ def read_parts(path: Path, size: tuple[int, int] | None = None) -> list[Part]:
         _check_headers(path, headers, size)
         with quiet(), OpenEXR.File(str(path), separate_channels=True) as file:
             parts = [_read_part(path, part, len(file.parts) > 1) for part in file.parts]
+    except UnicodeDecodeError as error:  # which the library raises for attributes and names alike
+        text = ascii(error.object)
+        raise NteError(f"{path}: the header has text that is not UTF-8, {text:.60}: write it again in UTF-8") from error
     except (RuntimeError, ValueError, OSError) as error:
         raise NteError(f"{path}: the OpenEXR file is truncated or damaged: render or copy it again") from error
     if not any(part.layers for part in parts):  # how the library reports some truncated files

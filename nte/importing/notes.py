@@ -47,15 +47,16 @@ class LostValues:
         self._pixels = self._cut = self._hits = 0
         self._albedo, self._depth = Range(), Range()
 
-    def look(self, stored: Mapping[str, Pixels], ours: Mapping[str, Pixels]) -> None:
-        """Add a frame of channels (C, H, W), before and after their conversion."""
+    def look(self, stored: Mapping[str, Pixels], ours: Mapping[str, Pixels], sky: float) -> None:
+        """Add a frame of channels (C, H, W), before and after conversion. sky: stored depth of what is no surface."""
         if "albedo" in stored:
             values = stored["albedo"]
             self._albedo.add(values)
             self._pixels += values[0].size
             self._cut += int(((values < _CUT[0]) | (values > _CUT[1])).any(0).sum())
         if "depth" in stored:
-            self._depth.add(stored["depth"][stored["depth"] != 0])
+            depth = np.abs(stored["depth"])
+            self._depth.add(stored["depth"][(depth > 0) & (depth < sky)])
             self._hits += int((ours["depth"] > 0).sum())
 
     def notes(self) -> Iterator[str]:

@@ -124,7 +124,7 @@ class ForeignSequence:
                     raise NteError(f"{path}: '{channel.name}' is {found}, expected {expected} like {first}")
                 given[channel.name] = values
             ours = to_ours(given, self.how, self.cameras[index] if self.cameras else None)
-            self.lost.look(given, ours)
+            self.lost.look(given, ours, self.how.depth.sky)
             self.odd.look(ours, {channel.name: channel.files[index] for channel in self.inputs})
             yield ours
 
