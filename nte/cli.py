@@ -103,9 +103,12 @@ def _parser() -> argparse.ArgumentParser:
     denoise.add_argument("sources", type=Path, nargs="+", metavar="CLIP_OR_FOLDER_OR_FILES")
     denoise.add_argument("--denoiser", required=True, metavar="SPEC", help="run, .onnx, or name:key=value")
     denoise.add_argument("--out", type=Path, required=True, help="folder for the frames")
-    denoise.add_argument("--motion", choices=["estimate"], help="estimate it from the images, instead of given vectors")
+    text = "estimate, or estimate:key=value,…: motion from the images, instead of given vectors"
+    denoise.add_argument("--motion", metavar="estimate", help=text)
     text = "how to read another renderer's files: a channel map, or the name of one (default: the one that fits)"
     denoise.add_argument("--map", metavar="MAP", help=text)
+    text = "a change to the map, such as view=left; repeat it for more"
+    denoise.add_argument("--set", action="append", default=[], metavar="key=value", help=text)
     denoise.add_argument("--exposure", type=float, help="linear factor of the sequence (default: estimated once)")
     denoise.add_argument("--png", action="store_true", help="a tonemapped picture beside each frame")
     _device(denoise, "cpu")
@@ -199,10 +202,12 @@ def _denoise(options: argparse.Namespace) -> None:
     from nte.registry import load_denoiser
     from nte.sequences import denoise_files
 
+    if options.motion and options.motion.partition(":")[0] != "estimate":
+        raise NteError(f"--motion {options.motion}: expected estimate, or estimate:key=value,…")
     spec = f"{options.motion}+{options.denoiser}" if options.motion else options.denoiser
     denoiser = load_denoiser(spec, options.device)
     written = denoise_files(
-        options.sources, denoiser, options.out, options.exposure, options.png, options.force, options.map
+        options.sources, denoiser, options.out, options.exposure, options.png, options.force, options.map, options.set
     )
     print(f"{len(written)} frames in {options.out}")
 

@@ -8,13 +8,14 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
-import numpy.typing as npt
 
 from nte.denoiser import Denoiser, Session, check_needs
 from nte.errors import NteError, needs_extra
 from nte.files import only_writer
-from nte.frames.clip import Clip, Pixels, as_layers, frame_path, half_keeps, read_frame, write_clip_info
-from nte.frames.exr_copy import copy_exr
+from nte.frames.channels import CHANNELS
+from nte.frames.clip import Clip, Pixels, frame_path, read_frame, write_clip_info
+from nte.frames.exr import read_parts
+from nte.frames.exr_copy import Planes, copy_exr
 from nte.frames.frame import Frame
 from nte.frames.numbering import by_number
 from nte.frames.scalars import sequence_scalars
@@ -27,27 +28,28 @@ class _Source(NamedTuple):
 
     files: Sequence[Path]
     frames: Iterable[Frame]
-    layers: Callable[[int, Pixels], Mapping[str, npt.NDArray[Any]]]  # of frame i and an image (C, H, W): name → (H, W)
+    layers: Callable[[int, Pixels], Planes]  # of frame i and an image (C, H, W): what copy_exr takes
     clip: Clip | None = None
     notes: Callable[[], Iterable[str]] = tuple  # worth saying when all frames have been read
 
 
 def denoise_files(
     sources: Sequence[Path], denoiser: Denoiser, out: Path, exposure: float | None = None, png: bool = False,
-    force: bool = False, map_name: str | None = None, say: Callable[[str], None] = print,
+    force: bool = False, map_name: str | None = None, overrides: Sequence[str] = (),
+    say: Callable[[str], None] = print,
 ) -> list[Path]:  # fmt: skip
     """Denoise a clip, or frames in the order of their numbers, into the folder `out`; returns what was written.
 
     sources: a clip, a folder of frames, or the frames. Frames of other renderers are read by the channel map
-    `map_name` (a file, or the name of one that ships), or by the one that fits. A frame keeps its name, its attributes
-    and its layers; only the denoised image takes the place of the noisy one. A clip stays a clip. exposure: linear
-    factor for the sequence (None: the clip's own, or estimated from the first frame). png: a tonemapped picture
-    beside each frame. say: gets what is worth knowing of how foreign files were read. Raises NteError for input that
-    does not fit and for files that exist, unless `force`.
+    `map_name` (a file, or the name of one that ships), or by the one that fits; overrides: `key=value` for it. A frame
+    keeps its name, its attributes and its layers; only the denoised image takes the place of the noisy one. A clip
+    stays a clip. exposure: linear factor for the sequence (None: the clip's own, or estimated from the first frame).
+    png: a tonemapped picture beside each frame. say: gets what is worth knowing of how foreign files were read. Raises
+    NteError for input that does not fit and for files that exist, unless `force`.
     """
     if exposure is not None and not 0 < exposure < float("inf"):
         raise NteError(f"exposure is {exposure}, expected a positive number")
-    source = _open(sources, denoiser.target, map_name)
+    source = _open(sources, denoiser.target, map_name, overrides)
     written = [out / path.name for path in source.files]
     _refuse_to_overwrite(out, written, source.files, png, force)
     if source.clip:
@@ -61,7 +63,8 @@ def denoise_files(
             image = session.denoise(replace(frame, exposure=scale))[0]
             if index == 0:
                 (out / "clip.json").unlink(missing_ok=True)  # until its frames are all there
-            copy_exr(source.files[index], written[index], source.layers(index, image))
+            dark_counts = CHANNELS[denoiser.target].kind == "radiance"
+            copy_exr(source.files[index], written[index], source.layers(index, image), dark_counts)
             if png:
                 write_png(written[index].with_suffix(".png"), show(denoiser.target, image, float(scale[0])).pixels)
             progress.advance(1)
@@ -72,36 +75,56 @@ def denoise_files(
     return written
 
 
-def _open(sources: Sequence[Path], target: str, map_name: str | None) -> _Source:
+def _open(sources: Sequence[Path], target: str, map_name: str | None, overrides: Sequence[str]) -> _Source:
     """Find out what the sources are: a clip, frames with nte's channels, or those of another renderer."""
 
-    def ours(index: int, image: Pixels) -> Mapping[str, npt.NDArray[Any]]:
-        return as_layers({target: image})
+    def ours(index: int, image: Pixels) -> Planes:
+        return {f"{target}.{c}": plane for c, plane in zip(CHANNELS[target].components, image, strict=True)}
 
     folder = sources[0] if len(sources) == 1 and sources[0].is_dir() else None
-    if folder and map_name is None and ((folder / "clip.json").exists() or frame_path(folder, 0).exists()):
+    mapped = map_name is not None or bool(overrides)
+    if folder and not mapped and ((folder / "clip.json").exists() or _has(frame_path(folder, 0), target)):
         clip = Clip(folder)
         return _Source([frame_path(folder, i) for i in range(len(clip))], clip, ours, clip)
-    files = _in_order(sorted(folder.glob("*.[eE][xX][rR]")) if folder else sources)
+    files = _frames_in(folder) if folder else list(sources)
     if not files:
         raise NteError(f"{folder}: has no clip.json and no .exr frames: expected a clip or a folder of frames")
-    if map_name is None and target in read_frame(files[0]):
-        return _Source(files, _with_forward(map(read_frame, files), files), ours)
+    if not mapped:
+        files = _in_order(files)
+        if not files[0].exists() or _has(files[0], target):
+            return _Source(files, _with_forward(map(read_frame, files), files), ours)
+    if target != "color":
+        raise NteError(
+            f"{files[0]}: has no '{target}', which this denoiser gives; in others' frames it has to be color"
+        )
+    return _foreign(folder or files, files[0], map_name, overrides)
+
+
+def _foreign(source: Path | Sequence[Path], first: Path, map_name: str | None, overrides: Sequence[str]) -> _Source:
+    """Frames of another renderer; a map may name several files a frame, if `source` is a folder. first: one of them."""
     try:
         from nte.importing.recognise import recognise
         from nte.importing.sequence import ForeignSequence
     except ImportError as error:
         raise needs_extra("import", "reading frames of another renderer", error) from error
-    sequence = ForeignSequence(files, map_name or recognise(files[0]))
-
-    def theirs(index: int, image: Pixels) -> Mapping[str, npt.NDArray[Any]]:
-        kind = np.float16 if half_keeps(image, dark_counts=True) else np.float32
-        return {name: plane.astype(kind) for name, plane in sequence.replacing(index, image).items()}
+    sequence = ForeignSequence(source, map_name or recognise(first), overrides=overrides)
 
     def notes() -> Iterable[str]:
         return [f"read as {sequence.how.producer} (--map {sequence.map.stem})", *sequence.notes()]
 
-    return _Source(sequence.files, _with_forward(sequence.frames(), sequence.files), theirs, notes=notes)
+    frames = _with_forward(sequence.frames(), sequence.files, sequence.about)
+    return _Source(sequence.files, frames, sequence.replacing, notes=notes)
+
+
+def _has(path: Path, target: str) -> bool:
+    """Whether a frame is there and has a channel under nte's name."""
+    names = {part.full(channel) for part in read_parts(path) for channel in part.layers} if path.exists() else set()
+    return names >= {f"{target}.{c}" for c in CHANNELS[target].components}
+
+
+def _frames_in(folder: Path) -> list[Path]:
+    """The EXR files of a folder, without hidden ones: systems and killed processes leave those."""
+    return sorted(path for path in folder.glob("*.[eE][xX][rR]") if path.is_file() and path.name[0] != ".")
 
 
 def _refuse_to_overwrite(
@@ -119,7 +142,10 @@ def _refuse_to_overwrite(
             raise NteError(f"{path}: exists: choose another folder, or overwrite it with --force")
 
 
-def _with_forward(stored: Iterable[Mapping[str, Pixels]], paths: Sequence[Path]) -> Iterator[Frame]:
+def _with_forward(
+    stored: Iterable[Mapping[str, Pixels]], paths: Sequence[Path],
+    about: Callable[[int], Mapping[str, Any]] = lambda index: {},
+) -> Iterator[Frame]:  # fmt: skip
     """Frames of channels (C, H, W); the forward motion of a frame is handed over with the next one."""
     forward, size = None, None
     for index, (path, read) in enumerate(zip(paths, stored, strict=True)):
@@ -134,10 +160,10 @@ def _with_forward(stored: Iterable[Mapping[str, Pixels]], paths: Sequence[Path])
             unknown = np.full_like(channels["forward_motion"], np.nan)
             channels["previous_forward_motion"] = unknown if forward is None else forward
             forward = channels["forward_motion"]
-        yield Frame(channels, index)
+        yield Frame(channels, index, **about(index))
 
 
 def _in_order(sources: Sequence[Path]) -> list[Path]:
-    """Files by the numbers in their names, without gaps; as they are given where one has none."""
-    numbered = all(re.search(r"\d", path.stem) for path in sources)
+    """Files by the numbers in their names, without gaps; as they are given where none has a number."""
+    numbered = any(re.search(r"\d", path.stem) for path in sources)
     return list(by_number(sources).values()) if numbered else list(sources)

@@ -146,9 +146,34 @@ def test_what_does_not_fit_is_named(noisy_disc: Path, tmp_path: Path) -> None:
         ([paths[0], tmp_path / "shot.0008.exr"], None, r"shot\.0008\.exr: 9x9 after 9x8: frames must have one size"),
         ([tmp_path / "strange.exr"], None, r"strange\.exr: has no channel of ours"),
         ([tmp_path / "nowhere.exr"], None, r"nowhere\.exr: cannot be read: No such file"),
-        ([tmp_path], None, r"strange\.exr: has no channel of ours"),
+        ([tmp_path], None, r"strange\.exr: has no frame number"),  # and shot.0008.exr has one
         ([noisy_disc, noisy_disc], None, "two frames have this name|Is a directory"),
         *((paths, bad, "exposure is .*, expected a positive number") for bad in (0.0, -1.0, np.nan, np.inf)),
     ):
         with pytest.raises(NteError, match=message):
             denoise_files(sources, Noisy(), out, exposure=exposure)
+
+
+def test_hidden_files_are_no_frames(tmp_path: Path) -> None:
+    paths = engine_frames(tmp_path / "in")
+    (tmp_path / "in" / "._shot.0007.exr").write_bytes(b"what macOS leaves on a network drive")
+    (tmp_path / "in" / "shot.0010.exr").mkdir()
+    written = denoise_files([tmp_path / "in"], Noisy(), tmp_path / "out")
+    assert [path.name for path in written] == [path.name for path in paths]
+
+
+def test_a_file_without_a_number_beside_a_sequence_is_refused(tmp_path: Path) -> None:
+    engine_frames(tmp_path / "in", count=2, first=9)[1].rename(tmp_path / "in" / "shot.10.exr")
+    (tmp_path / "in" / "mask.exr").write_bytes((tmp_path / "in" / "shot.10.exr").read_bytes())
+    with pytest.raises(NteError, match=r"mask\.exr: has no frame number in its name"):
+        denoise_files([tmp_path / "in"], Noisy(), tmp_path / "out")
+
+
+def test_float_channels_stay_as_precise_as_they_are(tmp_path: Path) -> None:
+    """Half floats would keep 1/3 to 1e-4 only, and 1e-9 not at all."""
+    for index, size in enumerate((1 / 3, 1e-9)):
+        given = {f"color.{c}": np.full((8, 9), size, np.float32) for c in "RGB"}
+        path = tmp_path / f"in.{index}.exr"
+        write_exr(path, given)
+        found = read_layers(denoise_files([path], Noisy(), tmp_path / "out")[0])
+        np.testing.assert_array_equal(found["color.R"], given["color.R"])

@@ -44,6 +44,8 @@ class ExposureTally:
                 yield Finding(dark, "black everywhere", "the same light in color and reference")
             return
         lit = (reference > 0.01 * reference.mean()) & (color > 0)
+        if not lit.any():
+            return
         ratios = (color[lit] / reference[lit]).log()
         typical, of_means = float(ratios.median()), float((color.sum() / reference.sum()).log())
         agree = float(((ratios - typical).abs() < torch.tensor(ALIKE).log()).double().mean())

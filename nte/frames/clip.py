@@ -137,7 +137,7 @@ class Clip:
     @cached_property
     def channels(self) -> tuple[str, ...]:
         """The channels that frames have, by their first file; derived ones included."""
-        found = tuple(read_frame(frame_path(self.folder, 0)))
+        found = tuple(self._read(frame_path(self.folder, 0)))
         return (*found, "previous_forward_motion") if "forward_motion" in found else found
 
     def frame(self, index: int, channels: Iterable[str] | None = None, seeds: Sequence[int] = (0,)) -> Frame:
@@ -242,14 +242,16 @@ def _check_cameras(path: Path, cameras: Any, frames: int) -> None:
 def find_clips(paths: Iterable[Path]) -> list[Path]:
     """Every clip at or below the paths, once: those of a folder of clips in the order of their names.
 
-    Raises NteError for a path that does not exist or has no clip in it.
+    Hidden folders below are left out: a clip that is being imported is in one. Raises NteError for a path that does
+    not exist or has no clip in it.
     """
     found: dict[Path, Path] = {}
     for path in map(Path, paths):
         if not path.is_dir():
             what = "is a file" if path.exists() else "does not exist"
             raise NteError(f"{path}: {what}: expected a clip (a folder with clip.json) or a folder of clips")
-        below = sorted(info.parent for info in path.rglob("clip.json"))
+        folders = (info.parent for info in path.rglob("clip.json"))
+        below = sorted(f for f in folders if not any(name[0] == "." for name in f.relative_to(path).parts))
         if not below:
             raise NteError(f"{path}: no clip in it: expected clip.json in the folder or below it")
         for folder in below:

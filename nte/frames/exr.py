@@ -37,6 +37,10 @@ class Part(NamedTuple):
     layers: dict[str, npt.NDArray[Any]]  # channel name → (H, W), as stored
     views: tuple[str, ...] = ()  # of a part that holds several, the default one first
 
+    def full(self, channel: str) -> str:
+        """The full layered name of a channel: the part's name is the layer of one that names none itself."""
+        return f"{self.name}.{channel}" if self.name and "." not in channel else channel
+
 
 def read_layers(path: Path, size: tuple[int, int] | None = None) -> dict[str, npt.NDArray[Any]]:
     """Read every channel of an OpenEXR file: full layered name → array (H, W), float16, float32 or uint32 as stored.
@@ -66,6 +70,9 @@ def read_parts(path: Path, size: tuple[int, int] | None = None) -> list[Part]:
         _check_headers(path, headers, size)
         with quiet(), OpenEXR.File(str(path), separate_channels=True) as file:
             parts = [_read_part(path, part, len(file.parts) > 1) for part in file.parts]
+    except UnicodeDecodeError as error:  # which the library raises for attributes and names alike
+        text = ascii(error.object)
+        raise NteError(f"{path}: the header has text that is not UTF-8, {text:.60}: write it again in UTF-8") from error
     except (RuntimeError, ValueError, OSError) as error:
         raise NteError(f"{path}: the OpenEXR file is truncated or damaged: render or copy it again") from error
     if not any(part.layers for part in parts):  # how the library reports some truncated files
@@ -107,7 +114,7 @@ def merge_parts(path: Path, parts: Sequence[Part]) -> dict[str, npt.NDArray[Any]
     first: dict[str, Part] = {}
     for part in parts:
         for channel, pixels in part.layers.items():
-            name = f"{part.name}.{channel}" if part.name and "." not in channel else channel
+            name = part.full(channel)
             if name in merged:
                 both = " and ".join(f"'{p.view or p.name}'" for p in (first[name], part))
                 kind = "views" if part.view else "parts"

@@ -10,7 +10,8 @@ import OpenEXR
 
 from nte.errors import NteError
 from nte.files import make_folder, write_whole
-from nte.frames.exr import quiet, read_layers
+from nte.frames.clip import half_keeps
+from nte.frames.exr import merge_parts, quiet, read_parts
 from nte.frames.exr_header import window_size
 
 # Compressions that lose nothing: the channels that stay are decoded and encoded again.
@@ -18,34 +19,41 @@ _LOSSLESS = {
     OpenEXR.NO_COMPRESSION, OpenEXR.RLE_COMPRESSION, OpenEXR.ZIPS_COMPRESSION, OpenEXR.ZIP_COMPRESSION,
     OpenEXR.PIZ_COMPRESSION,
 }  # fmt: skip
-Planes = Mapping[str, npt.NDArray[np.floating[Any]]]
+Place = tuple[int, str]  # the number of a part, and a channel's name in it
+Planes = Mapping[str, npt.NDArray[np.floating[Any]]] | Mapping[Place, npt.NDArray[np.floating[Any]]]
 
 
-def copy_exr(source: Path, out: Path, planes: Planes) -> None:
-    """Copy `source` to `out` with other pixels in the channels of `planes`: full layered name → (H, W).
+def copy_exr(source: Path, out: Path, planes: Planes, dark_counts: bool = True) -> None:
+    """Copy `source` to `out` with other pixels in the channels of `planes`: full layered name, or Place → (H, W).
 
     The sizes are those of the display window, as `read_layers` gives them. Parts, views, windows, attributes
     (chromaticities, owner, pixel aspect, manifests of Cryptomatte) and all other channels stay; so do the pixels of a
-    replaced channel that lie outside the display window. A channel keeps its type, except that one of half floats takes
-    float32 where it is given float32. What was compressed with loss is not lossy again. Raises NteError, and writes
-    nothing, for a channel that the file does not have.
+    replaced channel that lie outside the display window. A channel keeps its type, except that one of half floats
+    becomes float32 where half floats do not keep its new pixels (half_keeps; dark_counts as there). What was
+    compressed with loss is not lossy again; of tiles of several sizes (mip maps) only the full size stays. Raises
+    NteError, and writes nothing, for a channel that the file does not have, and for a name that two parts have.
     """
-    read_layers(source)  # raises for what is damaged, or has two channels of one name
-    left = dict(planes)
+    parts = read_parts(source)  # raises for what is damaged
+    left: dict[str | Place, npt.NDArray[np.floating[Any]]] = dict(planes.items())
+    if any(isinstance(key, str) for key in left):
+        merge_parts(source, parts)  # raises for two channels of one name
     with quiet():
         file = OpenEXR.File(str(source), separate_channels=True)
     several = len(file.parts) > 1
-    for part in file.parts:
+    for number, part in enumerate(file.parts):
         if part.header["compression"] not in _LOSSLESS:
             part.header["compression"] = OpenEXR.ZIP_COMPRESSION
+        if "tiles" in part.header:
+            part.header["tiles"].mode = OpenEXR.ONE_LEVEL  # the library writes no other
         for name, channel in part.channels.items():
             alone = f"{part.header.get('name', '')}.{name}" if several and "." not in name else name
-            if alone in left:
-                channel.pixels = _placed(left.pop(alone), channel.pixels, part.header)
+            key: str | Place = alone if alone in left else (number, name)
+            if key in left:
+                channel.pixels = _placed(left.pop(key), channel.pixels, part.header, dark_counts)
             else:
                 channel.pixels = np.ascontiguousarray(channel.pixels)
     if left:
-        raise NteError(f"{source}: has no channel '{min(left)}' to replace")
+        raise NteError(f"{source}: has no channel '{min(map(str, left))}' to replace")
     make_folder(out.parent)
 
     def write(temporary: Path) -> None:
@@ -55,14 +63,17 @@ def copy_exr(source: Path, out: Path, planes: Planes) -> None:
     write_whole(out, write)
 
 
-def _placed(plane: npt.NDArray[Any], stored: npt.NDArray[Any], header: Mapping[str, Any]) -> npt.NDArray[Any]:
+def _placed(
+    plane: npt.NDArray[Any], stored: npt.NDArray[Any], header: Mapping[str, Any], dark_counts: bool
+) -> npt.NDArray[Any]:
     """The pixels of a data window, with those of the display window taken from `plane`."""
     data, display = np.array(header["dataWindow"]), np.array(header["displayWindow"])
     size = window_size(header["displayWindow"])
     if plane.shape != size:
         raise NteError(f"the new pixels are {plane.shape[1]}x{plane.shape[0]}, the file is {size[1]}x{size[0]}")
     low, high = np.maximum(data[0], display[0]), np.minimum(data[1], display[1]) + 1
-    kind = np.float32 if stored.dtype == np.float16 and plane.dtype == np.float32 else stored.dtype
+    fits = stored.dtype != np.float16 or half_keeps(plane, dark_counts)
+    kind = stored.dtype if fits else np.dtype(np.float32)
     placed = np.array(stored, kind)
     if (low < high).all():
         inside, shown = (_rectangle(low - corner, high - corner) for corner in (data[0], display[0]))

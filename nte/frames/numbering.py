@@ -77,7 +77,8 @@ def _refuse_two_sequences(names: Sequence[_Name]) -> None:
         listed = " and ".join(_example(shapes, shape) for shape in sorted(shapes)[:2])
         more = f" and {len(shapes) - 2} more" if len(shapes) > 2 else ""
         raise NteError(
-            f"{names[0].path.parent}: holds {len(shapes)} sequences, {listed}{more}: choose one by a pattern"
+            f"{names[0].path.parent}: holds {len(shapes)} sequences, {listed}{more}: choose one by a pattern, "
+            "or say in a channel map (--map) which file has which channel"
         )
 
 

@@ -9,6 +9,8 @@ import numpy.typing as npt
 
 from nte.errors import NteError
 
+_LARGEST = 1e38  # what float32 holds, which frames have
+
 
 class Camera(NamedTuple):
     """Matrices (4, 4) for column vectors: world → view, view → homogeneous [0, 1]² with y down."""
@@ -28,13 +30,13 @@ def load_cameras(path: Path, frames: int) -> list[Camera]:
         found = [Camera(*(np.array(c[key], np.float64) for key in Camera._fields)) for c in listed]
     except OSError as error:
         raise NteError(f"{path}: cannot be read: {error.strerror}") from error
-    except (ValueError, TypeError, KeyError) as error:
+    except (ValueError, TypeError, KeyError, OverflowError, RecursionError) as error:
         raise NteError(f"{path}: expected a JSON list of view and projection matrices: {error}") from error
     if len(found) != frames:
         raise NteError(f"{path}: {len(found)} cameras for {frames} frames")
     for i, camera in enumerate(found):
         for key, matrix in camera._asdict().items():
-            if matrix.shape != (4, 4) or not np.isfinite(matrix).all() or np.linalg.det(matrix) == 0:
+            if matrix.shape != (4, 4) or not (np.abs(matrix) < _LARGEST).all() or np.linalg.det(matrix) == 0:
                 raise NteError(f"{path}: camera {i}: '{key}' is not an invertible 4×4 matrix")
     return found
 

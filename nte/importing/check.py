@@ -46,7 +46,8 @@ def _advice(clip: Clip, imported: Imported) -> str:
         change = "list the layers under 'channels.forward_motion' instead of 'channels.motion'"
     else:
         now, better = asdict(imported.vectors), asdict(type(imported.vectors).of(fits))
-        change = ", ".join(f"motion.{key}: {better[key]} (now {now[key]})" for key in now if better[key] != now[key])
+        differing = [key for key in better if better[key] != now[key]]
+        change = ", ".join(f"{imported.group}.{key}: {better[key]} (now {now[key]})" for key in differing)
     if not change:
         return ""
     if imported.map is None:

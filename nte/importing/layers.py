@@ -13,6 +13,7 @@ from nte.errors import NteError
 from nte.frames.channels import CHANNELS, Channel
 from nte.frames.clip import Pixels
 from nte.frames.exr import Part, merge_parts, split_views
+from nte.frames.exr_copy import Place
 from nte.importing.channel_map import SKY, Source
 
 Stored = Mapping[str, npt.NDArray[Any]]  # full layered name → (H, W), float16, float32 or uint32
@@ -59,14 +60,27 @@ def choose(path: Path, parts: Sequence[Part], source: Source) -> Stored:
     return merge_parts(path, [part._replace(name="") for part in chosen])
 
 
-def find_prefix(path: Path, stored: Stored, name: str, source: Source, ignored: Sequence[str]) -> str:
-    """What stands before every layer's name in this file, by where `source` is found; empty where it is nowhere.
+def places(path: Path, parts: Sequence[Part], source: Source) -> Mapping[str, Place]:
+    """Where in the file each channel of `choose` is: full layered name → number of its part, and its name there."""
+    numbered: list[Any] = [
+        (part.name, part.view, {n: (i, n) for n in part.layers}, part.views) for i, part in enumerate(parts)
+    ]
+    return choose(path, [Part(*part) for part in numbered], source)  # type: ignore[return-value]  # looks at no pixels
 
-    ignored: names that count only if there is no other. Raises NteError where several are left.
+
+def prefixes(stored: Stored, name: str, source: Source, ignored: Sequence[str]) -> list[str]:
+    """What may stand before every layer's name in this file, by where `source` is found; nothing where it is nowhere.
+
+    ignored: names that count only if there is no other.
     """
     candidates = {""} | {key[: match.start()] for key in stored for match in re.finditer(r"\.", key)}
     fitting = sorted(prefix for prefix in candidates if find(stored, name, source, prefix))
-    chosen = [prefix for prefix in fitting if prefix not in ignored] or fitting
+    return [prefix for prefix in fitting if prefix not in ignored] or fitting
+
+
+def find_prefix(path: Path, stored: Stored, name: str, source: Source, ignored: Sequence[str]) -> str:
+    """The one of `prefixes`, empty where there is none; raises NteError where there are several."""
+    chosen = prefixes(stored, name, source, ignored)
     if len(chosen) > 1:
         raise NteError(f"{path}: has the layers {', '.join(chosen)}: choose one with prefix=NAME")
     return chosen[0] if chosen else ""

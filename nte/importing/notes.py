@@ -9,6 +9,9 @@ import numpy as np
 from nte.frames.channels import CHANNELS
 from nte.frames.clip import Pixels
 
+_CUT = -0.1, 2.1  # albedo beyond is in another scale; a specular and a transmitted colour add up to 2
+_MANY = 0.01  # share of the pixels
+
 
 class OddValues:
     """Counts unusable values, frame by frame: NaN and infinite ones, negative radiance, unknown (NaN) vectors."""
@@ -35,3 +38,52 @@ class OddValues:
                 yield f"unknown: {where}; they move as the camera turns or as their neighbours"
             else:
                 yield f"bad: {where}: NaN, infinite or negative"
+
+
+class LostValues:
+    """What is lost where a map does not say how values are stored: albedo in another scale, depth of another sign."""
+
+    def __init__(self) -> None:
+        self._pixels = self._cut = self._hits = 0
+        self._albedo, self._depth = Range(), Range()
+
+    def look(self, stored: Mapping[str, Pixels], ours: Mapping[str, Pixels], sky: float) -> None:
+        """Add a frame of channels (C, H, W), before and after conversion. sky: stored depth of what is no surface."""
+        if "albedo" in stored:
+            values = stored["albedo"]
+            self._albedo.add(values)
+            self._pixels += values[0].size
+            self._cut += int(((values < _CUT[0]) | (values > _CUT[1])).any(0).sum())
+        if "depth" in stored:
+            depth = np.abs(stored["depth"])
+            self._depth.add(stored["depth"][(depth > 0) & (depth < sky)])
+            self._hits += int((ours["depth"] > 0).sum())
+
+    def notes(self) -> Iterator[str]:
+        """A line for each channel that is hardly what was meant."""
+        if self._cut > _MANY * self._pixels:
+            share = f"{self._cut / self._pixels:.0%} of the pixels of albedo, which is stored as {self._albedo}"
+            yield f"cut to [0, 1]: {share}: if that is another scale, say it with channels.albedo.scale"
+        if self._depth.known and not self._hits:
+            hint = "see depth.scale, negative where depth counts downwards, and depth.sky"
+            yield f"no pixel shows a surface: depth is stored as {self._depth}: {hint}"
+
+
+class Range:
+    """Of the finite values that were added."""
+
+    def __init__(self) -> None:
+        self._low, self._high = np.inf, -np.inf
+
+    def add(self, values: Pixels) -> None:
+        """Add an array of any shape."""
+        if (finite := values[np.isfinite(values)]).size:
+            self._low, self._high = min(self._low, float(finite.min())), max(self._high, float(finite.max()))
+
+    @property
+    def known(self) -> bool:
+        """Whether there was a finite value."""
+        return self._low <= self._high
+
+    def __str__(self) -> str:
+        return f"{self._low:.4g} to {self._high:.4g}"

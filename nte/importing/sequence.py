@@ -11,14 +11,15 @@ from nte.errors import NteError
 from nte.frames.channels import CHANNELS
 from nte.frames.clip import Pixels
 from nte.frames.exr import Part, read_parts
+from nte.frames.exr_copy import Place
 from nte.frames.numbering import by_number
 from nte.importing.cameras import Camera, load_cameras
 from nte.importing.channel_map import ChannelMap, Source, find_map, load_channel_map, needs_camera
 from nte.importing.convert import fill_unknown, to_ours, with_motion
 from nte.importing.files import files_of_pattern, numbered_files
 from nte.importing.ids import Ids
-from nte.importing.layers import Found, choose, find, find_prefix, missing, partly_there, read
-from nte.importing.notes import OddValues
+from nte.importing.layers import Found, choose, find, find_prefix, missing, partly_there, places, read
+from nte.importing.notes import LostValues, OddValues
 from nte.importing.sky import with_sky_motion
 from nte.importing.still import with_still_geometry
 
@@ -53,7 +54,7 @@ class ForeignSequence:
         self.cameras: list[Camera] = load_cameras(_beside(self.map, how.cameras), len(self)) if how.cameras else []
         self.ids = Ids()
         self.first: dict[str, tuple[Path, Found | None]] = {}
-        self.odd = OddValues()
+        self.odd, self.lost = OddValues(), LostValues()
 
     def __len__(self) -> int:
         return len(self.inputs[0].files)
@@ -74,14 +75,22 @@ class ForeignSequence:
             frames = with_still_geometry(frames, positions[0], self.cameras)
         return with_motion(map(fill_unknown, with_sky_motion(frames, self.cameras)))
 
-    def replacing(self, index: int, image: Pixels) -> dict[str, Pixels]:
-        """Full layer name → (H, W): what `image` (3, H, W), in nte's units, is stored as in the file of frame `index`.
+    def about(self, index: int) -> dict[str, Any]:
+        """What a Frame has besides channels: the shutter's open share, and the camera where the map names them."""
+        found: dict[str, Any] = {"shutter": np.array([self.how.shutter], np.float32)}
+        if self.cameras:
+            found |= {key: np.array([matrix], np.float32) for key, matrix in self.cameras[index]._asdict().items()}
+        return found
+
+    def replacing(self, index: int, image: Pixels) -> dict[Place, Pixels]:
+        """Place in the file of frame `index` → (H, W): what `image` (3, H, W), in nte's units, is stored as there.
 
         It takes the place of the noisy image, or of the layer that the map calls `result`. Raises NteError where the
         noisy image is a sum of layers.
         """
         source, path = self.inputs[0].source, self.files[index]
-        stored = choose(path, read_parts(path), source)
+        parts = read_parts(path)
+        stored, place = choose(path, parts, source), places(path, parts, source)
         layer = Source(layer=[self.how.result]) if self.how.result else source
         prefix = self.how.prefix
         if prefix == "*":
@@ -89,9 +98,11 @@ class ForeignSequence:
         found = find(stored, "color", layer, prefix) or find(stored, "color", source, prefix)
         if found is None or len(found.names) != 1:
             raise NteError(f"{path}: the noisy image is no layer of its own: name one with result=LAYER in the map")
-        scale, offset = (np.broadcast_to(np.array(values, np.float32), 3) for values in (source.scale, source.offset))
-        planes = (image - offset[:, None, None]) / scale[:, None, None]
-        return dict(zip(found.names[0], planes, strict=True))
+        scale, offset = (np.reshape(np.array(n, np.float64), (-1, 1, 1)) for n in (source.scale, source.offset))
+        planes = ((image - offset) / scale).astype(np.float32)
+        if len(set(found.names[0])) == 1:  # a grey image
+            planes = np.broadcast_to(planes.mean(0), planes.shape)
+        return {place[name]: plane for name, plane in zip(found.names[0], planes, strict=True)}
 
     def _stored(self) -> Iterator[dict[str, Pixels]]:
         """The channels of every frame that its files have; unknown vectors are NaN."""
@@ -113,6 +124,7 @@ class ForeignSequence:
                     raise NteError(f"{path}: '{channel.name}' is {found}, expected {expected} like {first}")
                 given[channel.name] = values
             ours = to_ours(given, self.how, self.cameras[index] if self.cameras else None)
+            self.lost.look(given, ours, self.how.depth.sky)
             self.odd.look(ours, {channel.name: channel.files[index] for channel in self.inputs})
             yield ours
 
@@ -158,6 +170,7 @@ class ForeignSequence:
             if lacks := needs_camera(self.how, name):
                 yield f"{name} is left out: {lacks}"
         yield from self.odd.notes()
+        yield from self.lost.notes()
         if self.how.still and self.has("position"):
             made = [name for name in ("depth", "motion") if not self.has(name)]
             yield f"made from position, as if only the camera moves: {' and '.join(made) or 'nothing'}"

@@ -31,9 +31,10 @@ def motion_at_infinity(camera: Floats, other: Floats, size: tuple[int, ...]) -> 
 def recover_camera(position: Pixels, hit: npt.NDArray[np.bool_]) -> Floats | None:
     """The camera that sees the world points `position` (3, H, W) at their own pixels, where `hit` (H, W).
 
-    Direct linear transformation: least squares over all points. None where they do not say it: too few, all
-    in one plane, or no perspective camera (orthographic, panoramic).
+    Direct linear transformation: least squares over all points that are finite. None where they do not say it: too
+    few, all in one plane, or no perspective camera (orthographic, panoramic).
     """
+    hit = hit & np.isfinite(position).all(0)
     some = slice(None, None, max(1, int(hit.sum()) // _AT_MOST))
     points, seen = position[:, hit][:, some].astype(np.float64), pixel_centres(hit.shape)[:, hit][:, some]
     if points.shape[1] < _ENOUGH:

@@ -6,6 +6,7 @@ from pathlib import Path
 from typing import Any
 
 import nte
+from nte.checking import guides_are_clean
 from nte.errors import NteError
 from nte.files import sweep, temporary_name
 from nte.frames.clip import Clip, Pixels, frame_path, write_clip_info, write_frame
@@ -36,8 +37,8 @@ def write_imported(
     """Write `count` frames of channels (C, H, W) as the clip `out`, replacing a clip that is there.
 
     Everything goes into a hidden folder beside it, which is renamed at the end and removed on any error, so
-    what is at `out` is always a whole clip. generator and info go into clip.json. Raises NteError where the
-    disk is full or the folder cannot be written.
+    what is at `out` is always a whole clip. generator and info go into clip.json, and whether the guides are clean, as
+    far as the pixels tell. Raises NteError where the disk is full or the folder cannot be written.
     """
     out = out.resolve()
     sweep(out.parent, out.name)
@@ -59,7 +60,9 @@ def write_imported(
         if cameras:
             info["cameras"] = [{key: matrix.tolist() for key, matrix in c._asdict().items()} for c in cameras]
         origin = {"generator": generator, "imported_by": f"nte {nte.__version__}"}
-        write_clip_info(working, {"width": width, "height": height, "frames": count, "origin": origin, **info})
+        about = {"width": width, "height": height, "frames": count, "origin": origin, **info}
+        write_clip_info(working, about)
+        write_clip_info(working, {**about, "clean_guides": guides_are_clean(Clip(working))})
         _put_in_place(working, out)
     except OSError as error:
         raise NteError(f"{out}: cannot be written: {error.strerror or error}") from error

@@ -82,3 +82,10 @@ def test_noise_is_no_other_exposure(tmp_path: Path) -> None:
     # One pixel in 40 carries all the light: what a path tracer gives with a small lamp.
     report = check(tmp_path, lambda f, i: {"color": f["reference"] * 40 * (rng.random((1, 64, 96)) < 1 / 40)})
     assert [finding for finding in report.findings if finding.channel == "reference"] == []
+
+
+def test_light_that_never_meets_says_nothing_of_exposure(tmp_path: Path) -> None:
+    """Colour on the left half only, reference on the right half only: no block has both, so there is no ratio."""
+    left = np.arange(96) < 48
+    report = check(tmp_path, lambda f, i: {"color": f["color"] * left, "reference": f["reference"] * ~left})
+    assert [finding for finding in report.findings if finding.channel == "reference"] == []

@@ -220,7 +220,7 @@ def test_folders_that_are_no_clip(tmp_path: Path) -> None:
 
 
 def test_clips_are_found_once_and_in_the_order_of_their_names(tmp_path: Path) -> None:
-    for name in ("b", "a", "deeper/c"):
+    for name in ("b", "a", "deeper/c", ".d.abc.tmp"):  # the last one is being imported
         disc_clip(tmp_path / name, frames=1)
     found = find_clips([tmp_path, tmp_path / "a"])
     assert [str(path.relative_to(tmp_path)) for path in found] == ["a", "b", "deeper/c"]

@@ -206,3 +206,12 @@ def test_a_file_cut_anywhere_is_refused_without_a_word_from_the_library(
         with pytest.raises(NteError, match=r"cut\.exr: the OpenEXR file is truncated"):
             read_exr(path)
     assert capfd.readouterr() == ("", "")
+
+
+def test_text_of_another_encoding_is_called_so(tmp_path: Path) -> None:
+    path = tmp_path / "a.exr"
+    header = {"type": OpenEXR.scanlineimage, "owner": "M_ller"}
+    OpenEXR.File(header, {"R": np.ones((2, 3), np.float32)}).write(str(path))
+    path.write_bytes(path.read_bytes().replace(b"M_ller", "Müller".encode("latin-1")))
+    with pytest.raises(NteError, match=r"a\.exr: the header has text that is not UTF-8, b'M.xfcller'"):
+        read_layers(path)

@@ -1,5 +1,7 @@
 """A copy differs from its source in the named channels, and in nothing else that the file says."""
 
+import struct
+from itertools import product
 from pathlib import Path
 from typing import Any
 
@@ -8,7 +10,7 @@ import OpenEXR
 import pytest
 
 from nte.errors import NteError
-from nte.frames.exr import read_layers
+from nte.frames.exr import read_layers, read_parts
 from nte.frames.exr_copy import copy_exr
 
 RNG = np.random.default_rng(0)
@@ -106,3 +108,52 @@ def test_a_channel_that_is_not_there_and_another_size_write_nothing(tmp_path: Pa
         with pytest.raises(NteError, match=message):
             copy_exr(tmp_path / "a.exr", tmp_path / "b.exr", planes)
     assert [path.name for path in tmp_path.iterdir()] == ["a.exr"]
+
+
+def test_one_of_two_alike_parts_is_named_by_its_place(tmp_path: Path) -> None:
+    parts = [
+        OpenEXR.Part({"name": view, "view": view, "type": OpenEXR.scanlineimage}, {"c.R": np.ones(SHOWN, np.float32)})
+        for view in ("left", "right")
+    ]
+    OpenEXR.File(parts).write(str(tmp_path / "a.exr"))
+    with pytest.raises(NteError, match=r"the views 'left' and 'right' both have a channel 'c\.R'"):
+        copy_exr(tmp_path / "a.exr", tmp_path / "b.exr", {"c.R": np.zeros(SHOWN, np.float32)})
+    copy_exr(tmp_path / "a.exr", tmp_path / "b.exr", {(1, "c.R"): np.zeros(SHOWN, np.float32)})
+    assert [part.layers["c.R"].max() for part in read_parts(tmp_path / "b.exr")] == [1, 0]
+    with pytest.raises(NteError, match="has no channel"):
+        copy_exr(tmp_path / "a.exr", tmp_path / "c.exr", {(2, "c.R"): np.zeros(SHOWN, np.float32)})
+
+
+def mip_mapped(path: Path, image: np.ndarray[Any, Any]) -> Path:
+    """A channel R in tiles of 16×16 at every size down to one pixel, byte by byte: the library does not write them."""
+
+    def attribute(name: str, kind: str, value: bytes) -> bytes:
+        return name.encode() + b"\0" + kind.encode() + b"\0" + struct.pack("<i", len(value)) + value
+
+    height, width = image.shape
+    window = struct.pack("<4i", 0, 0, width - 1, height - 1)
+    header = b"\x76\x2f\x31\x01" + struct.pack("<I", 2 | 0x200)
+    header += attribute("channels", "chlist", b"R\0" + struct.pack("<iBBBBii", 2, 0, 0, 0, 0, 1, 1) + b"\0")
+    header += attribute("compression", "compression", b"\0") + attribute("lineOrder", "lineOrder", b"\0")
+    header += attribute("dataWindow", "box2i", window) + attribute("displayWindow", "box2i", window)
+    header += attribute("pixelAspectRatio", "float", struct.pack("<f", 1))
+    header += attribute("screenWindowCenter", "v2f", struct.pack("<2f", 0, 0))
+    header += attribute("screenWindowWidth", "float", struct.pack("<f", 1))
+    header += attribute("tiles", "tiledesc", struct.pack("<IIB", 16, 16, 1)) + b"\0"
+    chunks = []
+    for level in range(max(image.shape).bit_length()):
+        small = image[: max(1, height >> level), : max(1, width >> level)]
+        for y, x in product(range(0, small.shape[0], 16), range(0, small.shape[1], 16)):
+            data = np.ascontiguousarray(small[y : y + 16, x : x + 16], "<f4").tobytes()
+            chunks.append(struct.pack("<5i", x // 16, y // 16, level, level, len(data)) + data)
+    places = np.cumsum([len(header) + 8 * len(chunks), *map(len, chunks)])[:-1]
+    path.write_bytes(header + places.astype("<u8").tobytes() + b"".join(chunks))
+    return path
+
+
+def test_of_mip_maps_the_full_size_stays(tmp_path: Path) -> None:
+    image = RNG.random((40, 50), np.float32)
+    source = mip_mapped(tmp_path / "a.exr", image)
+    np.testing.assert_array_equal(read_layers(source)["R"], image)
+    copy_exr(source, tmp_path / "b.exr", {"R": 2 * image})
+    np.testing.assert_array_equal(read_layers(tmp_path / "b.exr")["R"], 2 * image)

@@ -2,25 +2,29 @@
 
 from collections.abc import Callable, Sequence
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import OpenEXR
 import pytest
 
 from nte.cli import main
-from nte.denoiser import Noisy, Session
+from nte.denoiser import Noisy, Result, Session
 from nte.errors import NteError
 from nte.filters.taa import Taa
 from nte.frames.clip import Clip
-from nte.frames.exr import read_layers, write_exr
+from nte.frames.exr import read_layers, read_parts, write_exr
+from nte.frames.frame import Frame
 from nte.importing.recognise import recognise
 from nte.sequences import denoise_files
-from tests.importing.producers import blender, engine, named, scene, write_layers
-from tests.importing.test_maps import arnold, vray
+from tests.importing.producers import blender, engine, named, scene, write_layers, write_map
+from tests.importing.test_maps import arnold, falcor, vray
 from tests.synthetic import Pixels
 
 Producer = Callable[[Path, Sequence[dict[str, Pixels]]], tuple[Path, list[str]]]
 ATTRIBUTES = {"owner": "an artist", "cryptomatte/0a1b2c3/manifest": '{"Cube": "3f8c1b2a"}', "pixelAspectRatio": 1.5}
+
+RNG = np.random.default_rng(3)
 
 
 def silent(line: str) -> None:
@@ -125,3 +129,107 @@ def test_a_pass_that_is_missing_in_the_middle_names_the_file(cycles: Path, tmp_p
     write_exr(second, layers)
     with pytest.raises(NteError, match=rf"{second.name}.*'motion'"):
         denoise_files([cycles], Taa(), tmp_path / "out", say=silent)
+
+
+def test_frames_that_are_called_like_those_of_a_clip(cycles: Path, tmp_path: Path) -> None:
+    for index, path in enumerate(sorted(cycles.iterdir())):
+        path.rename(cycles / f"frame_{index:04d}.exr")
+    assert len(denoise_files([cycles], Noisy(), tmp_path / "out", say=silent)) == 3
+
+
+def test_one_file_a_channel(tmp_path: Path) -> None:
+    folder, _ = falcor(tmp_path, scene(2))
+    written = denoise_files([folder], Noisy(), tmp_path / "out", map_name="falcor", say=silent)
+    assert [path.name for path in written] == ["Mogwai.PathTracer.color.98.exr", "Mogwai.PathTracer.color.99.exr"]
+
+
+def test_scaled_radiance_goes_back_to_its_units(tmp_path: Path) -> None:
+    """1e-8 of the unit, in float: half floats would hold none of it."""
+    given = {f"beauty.{c}": np.float32(1e-8) * RNG.random((8, 9), np.float32) for c in "RGB"}
+    folder = write_layers(tmp_path / "shots", [given])
+    about = {"channels": {"color": {"layer": "beauty", "scale": 1e8}}}
+    map_path = write_map(tmp_path / "map.yaml", about)
+    written = denoise_files([folder], Noisy(), tmp_path / "out", map_name=str(map_path), say=silent)
+    found = read_layers(written[0])
+    for name, plane in given.items():
+        np.testing.assert_allclose(found[name], plane, rtol=1e-5)
+
+
+def test_a_grey_image_stays_grey(tmp_path: Path) -> None:
+    folder = write_layers(tmp_path / "shots", [{"Y": RNG.random((8, 9), np.float32)}])
+    map_path = write_map(tmp_path / "map.yaml", {"channels": {"color": "."}})
+
+    class Tinted(Noisy):
+        def step(self, *arguments: Any, **options: Any) -> tuple[Result, Any]:
+            result, state = super().step(*arguments, **options)
+            return Result(result.image * np.reshape([0.5, 1.0, 3.0], (1, 3, 1, 1)).astype(np.float32)), state
+
+    written = denoise_files([folder], Tinted(), tmp_path / "out", map_name=str(map_path), say=silent)
+    before, after = read_layers(sorted(folder.iterdir())[0]), read_layers(written[0])
+    np.testing.assert_allclose(after["Y"], 1.5 * before["Y"], rtol=1e-5)
+
+
+@pytest.mark.parametrize("change", ["view=right", "part=right", "part=1"])
+def test_one_eye_of_a_stereo_file(tmp_path: Path, change: str) -> None:
+    folder = tmp_path / "shots"
+    folder.mkdir()
+    parts = [
+        OpenEXR.Part(
+            {"name": view, "view": view, "type": OpenEXR.scanlineimage},
+            {c: np.full((8, 9), value, np.float32) for c in "RGB"},
+        )
+        for view, value in (("left", 1.0), ("right", 2.0))
+    ]
+    OpenEXR.File(parts).write(str(folder / "a.1.exr"))
+    layer = "right" if change.startswith("view") else "."
+    map_path = write_map(tmp_path / "map.yaml", {"channels": {"color": {"layer": layer, "scale": 0.5}}})
+    spec = ["denoise", str(folder), "--denoiser", "noisy", "--map", str(map_path), "--out", str(tmp_path / "out")]
+    assert main([*spec, "--exposure", "1", "--set", change]) == 0
+    before, after = (read_parts(path / "a.1.exr") for path in (folder, tmp_path / "out"))
+    for c in "RGB":
+        np.testing.assert_array_equal(after[0].layers[c], before[0].layers[c])
+        np.testing.assert_array_equal(after[1].layers[c], before[1].layers[c])
+
+
+def test_of_two_view_layers_one_is_chosen(cycles: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    for path in cycles.iterdir():
+        layers = read_layers(path)
+        write_exr(path, layers | {name.replace("View Layer.001", "Hair"): p for name, p in layers.items()})
+    spec = ["denoise", str(cycles), "--denoiser", "taa", "--out", str(tmp_path / "out")]
+    assert main(spec) == 2
+    assert "has the layers Hair, View Layer.001: choose one with prefix=NAME" in capsys.readouterr().err
+    assert main([*spec, "--set", "prefix=Hair"]) == 0
+    path = sorted(cycles.iterdir())[2]
+    before, after = read_layers(path), read_layers(tmp_path / "out" / path.name)
+    changed = {name for name in before if not np.array_equal(before[name], after[name])}
+    assert changed == {f"Hair.Combined.{c}" for c in "RGB"}
+
+
+def test_two_passes_of_cycles_are_enough(tmp_path: Path) -> None:
+    folder = blender(tmp_path / "shots", scene(1))
+    path = next(folder.iterdir())
+    write_exr(path, {n: p for n, p in read_layers(path).items() if n.split(".")[2] in ("Combined", "Depth")})
+    assert recognise(path) == "blender"
+
+
+def test_only_the_whole_image_is_put_in_anothers_file(cycles: Path, tmp_path: Path) -> None:
+    other = Noisy()
+    other.target = "indirect"
+    with pytest.raises(NteError, match=r"shot\.001\.exr: has no 'indirect', which this denoiser gives"):
+        denoise_files([cycles], other, tmp_path / "out", say=silent)
+
+
+def test_the_shutter_and_the_cameras_of_the_map_reach_the_denoiser(tmp_path: Path) -> None:
+    folder, map_path = engine(tmp_path, scene(2))
+    seen: list[Frame] = []
+
+    class Looking(Noisy):
+        def step(self, frame: Frame, *arguments: Any, **options: Any) -> tuple[Result, Any]:
+            seen.append(frame)
+            return super().step(frame, *arguments, **options)
+
+    changes = ["shutter=0.5"]
+    denoise_files([folder], Looking(), tmp_path / "out", None, False, False, str(map_path), changes, silent)
+    for frame in seen:
+        assert frame.shutter == 0.5
+        assert np.shape(frame.view) == (1, 4, 4)

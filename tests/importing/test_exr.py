@@ -9,6 +9,7 @@ import yaml
 
 from nte.cli import main
 from nte.frames.clip import Clip
+from nte.frames.exr import read_exr, write_exr
 from nte.importing.channel_map import load_channel_map
 from tests.importing.producers import MOVING, engine, named, scene, write_layers, write_map
 from tests.synthetic import disc_frame
@@ -230,3 +231,55 @@ def test_only_a_clip_is_replaced_and_only_with_force(tmp_path: Path, capsys: pyt
     assert run(source, map_path, mine, "--force") == 2
     assert "is not a clip, so --force does not replace it" in capsys.readouterr().err
     assert (mine / "thesis.txt").exists()
+
+
+def test_wrong_forward_vectors_are_told_by_their_own_key(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    source, map_path = accelerating(tmp_path, "forward_motion")
+    change(map_path, forward_motion={"points": "from"})
+    assert run(source, map_path, tmp_path / "clip") == 2
+    assert "would fit with forward_motion.points: to (now from)" in capsys.readouterr().out
+
+
+def test_albedo_in_another_scale_is_told(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    source, map_path = engine(tmp_path, scene(2))
+    change(map_path, channels={"albedo": {"layer": "basecolor", "scale": 255}})
+    run(source, map_path, tmp_path / "clip")
+    said = capsys.readouterr().out
+    assert "cut to [0, 1]: 9" in said
+    assert "channels.albedo.scale" in said
+    assert run(*engine(tmp_path, scene(2)), tmp_path / "right") == 0
+    assert "cut to [0, 1]" not in capsys.readouterr().out
+
+
+def test_depth_of_the_other_sign_is_told_where_there_is_no_albedo(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    source, map_path = engine(tmp_path, scene(2))
+    write_map(map_path, {"channels": {"color": "beauty", "normal": "N", "depth": {"layer": "distance", "scale": -1}}})
+    run(source, map_path, tmp_path / "clip")
+    said = capsys.readouterr().out
+    assert "no pixel shows a surface: depth is stored as -" in said
+    assert "see depth.scale, negative where depth counts downwards" in said
+
+
+@pytest.mark.parametrize("cameras", ["[" * 100_000, '[{"view": [[' + "9" * 400 + ']], "projection": 0}]'])
+def test_cameras_that_json_can_hardly_mean(tmp_path: Path, capsys: pytest.CaptureFixture[str], cameras: str) -> None:
+    source, map_path = engine(tmp_path, scene(2))
+    (tmp_path / "cameras.json").write_text(cameras)
+    assert run(source, map_path, tmp_path / "clip") == 2
+    assert "cameras.json: expected a JSON list of view and projection matrices" in capsys.readouterr().err
+
+
+def test_a_clip_says_whether_its_guides_are_clean(tmp_path: Path) -> None:
+    rng = np.random.default_rng(0)
+    source, map_path = engine(tmp_path, scene(2))
+    flat = {f"basecolor.{c}": np.full((48, 64), 0.4, np.float32) for c in "RGB"}
+    for noise, clean in ((0.0, True), (0.2, False)):
+        for path in source.iterdir():
+            noisy = {n: (p + noise * rng.normal(size=p.shape)).astype(np.float32) for n, p in flat.items()}
+            write_exr(path, {**read_exr(path), **noisy})
+        run(source, map_path, tmp_path / "clip", "--force")
+        assert Clip(tmp_path / "clip").info["clean_guides"] is clean
+    write_map(map_path, {"channels": {"color": "beauty"}})
+    run(source, map_path, tmp_path / "clip", "--force")
+    assert Clip(tmp_path / "clip").clean_guides is False  # there are none

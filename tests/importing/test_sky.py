@@ -75,3 +75,12 @@ def test_no_camera_is_made_up(case: str) -> None:
 def test_what_the_camera_turns_away_from_is_outside() -> None:
     motion = motion_at_infinity(camera(0.0, (0, 0, 0)), camera(np.pi, (0, 0, 0)), SIZE)
     assert (motion == -2 * SIZE[1]).all()
+
+
+@pytest.mark.parametrize("bad", [np.nan, np.inf, -np.inf])
+def test_a_position_that_is_no_number_does_not_hide_the_camera(bad: float) -> None:
+    points = seen_by(FIRST, RELIEF)
+    points[1, 20, 30] = bad
+    found = recover_camera(points, HIT)
+    assert found is not None
+    np.testing.assert_allclose(found / found[2, 3], FIRST / FIRST[2, 3], atol=1e-4, rtol=1e-3)
