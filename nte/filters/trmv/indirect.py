@@ -15,9 +15,11 @@ from nte.filters.threads import side_by_side, threads_for
 from nte.filters.trmv import cones as hemisphere
 from nte.filters.trmv import temporal
 from nte.filters.trmv.fetch import Fetcher, fetch_from_anything, fetch_from_surface
+from nte.filters.trmv.samples import of_usable
 from nte.filters.trmv.scene import Scene
 from nte.filters.trmv.temporal import Blended, Effect, Settings, Track, Weight
 from nte.frames.frame import Frame
+from nte.frames.usable import mask_of
 
 LEVELS = 4  # of 3×3 taps: 31×31, the paper's «essentially 32×32»
 REACH = 8.0  # deviation of that filter, px
@@ -144,13 +146,16 @@ def denoise_indirect(
         fetcher = fetch_from_anything(reprojection) if anything else fetch_from_surface(reprojection, scene)
     if cones is None:
         with record_function("trmv/indirect/filter"):
-            current = filter_indirect(demodulate(frame["indirect"], reflectance), scene.edges)
+            light, usable = demodulate(frame["indirect"], reflectance), frame.get(mask_of("indirect"))
+            current, known = of_usable(partial(filter_indirect, edges=scene.edges), light, usable)
         effect = temporal.accumulate(
-            "indirect", current, track, reprojection, scene, settings, REACH, trust, fetcher
+            "indirect", current, track, reprojection, scene, settings, REACH, trust, fetcher, known
         )
         return effect._replace(image=remodulate(effect.image, reflectance))
     with record_function("trmv/indirect/filter"):
         light, direction = frame["indirect_radiance"], frame["indirect_direction"]
+        usable = frame.get(mask_of("indirect_radiance"))
+        direction = direction if usable is None else direction * usable  # without a direction it is no sample
         current = cones.gather(light, direction, scene.surface.normal, scene.edges)
     blended = temporal.start(current, settings)
     if fetcher is not None and track is not None:
