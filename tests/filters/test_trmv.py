@@ -412,3 +412,17 @@ def test_nothing_warns() -> None:
         warnings.simplefilter("error")
         run(moving(2))
     assert torch.get_default_dtype() == torch.float32
+
+
+@pytest.mark.parametrize("strip", [7, 20])
+def test_strips_make_no_difference(monkeypatch: pytest.MonkeyPatch, strip: int) -> None:
+    """Cones are fetched and blended in place, some rows at a time; edges between depths run across the strips."""
+    frames = [
+        frame.with_channels(depth=np.where(np.arange(28) < 9 + frame.index, np.float32(3), frame["depth"]))
+        for frame in moving(4, batch=2)
+    ]
+    whole = run(frames, EVERYTHING)
+    monkeypatch.setattr("nte.filters.trmv.indirect.STRIP", strip)
+    for found, expected in zip(run(frames, EVERYTHING), whole, strict=True):
+        for name, values in expected.items():
+            np.testing.assert_allclose(found[name], values, rtol=1e-4, atol=1e-5, err_msg=name)

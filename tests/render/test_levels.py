@@ -161,6 +161,7 @@ camera:
     return folder / "moves.yaml"
 
 
+@pytest.mark.slow
 def test_every_channel_is_that_of_one_level(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
     """Mirrors, vectors and gradients too, on what moves and beside it, with the same random numbers."""
     animation = read_animation(write_mirrors(tmp_path))
