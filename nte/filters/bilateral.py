@@ -106,12 +106,15 @@ def make_edges(guide: Guide, radius: int) -> Edges:
     return Edges(along(3), along(2))
 
 
-def joint_bilateral(values: Tensor, edges: Edges, radius: int, deviation: Tensor | float) -> Tensor:
+def joint_bilateral(
+    values: Tensor, edges: Edges, radius: int, deviation: Tensor | float, in_place: bool = False
+) -> Tensor:
     """Filter (N, C, H, W) with Gaussians times edge weights, (2·radius + 1)², first along x, then along y.
 
     deviation: of the Gaussian, in pixels; a number or one for each pixel (N, 1, H, W), where 0 is the identity; taps
     more than NEGLIGIBLE deviations away are left out. Taps beyond the border do not exist, so a constant
-    stays constant. Costs 4·radius taps, or as many as the widest deviation of a strip has.
+    stays constant. Costs 4·radius taps, or as many as the widest deviation of a strip has. in_place: in the
+    memory of the values.
     """
 
     def taps(weights: Sequence[Tensor], axis: int, width: Tensor | float) -> list[list[Tap]]:
@@ -119,13 +122,14 @@ def joint_bilateral(values: Tensor, edges: Edges, radius: int, deviation: Tensor
         reach = min(radius, math.ceil(NEGLIGIBLE * widest))
         return [list(_gaussian(weights[:reach], axis, width))]
 
-    return _along_both(values, edges, deviation, taps)
+    return _along_both(values, edges, deviation, taps, in_place)
 
 
-def atrous_bilateral(values: Tensor, edges: Edges, levels: int) -> Tensor:
+def atrous_bilateral(values: Tensor, edges: Edges, levels: int, in_place: bool = False) -> Tensor:
     """À-trous filter (N, C, H, W): 3 taps, 1, 2, 4, … px apart, at each level, along x and then along y.
 
-    4 levels reach 31×31 pixels with 32 taps. edges: up to 2^(levels − 1) px. A constant stays constant.
+    4 levels reach 31×31 pixels with 32 taps. edges: up to 2^(levels − 1) px. A constant stays constant. in_place: in
+    the memory of the values.
     """
 
     def taps(weights: Sequence[Tensor], axis: int, width: Tensor | float) -> list[list[Tap]]:
@@ -133,12 +137,12 @@ def atrous_bilateral(values: Tensor, edges: Edges, levels: int) -> Tensor:
         halves = [weights[k - 1] * 0.5 for k in steps]
         return [[(k, half, half)] for k, half in zip(steps, halves, strict=True)]
 
-    return _along_both(values, edges, 0.0, taps)
+    return _along_both(values, edges, 0.0, taps, in_place)
 
 
-def clean_up(values: Tensor, edges: Edges, deviation: Tensor) -> Tensor:
+def clean_up(values: Tensor, edges: Edges, deviation: Tensor, in_place: bool = False) -> Tensor:
     """The fixed 9×9 filter of Zeng et al. 2021, section 5, with a deviation (N, 1, H, W) for each pixel."""
-    return joint_bilateral(values, edges, CLEAN_UP_RADIUS, deviation)
+    return joint_bilateral(values, edges, CLEAN_UP_RADIUS, deviation, in_place)
 
 
 def in_strips(work: Callable[[Strip], None], like: Tensor, axis: int) -> None:
@@ -157,10 +161,10 @@ def in_strips(work: Callable[[Strip], None], like: Tensor, axis: int) -> None:
 
 def _along_both(
     values: Tensor, edges: Edges, deviation: Tensor | float,
-    taps: Callable[[Sequence[Tensor], int, Tensor | float], list[list[Tap]]],
+    taps: Callable[[Sequence[Tensor], int, Tensor | float], list[list[Tap]]], in_place: bool,
 ) -> Tensor:  # fmt: skip
     """The passes that `taps` gives (weights of the pairs, axis, deviation), along x and then along y."""
-    filtered, source = torch.empty_like(values), values
+    filtered, source = values if in_place else torch.empty_like(values), values
     for weights, axis in ((edges.along_x, 3), (edges.along_y, 2)):
 
         def one(strip: Strip, weights: Sequence[Tensor] = weights, axis: int = axis, source: Tensor = source) -> None:

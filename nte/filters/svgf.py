@@ -77,9 +77,11 @@ class Svgf:
         if not 0 <= feedback <= iterations:
             raise NteError(f"{name}: feedback is {feedback}, expected 0 to iterations, which is {iterations}")
         positive = {"sigma_l": sigma_l, "sigma_z": sigma_z, "sigma_n": sigma_n, "albedo_floor": albedo_floor}
-        for key, value in {**positive, "depth_floor": depth_floor, "history": history}.items():
+        for key, value in {**positive, "depth_floor": depth_floor}.items():
             if not 0 < value < float("inf"):
                 raise NteError(f"{name}: {key} is {value}, expected a positive number")
+        if not 1 <= history < float("inf"):
+            raise NteError(f"{name}: history is {history}, expected a number of frames, 1 or more")
         self.target, self.device = target, device
         self.alpha, self.moments_alpha, self.history, self.young = alpha, moments_alpha, history, young
         self.iterations, self.feedback = iterations, feedback

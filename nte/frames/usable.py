@@ -85,11 +85,11 @@ def mask_of(name: str) -> str:
 
 def usable_frame(frame: Frame, names: Iterable[str], cap: npt.NDArray[np.float32]) -> Frame:
     """The frame with these channels usable, and `mask_of` those that are noisy light. cap: (N,), of radiance."""
-    brightest = _like(cap.reshape(-1, 1, 1, 1), frame[next(iter(frame.channels))])
     found: dict[str, Array] = {}
     for row in (CHANNELS[name] for name in dict.fromkeys(names) if name in frame and name in CHANNELS):
         values, mask = frame[row.name], mask_of(row.name)
-        fine = all_usable(row, values, float(brightest.min()))
+        brightest = _like(cap.reshape(-1, 1, 1, 1), values)
+        fine = all_usable(row, values, float(cap.min()))
         if not fine:
             found[row.name] = usable(row, values, brightest)
         # A wrapper's frame has been looked at before: what told nothing then is black now.
@@ -128,11 +128,13 @@ def light_cap(frame: Frame, carried: npt.NDArray[np.float32] | None) -> npt.NDAr
     light = _light(frame)
     if light is None:
         return carried
-    # Nothing is brighter than the cap, or NaN, or the cap unknown: comparisons with NaN are false.
-    if bool(light.max() <= float(carried.min())):
+    # Something is brighter than the cap, or NaN, or the cap unknown: comparisons with NaN are false. Each sequence by
+    # itself, or one of a batch would have another cap than alone.
+    beyond = ~np.array([bool(image.max() <= float(cap)) for image, cap in zip(light, carried, strict=True)])
+    if not beyond.any():
         return carried
     own = BRIGHTEST / known_exposure(_numpy(light), LIT)
-    return np.asarray(np.fmax(carried, own), np.float32)
+    return np.asarray(np.where(beyond, np.fmax(carried, own), carried), np.float32)
 
 
 def known_cap(cap: npt.NDArray[np.float32]) -> npt.NDArray[np.float32]:

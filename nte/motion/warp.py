@@ -38,15 +38,18 @@ def warp(image: Tensor, motion: Tensor) -> Warped:
     Outside the image the border repeats and `valid` is false; so it is where the motion is not finite.
     Costs one grid_sample; differentiable in the image.
     """
-    height, width = image.shape[-2:]
     position = pixel_centres(image) + motion
-    valid = inside(position)
+    return Warped(fetch_bilinear(image, position), inside(position))
+
+
+def fetch_bilinear(image: Tensor, position: Tensor) -> Tensor:
+    """The image (N, C, H, W) at any number of positions (N, 2, h, w): (N, C, h, w). Outside, the border repeats."""
+    height, width = image.shape[-2:]
     # Clamped here too: a position far outside, or NaN, would overflow the integer pixel index.
     x = position[:, 0].nan_to_num().clamp(0, width) / width
     y = position[:, 1].nan_to_num().clamp(0, height) / height
     grid = torch.stack([x, y], 3) * 2 - 1
-    fetched = F.grid_sample(image, grid, mode="bilinear", padding_mode="border", align_corners=False)
-    return Warped(fetched, valid)
+    return F.grid_sample(image, grid, mode="bilinear", padding_mode="border", align_corners=False)
 
 
 def fetch_nearest(image: Tensor, position: Tensor) -> Tensor:

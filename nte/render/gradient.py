@@ -70,7 +70,7 @@ def shade_again(stage: Stage, time: float, replay: Replay) -> dict[str, Pixels]:
     """
     origin, direction, distance = _eye_ray(stage, replay.point, time)
     seen = stage.frozen(_seen)(origin, direction, distance, to_jit(load_mitsuba().Bool, replay.found))
-    values = stage.frozen(_shade)(replay.hit, origin, direction, distance, seen, replay.key)
+    values = stage.frozen(_shade)(stage.carried(replay.hit), origin, direction, distance, seen, replay.key)
     rows = np.array(seen)
     images = {}
     for name, now, before in zip(GRADIENTS, values, replay.values, strict=True):

@@ -26,6 +26,10 @@ class Levels:
     parameters: Any  # mi.traverse of the scene
     time: float | None = None
 
+    def instances(self) -> list[Any]:
+        """All of them, in an order that is the same in every scene over the same shapes."""
+        return [*self.moving.values(), *([] if self.still is None else [self.still])]
+
     def move(self, transforms: Mapping[str, Floats], time: float) -> None:
         """Put the moving shapes where the transforms 4×4 take them from the XML: one rebuild."""
         mi = load_mitsuba()

@@ -13,6 +13,7 @@ import numpy as np
 
 from nte.errors import NteError
 from nte.render.animation import Animation, Key, brightness_curve, camera_track, moves, object_track
+from nte.render.arrays import to_jit
 from nte.render.backend import load_drjit, load_mitsuba, undisturbed
 from nte.render.levels import Levels, levels
 from nte.render.places import Indices
@@ -145,6 +146,18 @@ class OwnStage(Stage):
         still = dr.opaque(mi.UInt32, 0 if level is None else key_of(level))
         key = dr.select((instance != 0) & (instance != still), instance, shape_key(si.shape))
         return [dr.select(hit.is_valid(), key, 0), *self._rest.columns_of(hit, ray, si)]
+
+    def carried(self, hit: Any) -> Any:
+        """As of any stage: each time has instances of its own, and those of another time stand elsewhere."""
+        if not self._levels:
+            return hit
+        mi, dr, here = load_mitsuba(), load_drjit(), [key_of(instance) for instance in self._levels[-1].instances()]
+        keys = [key_of(instance) for made in self._levels for instance in made.instances()]
+        table = to_jit(mi.UInt32, numbers_by_key(keys, here * len(self._levels)))
+        carried = mi.PreliminaryIntersection3f(hit)
+        key = dr.gather(mi.UInt32, table, dr.reinterpret_array(mi.UInt32, hit.instance))
+        carried.instance = dr.reinterpret_array(mi.ShapePtr, key)
+        return carried
 
     def albedo(self, si: Any, hit: Any) -> Any:
         """Diffuse reflectance, or what a metal or glass does to light that it turns (3,).

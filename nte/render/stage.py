@@ -121,6 +121,10 @@ class Stage:
         """What a ray meets: the shape's key, and its place there (rays.to_hits makes rows of it)."""
         return [shape_key(hit.shape), *self.places.columns(hit, ray)]
 
+    def carried(self, hit: Any) -> Any:
+        """PreliminaryIntersection3f of rays that were traced at another time, as if traced at the present one."""
+        return hit
+
     def albedo(self, si: Any, hit: Any) -> Any:
         """The colour (3,) that the guides show: `principled` gives a metal's as diffuse. Vectorised variants only."""
         return si.bsdf().eval_diffuse_reflectance(si, hit)

@@ -217,6 +217,7 @@ def test_what_does_not_fit_is_named() -> None:
         ({"target": "albedo"}, "svgf: target is 'albedo', expected one of color, visibility"),
         ({"alpha": 0.0}, r"svgf: alpha is 0.0, expected a weight of the current frame in \(0, 1\]"),
         ({"feedback": 6}, "svgf: feedback is 6, expected 0 to iterations, which is 5"),
+        ({"history": 0.5}, "svgf: history is 0.5, expected a number of frames, 1 or more"),
         ({"sigma_z": -1.0}, "svgf: sigma_z is -1.0, expected a positive number"),
     ):
         with pytest.raises(NteError, match=message):

@@ -244,6 +244,25 @@ def test_bad_pixels_do_not_spread(options: dict[str, Any]) -> None:
             assert np.isfinite(values).all(), name
 
 
+@pytest.mark.filterwarnings("ignore::nte.frames.bad.BadPixelWarning")
+@pytest.mark.parametrize("options", [{}, {"indirect": "colour"}])
+@pytest.mark.parametrize("lobe", [0.0, 4.0], ids=["mirror", "rough"])
+def test_pixels_that_tell_nothing_do_not_darken(options: dict[str, Any], lobe: float) -> None:
+    """A tenth of them broken in each frame, at rest: their neighbours and their history speak for them."""
+    size, names = (36, 48), ("indirect", "indirect_radiance", "glossy", "visibility")
+    whole, broken = [], []
+    for index in range(14):
+        covariance = np.broadcast_to(np.float32([lobe, 0, lobe]).reshape(1, 3, 1, 1), (1, 3, *size))
+        frame = plane(index, size, reflection_covariance=covariance)
+        bad = np.random.default_rng([index, 5]).random((1, 1, *size)) < 0.1
+        whole.append(frame)
+        broken.append(frame.with_channels(**{n: np.where(bad, np.float32(np.nan), frame[n]) for n in names}))
+    expected, found = (run(frames, **options)[6:] for frames in (whole, broken))
+    for name in COMPONENTS:
+        means = [np.mean([frame[name].mean() for frame in frames]) for frames in (expected, found)]
+        assert means[1] == pytest.approx(means[0], rel=0.02), name
+
+
 def test_without_vectors_history_is_not_used() -> None:
     frames = moving(4)
     options = {"shadow": "none", "glossy": "none", "occlusion": "none"}
@@ -393,3 +412,17 @@ def test_nothing_warns() -> None:
         warnings.simplefilter("error")
         run(moving(2))
     assert torch.get_default_dtype() == torch.float32
+
+
+@pytest.mark.parametrize("strip", [7, 20])
+def test_strips_make_no_difference(monkeypatch: pytest.MonkeyPatch, strip: int) -> None:
+    """Cones are fetched and blended in place, some rows at a time; edges between depths run across the strips."""
+    frames = [
+        frame.with_channels(depth=np.where(np.arange(28) < 9 + frame.index, np.float32(3), frame["depth"]))
+        for frame in moving(4, batch=2)
+    ]
+    whole = run(frames, EVERYTHING)
+    monkeypatch.setattr("nte.filters.trmv.indirect.STRIP", strip)
+    for found, expected in zip(run(frames, EVERYTHING), whole, strict=True):
+        for name, values in expected.items():
+            np.testing.assert_allclose(found[name], values, rtol=1e-4, atol=1e-5, err_msg=name)

@@ -59,6 +59,22 @@ def test_one_axis_along_the_normal_and_five_around_it() -> None:
     torch.testing.assert_close(neighbours, torch.full((200, 5), expected), atol=1e-3, rtol=0)
 
 
+@pytest.mark.parametrize("degrees", [0.0, 1e-2, 0.03, 0.06, 0.1, 1.0])
+def test_cells_keep_their_size_next_to_the_one_direction_where_frames_jump(degrees: float) -> None:
+    pole = cones.local_axes()[0]
+    normal = torch.nn.functional.normalize(
+        -pole + math.tan(math.radians(degrees)) * cones.local_axes()[2].cross(pole, dim=0), dim=0
+    )
+    direction, normal = (values.float().T.reshape(1, 3, 1, -1) for values in (
+        cosine_directions(normal, 100_000), normal[None]
+    ))  # fmt: skip
+    image = normal.expand_as(direction).contiguous()
+    weight = cones.split(cones.sample_to_cones(torch.ones_like(direction), direction, image))[1]
+    torch.testing.assert_close(weight.mean((0, 2, 3, 4)), torch.tensor(WEIGHTS) / math.pi, atol=0.005, rtol=0)
+    axes = cones.cone_axes(normal.view(1, 3))[0]
+    torch.testing.assert_close(axes.norm(dim=1), torch.ones(CONES), atol=1e-3, rtol=0)
+
+
 def test_frames_turn_as_little_as_normals_do_on_walls_and_floors() -> None:
     straight = torch.cat([torch.eye(3), -torch.eye(3)]).repeat_interleave(20, 0)
     near = torch.nn.functional.normalize(straight + 1e-3 * random_normals(120), dim=1)

@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 
 from nte.errors import NteError
 from nte.frames.frame import Frame
-from nte.frames.scalars import estimate_exposure, median_depth, sequence_scalars
+from nte.frames.scalars import estimate_exposure, median_depth, sequence_exposure, sequence_scalars
 from tests.synthetic import random_frames
 
 
@@ -62,6 +62,14 @@ def test_every_sequence_of_a_batch_has_its_own() -> None:
     image = constant(1.0, batch=2)
     image[1] *= 4
     assert estimate_exposure(image) == pytest.approx([0.18, 0.045])
+
+
+def test_a_sequence_that_restarts_has_the_exposure_of_its_own_first_frame() -> None:
+    frame = Frame({"color": np.concatenate([constant(0.9), constant(90.0)])}, reset=np.array([0, 1], np.float32))
+    carried = np.array([0.5, 0.5], np.float32)
+    np.testing.assert_allclose(sequence_exposure(frame, carried), [0.5, 0.18 / 90], rtol=1e-4)
+    np.testing.assert_allclose(sequence_exposure(frame.torch(), carried), [0.5, 0.18 / 90], rtol=1e-4)
+    np.testing.assert_array_equal(sequence_exposure(replace(frame, reset=None), carried), carried)
 
 
 def test_the_depth_scale_is_the_median_of_what_is_hit() -> None:

@@ -9,7 +9,7 @@ import torch
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from nte.denoiser import sanitised
+from nte.denoiser import Noisy, sanitised
 from nte.filters.taa import Taa
 from nte.frames.channels import CHANNELS
 from nte.frames.frame import Frame
@@ -129,6 +129,25 @@ def test_the_state_of_another_batch_does_not_stand_in_the_way() -> None:
     denoiser.step(Frame(channels), state)
     assert denoiser.seen["color"].max() == 0
     assert np.isnan(denoiser.seen["reference"]).all()  # nothing that it does not read is touched
+
+
+def test_every_sequence_of_a_batch_has_the_cap_that_it_has_alone() -> None:
+    """One in other units, or with a fault, changes nothing for the other."""
+    def both(*levels: float, spike: float = 0.0) -> Frame:
+        return Frame({"color": np.concatenate([lit(level, spike * level)["color"] for level in levels])})
+
+    together, alone = None, [None, None]
+    for levels, spike in (((0.3, 3e9), 0.0), ((0.36, 3.6e9), 1e3), ((0.4, 3e17), 0.0), ((0.45, 3e9), 1e5)):
+        together = light_cap(both(*levels, spike=spike), together)
+        alone = [light_cap(both(level, spike=spike), cap) for level, cap in zip(levels, alone, strict=True)]
+        np.testing.assert_array_equal(together, np.concatenate(alone))
+
+
+def test_light_is_capped_whatever_type_the_frames_first_channel_has() -> None:
+    color = np.full((1, 3, 16, 16), 1e-6, np.float32)
+    numbers = torch.ones(1, 1, 16, 16, dtype=torch.int32)
+    for channels in ({"instance": numbers, "color": torch.tensor(color)}, {"color": torch.tensor(color)}):
+        np.testing.assert_array_equal(Noisy().step(Frame(channels), None)[0].image, color)
 
 
 class _Same:

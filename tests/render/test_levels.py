@@ -13,6 +13,10 @@ from nte.render.components import noisy
 from nte.render.gbuffer import geometry
 from nte.render.levels import Levels
 from nte.render.own import OwnStage
+from nte.render.scene import Camera, Material, Scene, SceneObject
+from nte.render.scenes import shapes
+from nte.render.stage import Stage
+from nte.render.transforms import still
 
 HEIGHT, WIDTH = 40, 56
 LIGHT, PLATE, EYE = np.array([0.5, 4.0, 0.2]), 1.5, (0.4, 6.0, -0.5)
@@ -118,3 +122,61 @@ def test_an_xml_is_loaded_once_to_be_checked_and_rendered(tmp_path: Path, monkey
     assert Clip(folder).frames == 2
     assert len(loaded) == 1
     assert not xml._kept
+
+
+def write_mirrors(folder: Path) -> Path:
+    """A ball, a box and a bulging mesh on a floor, all more or less mirrors, which move under one lamp."""
+    material = (
+        '<bsdf type="principled"><rgb name="base_color" value="0.7, 0.5, 0.3"/>'
+        '<float name="metallic" value="{}"/><float name="roughness" value="{}"/></bsdf>'
+    )
+    Stage(Scene((SceneObject(shapes.sphere(), Material(np.ones((1, 1, 3), np.float32)), still(np.eye(4))),),
+                Camera(still(np.eye(4)), 45.0)), 8, 8, 2).shapes[0].write_ply(str(folder / "knob.ply"))  # fmt: skip
+    things = {
+        "floor": ("rectangle", '<rotate x="1" angle="-90"/><scale value="6"/>', 0.5, 0.2),
+        "ball": ("sphere", '<scale value="0.7"/><translate x="-0.9" y="0.7" z="0.3"/>', 1.0, 0.1),
+        "box": ("cube", '<rotate y="1" angle="30"/><scale value="0.4"/><translate x="0.9" y="0.6"/>', 0.0, 0.3),
+        "knob": ("ply", '<scale x="0.3" y="0.5" z="0.4"/><translate x="0.2" y="0.5" z="-1.2"/>', 1.0, 0.15),
+    }
+    parts = "".join(
+        f'<shape type="{kind}" id="{name}"><transform name="to_world">{place}</transform>{material.format(*numbers)}'
+        + ('<string name="filename" value="knob.ply"/>' if kind == "ply" else "") + "</shape>"
+        for name, (kind, place, *numbers) in things.items()
+    )  # fmt: skip
+    (folder / "scene.xml").write_text(f"""<scene version="3.0.0">
+      <sensor type="perspective"><float name="fov" value="45"/><transform name="to_world">
+        <lookat origin="0.4, 3, -5" target="0, 0.4, 0" up="0, 1, 0"/></transform></sensor>{parts}
+      <shape type="rectangle" id="lamp"><transform name="to_world"><rotate x="1" angle="90"/><scale value="0.5"/>
+        <translate y="4"/></transform><emitter type="area"><rgb name="radiance" value="20"/></emitter></shape>
+      </scene>""")
+    (folder / "moves.yaml").write_text("""xml: scene.xml
+objects:
+  ball: [{frame: 0}, {frame: 10, translate: [0.6, 0.2, 0.5]}]
+  box: [{frame: 0}, {frame: 10, translate: [-0.5, 0.3, -0.4], rotate: [20, 60, 0]}]
+  knob: [{frame: 0}, {frame: 10, translate: [0.4, 0.1, 0.3], rotate: [0, 40, 30]}]
+camera:
+- {frame: 0, origin: [0.4, 3, -5], target: [0, 0.4, 0], up: [0, 1, 0]}
+- {frame: 10, origin: [0, 3.2, -5], target: [0.1, 0.4, 0], up: [0, 1, 0]}
+""")
+    return folder / "moves.yaml"
+
+
+@pytest.mark.slow
+def test_every_channel_is_that_of_one_level(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
+    """Mirrors, vectors and gradients too, on what moves and beside it, with the same random numbers."""
+    animation = read_animation(write_mirrors(tmp_path))
+    two = OwnStage(animation, WIDTH, HEIGHT, 4)
+    clean, (sample,) = noisy(two, 4, [5])
+    assert two._levels
+    monkeypatch.setattr("nte.render.own.levels", lambda *_: [])
+    expected_clean, (expected_sample,) = noisy(OwnStage(animation, WIDTH, HEIGHT, 4), 4, [5])
+    for name, expected in (expected_clean | expected_sample).items():
+        found = (clean | sample)[name]
+        known = np.isfinite(expected).all(0)
+        assert (np.isfinite(found).all(0) == known).mean() > 0.999, name
+        known &= np.isfinite(found).all(0)
+        off = np.abs(found - expected).max(0)[known] > 1e-3 * np.maximum(1, np.abs(expected).max(0)[known])
+        assert off.mean() < 0.005, name  # paths that rounding sends elsewhere
+    moving = clean["instance"][0] > 1
+    assert np.isfinite(sample["reflection_motion"][:, moving]).all(0).mean() > 0.5
+    assert np.isfinite(sample["gradient"][:, moving]).all(0).sum() > 10

@@ -5,10 +5,12 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from nte.frames import CHANNELS
+from nte.denoiser import Session
+from nte.filters.trmv import Trmv
+from nte.frames import CHANNELS, Frame
 from nte.frames.exr import write_exr
 from nte.render.animation import read_animation
-from nte.render.components import noisy
+from nte.render.components import noisy, references
 from nte.render.own import OwnStage
 from nte.render.scene import Camera, Material, Scene, SceneObject
 from nte.render.scenes import shapes
@@ -128,3 +130,32 @@ def test_both_are_rows_of_the_table_of_channels():
     for name, kind in (("diffuse_albedo", "reflectance"), ("geometric_normal", "direction")):
         row = CHANNELS[name]
         assert (row.kind, row.noisy, row.rendered_with) == (kind, False, "components: true")
+
+
+@pytest.mark.slow
+def test_trmv_gives_back_the_indirect_light_of_what_is_half_metal(tmp_path: Path):
+    """From a red wall at one side and a grey one behind, lit by a lamp: few directions, one colour each, at rest."""
+    walls = {"0.7, 0.15, 0.1": ("-90", "x='1.4' y='0' z='0'"), "0.5, 0.5, 0.6": ("180", "x='0' y='0' z='1.8'")}
+    shapes_of = "".join(
+        f'<shape type="rectangle"><transform name="to_world"><scale value="1.6"/><rotate y="1" angle="{angle}"/>'
+        f'<translate {place}/></transform><bsdf type="diffuse"><rgb name="reflectance" value="{colour}"/></bsdf></shape>'
+        for colour, (angle, place) in walls.items()
+    )
+    (tmp_path / "scene.xml").write_text(f"""<scene version="3.0.0">
+      <sensor type="perspective"><float name="fov" value="26"/><transform name="to_world">
+        <lookat origin="-0.5, 2, -3" target="0.1, -1, 0.1" up="0, 1, 0"/></transform></sensor>
+      <emitter type="point"><point name="position" x="-0.2" y="0.3" z="-0.2"/><rgb name="intensity" value="9, 8, 7"/>
+      </emitter>{shapes_of}
+      <shape type="rectangle" id="floor"><transform name="to_world"><rotate x="1" angle="-90"/>
+        <scale value="6"/><translate y="-1"/></transform>{HALF_METAL}</shape></scene>""")
+    (tmp_path / "still.yaml").write_text("xml: scene.xml")
+    stage = OwnStage(read_animation(tmp_path / "still.yaml"), WIDTH, HEIGHT, 2)
+    clean, samples = noisy(stage, 0, range(12))
+    assert (clean["instance"] == 3).all()
+    session, found = Session(Trmv("indirect")), []
+    for index, sample in enumerate(samples):
+        channels = {name: values[None] for name, values in (clean | sample).items()}
+        found.append(np.asarray(session.denoise(Frame(channels, index)))[0])
+    expected = references(stage, 512, (1, 2))["reference_indirect"].mean((1, 2))
+    assert expected[0] > 1.5 * expected[2]
+    np.testing.assert_allclose(np.mean(found[4:], axis=(0, 2, 3)), expected, rtol=0.02)

@@ -47,9 +47,14 @@ def cone_axes(normal: Tensor) -> Tensor:
     local = local_axes().to(normal)
     pole = local[0]
     middle = pole + normal
-    # The rotation that takes the pole to n: v − (m·v / (1 + pole·n)) m + 2 (pole·v) n, with m = pole + n.
-    along = torch.einsum("pi,ki->pk", middle, local) / (1 + normal @ pole).clamp(min=1e-6)[:, None]
+    # The rotation that takes the pole to n: v − (m·v / (½ m·m)) m + 2 (pole·v) n, with m = pole + n.
+    along = torch.einsum("pi,ki->pk", middle, local) / _half_square(middle)
     return local - along[..., None] * middle[:, None] + 2 * (local @ pole)[:, None] * normal[:, None]
+
+
+def _half_square(middle: Tensor) -> Tensor:
+    """½ m·m (P, 1, …) of m = pole + n (P, 3, …): 1 + pole·n, without that sum's rounding next to −_POLE."""
+    return middle.square().sum(1, keepdim=True).mul_(0.5).clamp_(min=torch.finfo(middle.dtype).tiny)
 
 
 def overlap(cosine: Tensor, half_angle: float) -> Tensor:
@@ -108,7 +113,7 @@ def sample_to_cones(radiance: Tensor, direction: Tensor, normal: Tensor) -> Tens
     pole = local[0].view(1, 3, 1, 1)
     middle = pole + normal
     # The direction in the frame of the pole: cone_axes' rotation backwards.
-    along = (middle * direction).sum(1, keepdim=True) / (1 + (normal * pole).sum(1, keepdim=True)).clamp(min=1e-6)
+    along = (middle * direction).sum(1, keepdim=True) / _half_square(middle)
     turned = direction - along * middle + 2 * (normal * direction).sum(1, keepdim=True) * pole
     parts = [turned[:, i : i + 1] for i in range(3)]
     best = torch.full_like(parts[0], -math.inf)

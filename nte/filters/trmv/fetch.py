@@ -7,7 +7,7 @@ from torch import Tensor
 
 from nte.filters.trmv.scene import Scene
 from nte.motion.geometric import Reprojection
-from nte.motion.warp import inside, nearest_index, pixel_centres, warp
+from nte.motion.warp import fetch_bilinear, inside, nearest_index, pixel_centres
 
 DEEPER = 0.1  # relative difference of depth to that expected: leaves room for motion in depth
 LEAST_WEIGHT = 0.01  # of the pixels that show the surface
@@ -29,14 +29,17 @@ class Fetcher(NamedTuple):
     valid: Tensor  # (N, 1, H, W) bool: some pixel at the end of the vector shows the surface
     edge: Edge | None = None
 
-    def __call__(self, image: Tensor) -> Tensor:
-        """The previous frame's image (N, C, H, W) at the ends of the vectors."""
-        fetched = warp(image, self.motion).image
+    def __call__(self, image: Tensor, first: int = 0, rows: int | None = None) -> Tensor:
+        """The previous frame's image (N, C, H, W) at the ends of the vectors, or of so many rows from the first on."""
+        motion = self.motion[:, :, first : None if rows is None else first + rows]
+        position = pixel_centres(motion) + motion.new_tensor([0, first]).view(1, 2, 1, 1) + motion
+        fetched = fetch_bilinear(image, position)
         if self.edge is not None and self.edge.source.shape[1]:
-            n, y, x = self.edge.at
-            flat = image.flatten(2)
-            mixed = sum(flat[n, :, s] * w[:, None] for s, w in zip(self.edge.source, self.edge.weight, strict=True))
-            fetched[n, :, y, x] = mixed
+            _, y, _ = self.edge.at
+            here = ((y >= first) & (y < first + motion.shape[2])).nonzero()[:, 0]
+            n, y, x = (index[here] for index in self.edge.at)
+            flat, source, weight = image.flatten(2), self.edge.source[:, here], self.edge.weight[:, here]
+            fetched[n, :, y - first, x] = sum(flat[n, :, s] * w[:, None] for s, w in zip(source, weight, strict=True))
         return fetched
 
 

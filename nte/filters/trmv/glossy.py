@@ -4,6 +4,7 @@ The spatial filter follows Liu et al. 2019, «Cinematic Rendering in UE4 with Re
 its size is the footprint that the lobe, from the virtual image of what is reflected, has on the surface.
 """
 
+from functools import partial
 from typing import NamedTuple
 
 import torch
@@ -12,9 +13,10 @@ from torch.profiler import record_function
 
 from nte.filters.bilateral import ROUGHNESS, Edges, joint_bilateral
 from nte.filters.noise import gaussian_noise
-from nte.filters.trmv.samples import TINY, believable
+from nte.filters.trmv.samples import TINY, believable, of_usable
 from nte.filters.trmv.scene import RADIUS, Scene
 from nte.filters.trmv.temporal import Effect, Settings, Track, accumulate
+from nte.frames.usable import mask_of
 from nte.motion.geometric import Reprojection, traditional_motion
 from nte.motion.warp import fetch_nearest, pixel_centres
 
@@ -46,7 +48,8 @@ def denoise_glossy(
     with record_function("trmv/glossy/filter"):
         covariance = limit_spread(frame["reflection_covariance"])
         spread = spread_of(covariance, scene.edges)
-        current = filter_glossy(frame["glossy"], spread, scene.edges)
+        usable = frame.get(mask_of("glossy"))
+        current, known = of_usable(partial(filter_glossy, spread=spread, edges=scene.edges), frame["glossy"], usable)
     with record_function("trmv/glossy/vectors"):
         reprojection = scene.traditional
         if vectors in ("reliable", "specular"):
@@ -54,7 +57,7 @@ def denoise_glossy(
             motion = draw(lobes, frame.index, frame["glossy"]) if vectors == "reliable" else lobes.specular
             reprojection = glossy_reprojection(motion, lobes.glossy, scene)
     used = None if vectors == "none" else reprojection
-    return accumulate("glossy", current, track, used, scene, settings, deviation_of(spread), trust)
+    return accumulate("glossy", current, track, used, scene, settings, deviation_of(spread), trust, known=known)
 
 
 def gather_lobes(mean: Tensor, covariance: Tensor, edges: Edges) -> Lobes:

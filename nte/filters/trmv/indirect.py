@@ -15,18 +15,20 @@ from nte.filters.threads import side_by_side, threads_for
 from nte.filters.trmv import cones as hemisphere
 from nte.filters.trmv import temporal
 from nte.filters.trmv.fetch import Fetcher, fetch_from_anything, fetch_from_surface
+from nte.filters.trmv.samples import of_usable
 from nte.filters.trmv.scene import Scene
 from nte.filters.trmv.temporal import Blended, Effect, Settings, Track, Weight
 from nte.frames.frame import Frame
+from nte.frames.usable import mask_of
 
 LEVELS = 4  # of 3×3 taps: 31×31, the paper's «essentially 32×32»
 REACH = 8.0  # deviation of that filter, px
-STRIP = 96  # rows blended and shaded at a time: 24 channels with their temporaries would be most of the frame's memory
+STRIP = 96  # rows fetched, blended and shaded at a time: 24 channels with temporaries would be most of the memory
 
 
-def filter_indirect(values: Tensor, edges: Edges) -> Tensor:
+def filter_indirect(values: Tensor, edges: Edges, in_place: bool = False) -> Tensor:
     """À-trous filter (N, C, H, W) over 31×31 pixels of the same surface."""
-    return atrous_bilateral(values, edges, LEVELS)
+    return atrous_bilateral(values, edges, LEVELS, in_place)
 
 
 @dataclass(frozen=True)
@@ -48,51 +50,50 @@ class Cones:
             cones[:, :, first : first + STRIP] = hemisphere.sample_to_cones(*strip)
 
         _by_strips(sort, cones)
-        return filter_indirect(cones, edges)
+        return filter_indirect(cones, edges, in_place=True)
 
     def blend(
         self, current: Tensor, track: Track, fetcher: Fetcher, trust: Tensor | None, scene: Scene, settings: Settings
     ) -> Blended:
-        """`temporal.accumulate`, cone by cone, each with the weight of what its history holds.
+        """`temporal.accumulate`, cone by cone, each with the weight of what its history holds; in place of `current`.
 
         Cones of the current frame that no sample of the history falls into are made of this frame alone, and what
         has turned below the horizon is dropped.
         """
         assert scene.before is not None
         with record_function("trmv/indirect/temporal"):
-            fetched = temporal.fetch(track, fetcher, scene.frame.reset)
-            weight = temporal.weigh(fetched, settings, trust)
-            normal = F.normalize(fetcher(scene.before.normal), dim=1)
+            before = scene.before.normal
+            variance, may = temporal.fetch_convergence(track, fetcher, scene.frame.reset)
+            weight = temporal.weigh(variance, may, settings, trust)
             deviation = torch.empty_like(weight.used)
+            beside = _margins(current, temporal.NEIGHBOURHOOD // 2 * temporal.spacing(REACH))
 
             def blend(first: int) -> None:
-                """A strip of rows, in the place of the history."""
-                rows = slice(first, first + STRIP)
+                """A strip of rows, in the place of the current frame."""
 
                 def cut(image: Tensor) -> Tensor:
-                    return image[:, :, rows]
+                    return image[:, :, first : first + STRIP]
 
-                history, valid = cut(fetched.history), cut(fetched.valid)
-                hemisphere.transfer(history, cut(normal), cut(scene.surface.normal), self.half_angle)
-                light, kept = self._limit(history, current, rows, settings)
-                history.copy_(torch.where(valid, torch.lerp(history, cut(current), cut(weight.used)), cut(current)))
+                now, valid = cut(current), cut(may)
+                history, normal = (fetcher(image, first, now.shape[2]) for image in (track.history, before))
+                hemisphere.transfer(history, F.normalize(normal, dim=1), cut(scene.surface.normal), self.half_angle)
+                above, below = beside[first]
+                inner = slice(above.shape[2], above.shape[2] + now.shape[2])
+                light, kept = self._limit(history, torch.cat([above, now, below], 2), inner, settings)
+                now.copy_(torch.where(valid, torch.lerp(history, now, cut(weight.used)), now))
                 doubts = Weight(cut(weight.default), cut(weight.used))
                 cut(deviation).copy_(temporal.clean_up_deviation(doubts, light, kept, valid, settings))
 
             _by_strips(blend, current)
-            return Blended(fetched.history, temporal.blended_variance(weight, fetched), weight.used, deviation)
+            return Blended(current, temporal.blended_variance(weight, variance), weight.used, deviation)
 
     def _limit(
-        self, history: Tensor, current: Tensor, rows: slice, settings: Settings
+        self, history: Tensor, around: Tensor, inner: slice, settings: Settings
     ) -> tuple[Tensor, Tensor]:
         """Clamp the radiance in each cone, in place; (the light that history and clamped history make, (N, 3, h, W)).
 
-        history: of the strip of `rows`; current: of the whole image.
+        history: of a strip; around: the current frame there, in its rows `inner`, and as far as the clamp looks.
         """
-        reach = temporal.NEIGHBOURHOOD // 2 * temporal.spacing(REACH)
-        around = current[:, :, max(0, rows.start - reach) : rows.stop + reach]
-        start = min(rows.start, reach)
-        inner = slice(start, start + history.shape[2])
         means = hemisphere.mean_radiance(history), hemisphere.mean_radiance(around)
         light = torch.zeros_like(means[0])
         kept = torch.zeros_like(light)
@@ -114,6 +115,15 @@ class Cones:
 
         _by_strips(shade, cones)
         return light.mul_(reflectance)
+
+
+def _margins(image: Tensor, reach: int) -> dict[int, tuple[Tensor, Tensor]]:
+    """Copies of the rows (N, C, ≤ reach, W) above and below each strip of an image, by the strip's first row."""
+    firsts = range(0, image.shape[2], STRIP)
+    return {
+        first: (image[:, :, max(0, first - reach) : first].clone(), image[:, :, first + STRIP :][:, :, :reach].clone())
+        for first in firsts
+    }
 
 
 def _by_strips(work: Callable[[int], None], image: Tensor) -> None:
@@ -144,18 +154,20 @@ def denoise_indirect(
         fetcher = fetch_from_anything(reprojection) if anything else fetch_from_surface(reprojection, scene)
     if cones is None:
         with record_function("trmv/indirect/filter"):
-            current = filter_indirect(demodulate(frame["indirect"], reflectance), scene.edges)
+            light, usable = demodulate(frame["indirect"], reflectance), frame.get(mask_of("indirect"))
+            current, known = of_usable(partial(filter_indirect, edges=scene.edges), light, usable)
         effect = temporal.accumulate(
-            "indirect", current, track, reprojection, scene, settings, REACH, trust, fetcher
+            "indirect", current, track, reprojection, scene, settings, REACH, trust, fetcher, known
         )
         return effect._replace(image=remodulate(effect.image, reflectance))
     with record_function("trmv/indirect/filter"):
         light, direction = frame["indirect_radiance"], frame["indirect_direction"]
+        usable = frame.get(mask_of("indirect_radiance"))
+        direction = direction if usable is None else direction * usable  # without a direction it is no sample
         current = cones.gather(light, direction, scene.surface.normal, scene.edges)
     blended = temporal.start(current, settings)
     if fetcher is not None and track is not None:
         blended = cones.blend(current, track, fetcher, trust, scene, settings)
-        del current  # the largest of the frame's tensors
     effect = temporal.finish("indirect", blended, reprojection, scene, settings)
     with record_function("trmv/indirect/shade"):
         return effect._replace(image=cones.shade(effect.image, reflectance))

@@ -1,8 +1,11 @@
-"""Which of the vectors that rays have found may enter a mean.
+"""Which of the samples, and which of the vectors, that rays have found may enter a mean.
 
 A shadow ray that grazes its receiver's plane, or a reflection near a focus, gives a vector of any length, and one
 of 10 000 px would move the mean of a whole footprint.
 """
+
+from collections.abc import Callable
+from typing import NamedTuple
 
 import torch
 from torch import Tensor
@@ -14,6 +17,25 @@ AROUND, APART = 5, 2  # a vector is compared with those of 5×5 pixels, every ot
 DEVIATIONS = 3.0  # of those around: more than a tenth of them would have to be wrong to hide each other
 ENOUGH = 8  # others, to judge by
 ROUGHLY = 1.0  # px: vectors this much apart are alike, whatever the deviation
+
+
+class OfUsable(NamedTuple):
+    """Light (N, C, H, W), 0 where nothing is known; and where something is: (N, 1, H, W) bool, None everywhere."""
+
+    light: Tensor
+    known: Tensor | None
+
+
+def of_usable(smooth: Callable[[Tensor], Tensor], light: Tensor, usable: Tensor | None) -> OfUsable:
+    """`smooth`, a weighted mean, of the pixels of light (N, C, H, W) that tell something.
+
+    usable (N, 1, H, W): 1 for those, 0 for others, which would count as black; None: all of them.
+    """
+    if usable is None or bool((usable > 0).all()):
+        return OfUsable(smooth(light), None)
+    parts = smooth(torch.cat([light * usable, usable], 1))
+    known = parts[:, -1:] > TINY
+    return OfUsable(torch.where(known, parts[:, :-1] / parts[:, -1:].clamp(min=TINY), 0.0), known)
 
 
 def believable(motion: Tensor) -> tuple[Tensor, Tensor]:

@@ -10,6 +10,7 @@ from nte.filters.bilateral import Edges, joint_bilateral
 from nte.filters.trmv.samples import TINY, believable
 from nte.filters.trmv.scene import RADIUS, Scene, Surface
 from nte.filters.trmv.temporal import Effect, Settings, Track, accumulate
+from nte.frames.usable import mask_of
 from nte.motion.geometric import Reprojection, traditional_motion
 from nte.motion.neighbours import pairs
 from nte.motion.warp import fetch_nearest, pixel_centres
@@ -34,9 +35,9 @@ def denoise_shadows(
     """Visibility (N, 1, H, W) in [0, 1]. vectors: reliable, traditional or none. trust: of the history, in [0, 1]."""
     frame, reliable = scene.frame, vectors == "reliable"
     with record_function("trmv/shadow/filter"):
-        splatted = splat(
-            frame["visibility"], frame["direct"], frame["shadow_motion"] if reliable else None, scene.edges
-        )
+        usable = frame.get(mask_of("visibility"))
+        moved = frame["shadow_motion"] if reliable else None
+        splatted = splat(frame["visibility"], frame["direct"], moved, scene.edges, usable)
     with record_function("trmv/shadow/vectors"):
         reprojection = scene.traditional
         if reliable:
@@ -48,13 +49,17 @@ def denoise_shadows(
     return accumulate("shadow", splatted.visibility, track, used, scene, settings, reach, trust)
 
 
-def splat(visibility: Tensor, direct: Tensor, shadow_motion: Tensor | None, edges: Edges) -> Splatted:
+def splat(
+    visibility: Tensor, direct: Tensor, shadow_motion: Tensor | None, edges: Edges, usable: Tensor | None = None
+) -> Splatted:
     """Average visibility, and the vectors of shadowed samples, into the centre of each 31×31 footprint.
 
     visibility (N, 1, H, W) of one shadow ray; direct (N, 3, H, W), 0 where there was nothing to shadow: such a
-    pixel says nothing about its neighbours. shadow_motion (N, 2, H, W), NaN where unshadowed; None: no vectors.
+    pixel says nothing about its neighbours; nor does one where usable (N, 1, H, W) is 0, which listens to them.
+    shadow_motion (N, 2, H, W), NaN where unshadowed; None: no vectors.
     """
-    lit = (direct > 0).any(1, keepdim=True).float()
+    could = (direct > 0).any(1, keepdim=True)
+    lit = could.float() if usable is None else could * usable
     parts = [lit, lit * visibility]
     if shadow_motion is not None:
         believed, motion = believable(shadow_motion)
@@ -62,7 +67,7 @@ def splat(visibility: Tensor, direct: Tensor, shadow_motion: Tensor | None, edge
         shadow = lit * (1 - visibility) * believed
         parts += [shadow, shadow * motion]
     reached = joint_bilateral(torch.cat(parts, 1), edges, RADIUS, deviation_for(direct.shape[2]))
-    soft = torch.where(lit > 0, reached[:, 1:2] / reached[:, :1].clamp(min=TINY), 1.0)
+    soft = torch.where(could & (reached[:, :1] > TINY), reached[:, 1:2] / reached[:, :1].clamp(min=TINY), 1.0)
     if shadow_motion is None:
         return Splatted(soft, torch.zeros_like(direct[:, :2]), torch.zeros_like(lit, dtype=torch.bool))
     shadowed = reached[:, 2:3] > TINY

@@ -18,6 +18,7 @@ NEIGHBOURHOOD = 5  # pixels across, of the clamp
 WIDEST = 5.0  # deviation of the clean-up filter, px
 _APART = 4  # px, of the pixels that the clamp looks at where a filter of varying width is wide
 _EPSILON = 1e-3
+_NOTHING = 1e6  # variance of what tells nothing: as history it weighs nothing
 
 
 @dataclass(frozen=True)
@@ -74,49 +75,59 @@ class Blended(NamedTuple):
 
 def accumulate(
     name: str, current: Tensor, track: Track | None, vectors: Reprojection | None, scene: Scene, settings: Settings,
-    reach: float | Tensor, trust: Tensor | None = None, fetcher: Fetcher | None = None,
+    reach: float | Tensor, trust: Tensor | None = None, fetcher: Fetcher | None = None, known: Tensor | None = None,
 ) -> Effect:  # fmt: skip
     """Eq. 2 with everything of section 5 on current c̃ (N, C, H, W): c = α c̃ + (1 − α) c*, cleaned up.
 
     vectors None: the spatial filter alone. reach: of that filter, see `limit`. trust: G of Eq. 4. fetcher: in place of
-    plain fetching at the vectors' ends. name: in the profile.
+    plain fetching at the vectors' ends. known (N, 1, H, W), bool: where the current frame tells anything; None:
+    everywhere. name: in the profile.
     """
     if vectors is None or track is None:
-        return finish(name, start(current, settings), vectors, scene, settings)
+        return finish(name, start(current, settings, known), vectors, scene, settings)
     with record_function(f"trmv/{name}/temporal"):
         fetched = fetch(track, fetcher or fetch_from_anything(vectors), scene.frame.reset)
         clamped = limit(fetched.history, current, reach, settings)
-        weight = weigh(fetched, settings, trust)
+        weight = weigh(fetched.variance, fetched.valid, settings, trust, known)
         # Not lerp alone: a history that is not valid must not leave a trace, not even of rounding.
         image = torch.where(fetched.valid, torch.lerp(clamped, current, weight.used), current)
         deviation = clean_up_deviation(weight, fetched.history, clamped, fetched.valid, settings)
-        blended = Blended(image, blended_variance(weight, fetched), weight.used, deviation)
+        blended = Blended(image, blended_variance(weight, fetched.variance, known), weight.used, deviation)
     return finish(name, blended, vectors, scene, settings)
 
 
-def start(current: Tensor, settings: Settings) -> Blended:
+def start(current: Tensor, settings: Settings, known: Tensor | None = None) -> Blended:
     """Without any history."""
     one = torch.ones_like(current[:, :1])
-    return Blended(current, one, one, _first(settings) * one)
+    return Blended(current, one * _own_variance(known), one, _first(settings) * one)
 
 
 def fetch(track: Track, fetcher: Fetcher, reset: Tensor | None) -> Fetched:
     """The track at the ends of the vectors; valid where the fetcher finds it and without a reset."""
+    return Fetched(fetcher(track.history), *fetch_convergence(track, fetcher, reset))
+
+
+def fetch_convergence(track: Track, fetcher: Fetcher, reset: Tensor | None) -> tuple[Tensor, Tensor]:
+    """(variance, valid) of `fetch` alone."""
     valid = fetcher.valid if reset is None else fetcher.valid & ~(reset.view(-1, 1, 1, 1) > 0)
-    return Fetched(fetcher(track.history), fetcher(track.variance), valid)
+    return fetcher(track.variance), valid
 
 
-def weigh(fetched: Fetched, settings: Settings, trust: Tensor | None = None) -> Weight:
-    """α, and with a trust G in [0, 1] (N, 1, H, W) of the history α^V = 1 − G (1 − α) (Eq. 4); 1 without history.
+def weigh(
+    variance: Tensor, valid: Tensor, settings: Settings, trust: Tensor | None = None, known: Tensor | None = None
+) -> Weight:
+    """α, and with a trust G in [0, 1] (N, 1, H, W) of the history α^V = 1 − G (1 − α) (Eq. 4); 1 without history,
+    and 0 beside one where nothing is `known` of the current frame.
 
     v / (1 + v) makes the smallest variance out of a history of variance v and a frame of variance 1: 1/2, 1/3, …
     of a history that began one, two, … frames ago, more where it was doubted since.
     """
-    default = torch.full_like(fetched.variance, settings.alpha)
+    default = torch.full_like(variance, settings.alpha)
     if settings.warm_up:
-        default = torch.maximum(default, fetched.variance / (1 + fetched.variance))
+        default = torch.maximum(default, variance / (1 + variance))
     used = default if trust is None else 1 - trust * (1 - default)
-    return Weight(default, torch.where(fetched.valid, used, 1.0))
+    used = used if known is None else used * known
+    return Weight(default, torch.where(valid, used, 1.0))
 
 
 def limit(
@@ -162,15 +173,22 @@ def _first(settings: Settings) -> float:
     return (1 - settings.alpha) ** 2
 
 
-def blended_variance(weight: Weight, fetched: Fetched) -> Tensor:
+def blended_variance(weight: Weight, variance: Tensor, known: Tensor | None = None) -> Tensor:
     """α² + (1 − α)² v, (N, 1, H, W), of a history of variance v and a frame of variance 1."""
-    return weight.used.square() + (1 - weight.used).square() * fetched.variance
+    own = weight.used.square() * _own_variance(known)
+    return own + (1 - weight.used).square() * variance
+
+
+def _own_variance(known: Tensor | None) -> Tensor | float:
+    """Of a single frame."""
+    return 1.0 if known is None else torch.where(known, 1.0, _NOTHING)
 
 
 def finish(name: str, blended: Blended, vectors: Reprojection | None, scene: Scene, settings: Settings) -> Effect:
     """Clean up, and choose what is remembered; without vectors the image stays that of the spatial filter."""
     with record_function(f"trmv/{name}/clean-up"):
         wanted = settings.clean_up and vectors is not None
-        cleaned = clean_up(blended.image, scene.edges, blended.deviation) if wanted else blended.image
-    history = cleaned if settings.cleaned_history else blended.image
+        image, spent = blended.image, settings.cleaned_history
+        cleaned = clean_up(image, scene.edges, blended.deviation, in_place=spent) if wanted else image
+    history = cleaned if spent else image
     return Effect(cleaned, Track(history, blended.variance), blended.alpha, vectors)
