@@ -66,8 +66,13 @@ def known_exposure(color: npt.NDArray[np.float32], lit: float = 0.0) -> npt.NDAr
 
 
 def sequence_exposure(frame: Frame, carried: Array | None) -> npt.NDArray[np.float32]:
-    """Exposure (N,) of a sequence: what is carried from the frame before, once it is known; NaN until then."""
+    """Exposure (N,) of a sequence: what is carried from the frame before, once it is known; NaN until then.
+
+    A sequence that starts with this frame (`reset`) carries nothing.
+    """
     own = np.full(frame.batch, np.nan, np.float32) if carried is None else _as_numpy(carried)
+    if frame.reset is not None:
+        own = np.where(_as_numpy(frame.reset) > 0, np.float32(np.nan), own)
     return np.where(np.isnan(own), known_scalars(frame)[0], own) if np.isnan(own).any() else own
 
 
