@@ -1,6 +1,7 @@
 """What a bench runs on: frames of any size, synthetic with every channel, or those of a clip, scaled."""
 
 from collections.abc import Callable, Iterable
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -43,7 +44,7 @@ def scaled(frame: Frame, size: tuple[int, int]) -> Frame:
         return np.ascontiguousarray(values[:, :, rows[:, None], columns] * factor)
 
     channels = {name: scale(name, values) for name, values in frame.channels.items()}
-    return Frame(channels, frame.index, clean_guides=frame.clean_guides)
+    return replace(frame, channels=channels)
 
 
 def synthetic_frames(size: tuple[int, int], channels: Iterable[str]) -> Source:

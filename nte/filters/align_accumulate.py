@@ -12,7 +12,7 @@ from nte.color import demodulate, remodulate
 from nte.denoiser import Result, check_size, sanitised
 from nte.errors import NteError
 from nte.filters.align import align, check_motion, check_range, chooser
-from nte.filters.blocks import fetch_history, keep_where_bad, remembered
+from nte.filters.blocks import fetch_history, keep_where_bad, remembered, restarts
 from nte.filters.composition import check_target
 from nte.filters.estimated import AUTO, matched_grey
 from nte.frames.frame import Frame
@@ -81,9 +81,11 @@ class AlignAccumulate:
         motion, mask = current.new_zeros(frame.batch, 2, *frame.size), torch.ones_like(grey)
         if state is not None:
             check_size(frame, state.merged)
-            grey = torch.where(tensors[mask_of(self.target)] > 0, grey, state.grey)
+            starts = restarts(tensors)
+            grey = torch.where((tensors[mask_of(self.target)] > 0) | starts, grey, state.grey)
             motion, valid, error = align(grey, state.grey, tensors, self.motion, self.choose)
-            mask = rejection_mask(error, self.kappa, self.eta)
+            motion = torch.where(starts, 0.0, motion)
+            mask = torch.where(starts, 1.0, rejection_mask(error, self.kappa, self.eta))
             where = Reprojection(motion, valid, torch.zeros_like(valid))
             past, valid = fetch_history(torch.cat([state.merged, state.length], 1), where, tensors.reset)
             # The paper's α weights history: α′ = α (1 − m). Ours weights the current frame.

@@ -11,7 +11,7 @@ from torch import Tensor
 from nte.denoiser import Result, check_size, sanitised
 from nte.errors import NteError
 from nte.filters.align import Aligned, align, check_motion, check_range, chooser
-from nte.filters.blocks import clamp_history, keep_where_bad, neighbourhood_moments, remembered
+from nte.filters.blocks import clamp_history, keep_where_bad, neighbourhood_moments, remembered, restarts
 from nte.filters.estimated import AUTO, matched_grey
 from nte.frames.frame import Frame
 from nte.frames.scalars import sequence_exposure
@@ -77,14 +77,13 @@ class AlignTaa:
         aligned = Aligned(current.new_zeros(frame.batch, 2, *frame.size), mask > 0, mask)
         if state is not None:
             check_size(frame, state.output)
+            starts = restarts(tensors)
             if not self.guides:
-                searched = torch.where(tensors[mask_of("color")] > 0, searched, state.searched)
+                searched = torch.where((tensors[mask_of("color")] > 0) | starts, searched, state.searched)
             aligned = align(searched, state.searched, tensors, self.motion, self.choose)
-            mask = rejection_mask(aligned.error, self.kappa, self.eta)
+            aligned = aligned._replace(motion=torch.where(starts, 0.0, aligned.motion), valid=aligned.valid & ~starts)
+            mask = torch.where(starts, 0.0, rejection_mask(aligned.error, self.kappa, self.eta))
             output, valid = self._blend(current, mask, aligned, guides, state, tensors)
-            if tensors.reset is not None:
-                starts = tensors.reset.view(-1, 1, 1, 1) > 0
-                output, valid = torch.where(starts, current, output), valid & ~starts
         found = {"motion": aligned.motion, "mask": mask}
         result = Result(output, {name: found[name] for name in extras}).like(frame)
         return result, _State(remembered(output, valid, tensors, "color"), searched, guides, exposure)

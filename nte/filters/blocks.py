@@ -58,6 +58,15 @@ def remembered(output: Tensor, valid: Tensor, frame: Frame, target: str) -> Tens
     return torch.where(valid | (frame[mask_of(target)] > 0), output, float("nan"))
 
 
+def restarts(frame: Frame) -> Tensor:
+    """(N, 1, 1, 1) bool: the sequences of which this frame is the first, as it says."""
+    first = frame[next(iter(frame.channels))]
+    if frame.reset is None:
+        return torch.zeros(frame.batch, 1, 1, 1, dtype=torch.bool, device=first.device)
+    starts: Tensor = frame.reset.view(-1, 1, 1, 1) > 0
+    return starts
+
+
 def fetch_history(history: Tensor, reprojection: Reprojection, reset: Tensor | None) -> tuple[Tensor, Tensor]:
     """(warped history, where it may be used): finite, inside the previous frame, not in a sequence that restarts."""
     warped, valid = warp(history, reprojection.motion)

@@ -14,11 +14,12 @@ from torch import Tensor
 from nte.color import display, luminance
 from nte.denoiser import Denoiser, Result, check_size, sanitised
 from nte.errors import NteError
+from nte.filters.blocks import restarts
 from nte.frames.frame import Frame
 from nte.frames.scalars import sequence_exposure
 from nte.frames.usable import mask_of
 from nte.motion.correspondence import Known, find_motion, patch_error
-from nte.motion.search import SEARCHES, Search, noise_of
+from nte.motion.search import SEARCHES, Search, searches_for
 from nte.motion.warp import inside, pixel_centres
 
 AUTO = "auto"  # the search is chosen by the noise of the images
@@ -49,9 +50,10 @@ class Chooser:
             raise NteError(f"noise is '{self.noise}', expected one of {', '.join((AUTO, *SEARCHES))}")
         replace(SEARCHES["clean"], **self.changes)
 
-    def __call__(self, image: Tensor) -> Search:
-        """The search for an image (N, C, H, W) of displayed values; for the noisiest, where N is more than 1."""
-        return replace(SEARCHES[noise_of(image) if self.noise == AUTO else self.noise], **self.changes)
+    def __call__(self, images: Tensor) -> list[Search]:
+        """The search for each of the images (N, C, H, W) of displayed values."""
+        found = searches_for(images) if self.noise == AUTO else [SEARCHES[self.noise]] * len(images)
+        return [replace(search, **self.changes) for search in found]
 
 
 class Estimate(NamedTuple):
@@ -66,7 +68,7 @@ class _Seen(NamedTuple):
     """What was searched in the frame before."""
 
     image: Tensor  # (N, C, H, W)
-    exposure: Tensor  # (N,)
+    exposure: Tensor  # (N,), on the CPU
 
 
 class Estimator:
@@ -93,26 +95,26 @@ class Estimator:
         """
         tensors = frame.torch(self.device)
         color = tensors["color"]
+        if state is not None:
+            check_size(frame, state.image)
         carried = None if state is None else state.exposure
-        exposure = torch.from_numpy(sequence_exposure(tensors, carried)).to(color)
-        image = matched_grey(color, exposure)
+        exposure = torch.from_numpy(sequence_exposure(frame, carried))
+        image = matched_grey(color, exposure.to(color))
         if self.guides:
             image = torch.cat([tensors["albedo"], tensors["normal"]], 1)
         elif state is not None and mask_of("color") in tensors:  # what tells nothing is searched as it was before
-            image = torch.where(tensors[mask_of("color")] > 0, image, state.image)
+            image = torch.where((tensors[mask_of("color")] > 0) | restarts(tensors), image, state.image)
         if state is None:
             nothing = torch.zeros_like(image[:, :1])
             error = nothing if self.errors else None
             return Estimate(nothing.repeat(1, 2, 1, 1), error, nothing > 0), _Seen(image, exposure)
-        check_size(frame, state.image)
         search = self.choose(image)
         motion = find_motion(image, state.image, search, self._known(tensors))
         error = patch_error(image, state.image, motion, search) if self.errors else None
         valid = inside(pixel_centres(motion) + motion)
-        if tensors.reset is not None:
-            goes_on = tensors.reset.view(-1, 1, 1, 1) <= 0
-            motion, valid = motion * goes_on, valid & goes_on
-            error = None if error is None else error * goes_on
+        goes_on = ~restarts(tensors)
+        motion, valid = motion * goes_on, valid & goes_on
+        error = None if error is None else error * goes_on
         return Estimate(motion, error, valid), _Seen(image, exposure)
 
     def _known(self, frame: Frame) -> Known | None:

@@ -66,8 +66,10 @@ def known_exposure(color: npt.NDArray[np.float32], lit: float = 0.0) -> npt.NDAr
 
 
 def sequence_exposure(frame: Frame, carried: Array | None) -> npt.NDArray[np.float32]:
-    """Exposure (N,) of sequences: what is carried from the frame before, once it is known; NaN until then, and where a
-    sequence starts anew (`Frame.reset`) its own."""
+    """Exposure (N,) of a sequence: what is carried from the frame before, once it is known; NaN until then.
+
+    A sequence that starts with this frame (`reset`) carries nothing.
+    """
     own = np.full(frame.batch, np.nan, np.float32) if carried is None else _as_numpy(carried)
     if frame.reset is not None:
         own = np.where(_as_numpy(frame.reset) > 0, np.float32(np.nan), own)

@@ -5,6 +5,7 @@ colours and does not claim true motion: shadows, reflections, waves and clouds m
 """
 
 import warnings
+from collections.abc import Sequence
 from typing import NamedTuple
 
 import torch
@@ -26,17 +27,20 @@ from nte.motion.pyramid import (
     smaller_known,
     upsample,
 )
-from nte.motion.search import SEARCHES, Search, noise_of
+from nte.motion.search import SEARCHES, Search, noise_of, searches_for
 from nte.motion.warp import warp
 from nte.motion.whole_shift import whole_shift
 
 __all__ = [
-    "SEARCHES", "BothWays", "Correspondence", "FewerLevelsWarning", "Known", "Search", "find_both_ways",
-    "find_correspondence", "find_motion", "noise_of", "patch_error", "rejection_mask",
+    "SEARCHES", "BothWays", "Correspondence", "FewerLevelsWarning", "Known", "Search", "Searches", "find_both_ways",
+    "find_correspondence", "find_motion", "noise_of", "patch_error", "rejection_mask", "searches_for",
 ]  # fmt: skip
 
 
 _ENOUGH = 32  # pixels along each axis, for which the shift of the whole image is no accident
+
+
+Searches = Search | Sequence[Search]  # one for all images of a batch, or one for each
 
 
 class Correspondence(NamedTuple):
@@ -48,34 +52,44 @@ class Correspondence(NamedTuple):
 
 @torch.no_grad()
 def find_correspondence(
-    current: Tensor, previous: Tensor, search: Search | None = None, known: Known | None = None
+    current: Tensor, previous: Tensor, search: Searches | None = None, known: Known | None = None
 ) -> Correspondence:
     """Find the motion (`find_motion`, which describes the arguments) and its patch error (`patch_error`)."""
     _check_sizes(current, previous)
-    search = search or SEARCHES[noise_of(current)]
+    search = search or searches_for(current)
     motion = find_motion(current, previous, search, known)
     return Correspondence(motion, patch_error(current, previous, motion, search))
 
 
 @torch.no_grad()
 def find_motion(
-    current: Tensor, previous: Tensor, search: Search | None = None, known: Known | None = None
+    current: Tensor, previous: Tensor, search: Searches | None = None, known: Known | None = None
 ) -> Tensor:
     """Search every pixel of `current` in `previous`, both (N, C, H, W): grey, or noise-free guides as channels.
 
     Returns the motion (N, 2, H, W) of Correspondence. Values should be about as large as displayed ones, [0, 1]: the
     log norms compare them with 2. What is not finite counts as 0; at the border the previous image is clamped. `known`
-    motion overwrites what is found on every level, and so guides the search around it. Without a search, the noise of
-    `current` chooses one of SEARCHES. Small images get fewer levels (FewerLevelsWarning). The same input gives the
-    same output. docs/correspondence.md tells its time beside that of optical flow; no gradients. Raises NteError for
-    images that differ in size.
+    motion overwrites what is found on every level, and so guides the search around it. search: one for all images, or
+    one for each; without it the noise of each image of `current` chooses one of SEARCHES. An image of a batch is
+    searched as it would be alone. Small images get fewer levels (FewerLevelsWarning). The same input gives the same
+    output. docs/correspondence.md tells its time beside that of optical flow; no gradients. Raises NteError for images
+    that differ in size.
     """
     _check_sizes(current, previous)
-    search = search or SEARCHES[noise_of(current)]
+    searches = _for_each(search or searches_for(current), current)
+    for one in dict.fromkeys(one for one, _ in searches):
+        _tell_of_missing_levels(current, _unit(current, one), len(one.radii))
+    found = []
+    for one, n in searches:
+        its_known = known and Known(known.motion[n], known.mask[n])
+        found.append(_find_alone(current[n], previous[n], one, its_known))
+    return torch.cat(found)
+
+
+def _find_alone(current: Tensor, previous: Tensor, search: Search, known: Known | None) -> Tensor:
+    """`find_motion` of one image (1, C, H, W)."""
     now, before = (_scaled(image, search) for image in (current, previous))
-    unit = 2 if search.half and min(now.shape[-2:]) >= 2 * SMALLEST else 1
-    _tell_of_missing_levels(current, unit, len(search.radii))
-    if unit == 1:
+    if _unit(current, search) == 1:
         return _search(now, before, known, search)
     now, before = smaller(now, 2), smaller(before, 2)
     motion = upsample(_search(now, before, known and smaller_known(known, 2), search), current, 2) * 2
@@ -83,13 +97,19 @@ def find_motion(
 
 
 @torch.no_grad()
-def patch_error(current: Tensor, previous: Tensor, motion: Tensor, search: Search) -> Tensor:
+def patch_error(current: Tensor, previous: Tensor, motion: Tensor, search: Searches) -> Tensor:
     """Patch distance (N, 1, H, W) between `current` and `previous` fetched along any finite motion (N, 2, H, W), px.
 
     The norm, the patches and the level are those of the search, so what it says of found motion, and of motion from
-    elsewhere, can be compared. In the units of the norm; log distances without log 2, so that 0 means equal.
+    elsewhere, can be compared. In the units of the norm; log distances without log 2, so that 0 means equal. search:
+    one for all images, or one for each.
     """
-    return _error(_scaled(current, search), _scaled(previous, search), motion, search)
+    return torch.cat(
+        [
+            _error(_scaled(current[n], one), _scaled(previous[n], one), motion[n], one)
+            for one, n in _for_each(search, current)
+        ]
+    )
 
 
 class BothWays(NamedTuple):
@@ -102,12 +122,14 @@ class BothWays(NamedTuple):
 
 @torch.no_grad()
 def find_both_ways(
-    current: Tensor, previous: Tensor, search: Search | None = None, tolerance: float = 1.0
+    current: Tensor, previous: Tensor, search: Searches | None = None, tolerance: float = 1.0
 ) -> BothWays:
     """`find_correspondence` backward and forward; consistent: there and back ends within `tolerance` pixels.
 
-    What came into sight has no correspondence, and usually fails this.
+    What came into sight has no correspondence, and usually fails this. One search serves both directions.
     """
+    _check_sizes(current, previous)
+    search = search or searches_for(current)
     backward = find_correspondence(current, previous, search)
     forward = find_correspondence(previous, current, search)
     there = warp(forward.motion, backward.motion)
@@ -150,6 +172,20 @@ def _settled(images: Level, motion: Tensor, search: Search) -> Tensor:
     return motion if known is None else torch.where(known.mask, known.motion, motion)
 
 
+def _for_each(search: Searches, images: Tensor) -> list[tuple[Search, slice]]:
+    """Each image's search, and the slice of the batch that it is. Raises NteError for another number of searches."""
+    searches = [search] * len(images) if isinstance(search, Search) else list(search)
+    if len(searches) != len(images):
+        raise NteError(f"{len(searches)} searches for {len(images)} images: expected one, or one for each")
+    return [(one, slice(n, n + 1)) for n, one in enumerate(searches)]
+
+
+def _unit(image: Tensor, search: Search) -> int:
+    """Pixels of an image along each axis that are one of the search's finest level."""
+    height, width = image.shape[-2:]
+    return 2 if search.half and min(height, width) >= 2 * SMALLEST else 1
+
+
 def _check_sizes(current: Tensor, previous: Tensor) -> None:
     """Raise NteError unless both are images (N, C, H, W) of one size."""
     if current.shape != previous.shape or current.ndim != 4:
@@ -173,15 +209,15 @@ def _tell_of_missing_levels(image: Tensor, unit: int, wanted: int) -> None:
 
 
 def _whole_motion(levels: list[Level]) -> Tensor:
-    """(N, 2, 1, 1) px of the finest level: by how much each whole image moved, to the pixels of the level above.
+    """(1, 2, 1, 1) px of the finest level: by how much the whole image moved, to the pixels of the level above.
 
     0 for what the two finest levels reach by themselves.
     """
     level = int(len(levels) > 1 and min(levels[1].current.shape[-2:]) >= _ENOUGH)
     now, before, _ = levels[level]
-    shifts = [whole_shift(now[n : n + 1], before[n : n + 1], farthest=0.5) for n in range(len(now))]
-    shifts = [shift if max(map(abs, shift)) > REACH else (0, 0) for shift in shifts]
-    return now.new_tensor(shifts).view(-1, 2, 1, 1) * float(SCALE**level)
+    x, y = whole_shift(now, before, farthest=0.5)
+    near = max(abs(x), abs(y)) <= REACH
+    return now.new_tensor([0, 0] if near else [x, y]).view(1, 2, 1, 1) * float(SCALE**level)
 
 
 def _search_level(images: Level, coarser: Tensor | None, whole: Tensor, search: Search, level: int) -> Tensor:

@@ -70,3 +70,8 @@ def noise_of(image: Tensor) -> str:
     finite = torch.nan_to_num(image.float(), 0, 0, 0)
     level = float(noise_level(finite).max()) if finite.numel() else 0.0
     return next((name for name, limit in NOISE_LIMITS.items() if level < limit), "strong")
+
+
+def searches_for(images: Tensor) -> list[Search]:
+    """The search that suits the noise of each of the images (N, C, H, W) of displayed values."""
+    return [SEARCHES[noise_of(image[None])] for image in images]

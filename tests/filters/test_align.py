@@ -257,10 +257,10 @@ def test_the_wrapper_makes_taa_without_vectors_better_than_with_none() -> None:
 def test_without_a_name_the_search_is_chosen_by_the_noise_of_the_images() -> None:
     chooser = Chooser()
     grey = matched_grey(moving(1)[0].torch()["color"], torch.ones(1))
-    assert chooser(grey) == SEARCHES["clean"]
-    assert chooser(matched_grey(moving(1, noise=1.0)[0].torch()["color"], torch.ones(1))) == SEARCHES["noisy"]
-    assert Chooser("strong")(grey) == SEARCHES["strong"]
-    assert Chooser("auto", {"radii": (3, 2)})(grey).radii == (3, 2)
+    assert chooser(grey) == [SEARCHES["clean"]]
+    assert chooser(matched_grey(moving(1, noise=1.0)[0].torch()["color"], torch.ones(1))) == [SEARCHES["noisy"]]
+    assert Chooser("strong")(grey) == [SEARCHES["strong"]]
+    assert Chooser("auto", {"radii": (3, 2)})(grey)[0].radii == (3, 2)
 
 
 def test_known_vectors_are_kept_and_the_rest_is_searched() -> None:
@@ -333,7 +333,7 @@ def test_names_and_options_of_the_registry() -> None:
     assert isinstance(chosen.denoiser, Taa)
     accumulate = load_denoiser("align_accumulate:radii=10-4-2-2,kappa=2,eta=0.1,demodulate=true,motion=geometric")
     assert isinstance(accumulate, AlignAccumulate)
-    assert accumulate.choose(torch.zeros(1, 1, 8, 8)).radii == (10, 4, 2, 2)
+    assert accumulate.choose(torch.zeros(1, 1, 8, 8))[0].radii == (10, 4, 2, 2)
     assert accumulate.needs == ("color", "motion", "albedo")
     assert load_denoiser("align_taa:guides=true").needs == ("color", "albedo", "normal")
     for spec, message in (
@@ -392,3 +392,24 @@ def test_denoise_estimates_motion_for_a_clip_that_has_none(tmp_path: Path) -> No
     expected = Session(EstimatedMotion(Taa()))
     images = [expected.denoise(frame) for frame in Clip(clip)]
     np.testing.assert_allclose(written, images[1], rtol=2e-3)  # stored as half floats
+
+
+@pytest.mark.filterwarnings("ignore::nte.frames.bad.BadPixelWarning")
+@pytest.mark.parametrize("spec", ["align_accumulate", "align_taa", "estimate+taa", "estimate+align_taa"])
+def test_a_sequence_that_restarts_in_a_batch_is_a_new_one(spec: str) -> None:
+    """It is 20 times as bright as the one that it follows, and its first frame has a bad pixel."""
+    frames, extras = moving(5, noise=0.2), ("motion", "mask") if spec.startswith("align") else ()
+    dark, bright = frames[:4], [f.with_channels(color=20 * f["color"][..., ::-1, :]) for f in frames[:2]]
+    bright[0]["color"][..., 40:44, 60:64] = np.nan
+    first = [f["color"] for f in dark[:2]] + [f["color"] for f in bright]
+    batch = [
+        Frame({"color": np.concatenate([beside["color"], of])}, index, reset=np.array([0, index == 2], np.float32))
+        for index, (beside, of) in enumerate(zip(dark, first, strict=True))
+    ]
+    together, alone = Session(load_denoiser(spec)), Session(load_denoiser(spec))
+    results = [together.step(frame, extras) for frame in batch][2:]
+    for ours, frame in zip(results, bright, strict=True):
+        expected = alone.step(Frame({"color": frame["color"]}, frame.index), extras)
+        np.testing.assert_allclose(ours.image[1:], expected.image, rtol=1e-5, atol=1e-6)
+        for name in extras:
+            np.testing.assert_allclose(ours.extras[name][1:], expected.extras[name], atol=1e-5)

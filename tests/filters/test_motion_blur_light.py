@@ -50,6 +50,28 @@ def test_light_is_kept_within_a_percent(spec: str, name: str) -> None:
     assert ours == pytest.approx(given, rel=0.01)
 
 
+def crossing(index: int, front: Bar, back: Bar, batch: int) -> Frame:
+    """Two bars in one frame: what is behind is seen where the one in front is not. Their times are the same."""
+    near, far = front.frame(index, batch=batch), back.frame(index, batch=batch)
+    covers = near["shutter_depth"] < 4
+    behind = {name: values + (name == "shutter_depth") * np.float32(0.5) for name, values in far.channels.items()}
+    channels = {name: np.where(covers, near[name], behind[name]) for name in near.channels}
+    return Frame(channels, index, shutter=near.shutter)
+
+
+@pytest.mark.parametrize(("velocity", "shutter"), [((0, 11), 1.0), ((0, 11), 0.5), ((-12, 0), 0.5), ((8, -7), 1.0)])
+def test_light_is_kept_where_things_cross_that_move_in_two_directions(
+    velocity: tuple[float, float], shutter: float
+) -> None:
+    front = Bar((10, 10), (11, 2), 0.2, image=(48, 50), color=COLOR, shutter=shutter)
+    back = Bar((11, 9), velocity, -0.3, image=(48, 50), color=(1.0, 6.0, 3.0), shutter=shutter)
+    session = Session(load_denoiser("motion_blur"))
+    for index in (-1, 0):
+        frame = crossing(index, front, back, batch=8)
+        image = session.denoise(frame)
+    assert image.sum() == pytest.approx(frame["color"].sum(), rel=0.01)
+
+
 def test_the_factor_stays_a_share_where_motion_converges() -> None:
     """Each frame's history arrives on fewer pixels than it came from."""
     bar, session = Bar((40, 40), (0, 0), growth=-0.15, image=(56, 56)), Session(load_denoiser("motion_blur"))

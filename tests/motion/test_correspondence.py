@@ -342,3 +342,20 @@ def test_no_image_is_too_small_or_too_strange(noise: str, size: tuple[int, int])
         found = find_correspondence(image, other, SEARCHES[noise])
         assert found.motion.isfinite().all()
         assert found.error.isfinite().all()
+
+
+def test_an_image_is_searched_in_a_batch_as_alone_whatever_stands_beside_it() -> None:
+    """A pan beside a room that hardly moves, and a clean image beside a noisy one: each has its own search."""
+    large = 0.5 + 0.4 * texture((150, 260))[None, None]
+    still = room((150, 200))
+    pairs = [
+        (large[..., 60:], large[..., :-60]), (still.roll((1, 2), (2, 3)), still),
+        (noisy(still.roll((1, 2), (2, 3)), 0.15, 1), noisy(still, 0.15, 2)),
+    ]  # fmt: skip
+    together = find_correspondence(torch.cat([c for c, _ in pairs]), torch.cat([p for _, p in pairs]))
+    for n, (current, previous) in enumerate(pairs):
+        alone = find_correspondence(current, previous)
+        assert torch.equal(alone.motion[0], together.motion[n])
+        assert torch.equal(alone.error[0], together.error[n])
+    with pytest.raises(NteError, match="2 searches for 3 images"):
+        find_correspondence(torch.zeros(3, 1, 8, 8), torch.zeros(3, 1, 8, 8), [Search()] * 2)

@@ -12,7 +12,7 @@ from torch.profiler import record_function
 
 from nte.denoiser import Result, check_size, sanitised
 from nte.errors import NteError
-from nte.filters.motion_blur.composition import Cover, compose, plain_share, weighted_share
+from nte.filters.motion_blur.composition import Cover, balanced, compose, plain_share, weighted_share
 from nte.filters.motion_blur.first_stage import (
     COLUMNS,
     MOVING_WEIGHT,
@@ -185,7 +185,8 @@ class MotionBlur:
         def work(some: Pixels, chunk: Tensor) -> Tensor:
             return weighted_share(rows, some, sums[chunk], estimate.some(chunk), reach[chunk], self.depth)
 
-        return Cover.parts(in_chunks(pixels, 45, work))
+        cover = Cover.parts(in_chunks(pixels, 45, work))
+        return cover._replace(factor=balanced(cover.factor, rows, pixels))
 
     def _finish(self, means: Tensor, pixels: Pixels, estimate: Estimate, cover: Cover) -> Tensor:
         """Steps 6 and 7: colours (K, 3)."""

@@ -8,6 +8,7 @@ looked.
 from typing import NamedTuple
 
 import torch
+import torch.nn.functional as F
 from torch import Tensor
 
 from nte.filters.motion_blur.first_stage import (
@@ -84,6 +85,29 @@ def weighted_share(
     moving = weight * moves
     depth = torch.where(moving > 0, moving * values[..., DEPTH], 0).sum(1) / moving.sum(1).clamp(min=1e-12)
     return Cover.of(values, moving, weight * (~moves & ~before(depth, values, depth_threshold)))
+
+
+def balanced(factor: Tensor, rows: Tensor, pixels: Pixels) -> Tensor:
+    """The factor f (K,), changed so that its sum is the number of moving samples, near each pixel as in the whole.
+
+    `weighted_share` looks along one direction; where things cross that move in several, it counts too many or too few.
+    What is missing near a pixel is added in proportion to f (1 − f): what is 0 or 1 stays, edges stay where they are.
+    """
+    size = pixels.size
+    seen = rows[:, MOVING].view(size.batch, 1, size.height, size.width)
+    share = torch.zeros_like(seen).flatten()
+    share[pixels.index] = factor
+    share = share.view_as(seen)
+    free = share * (1 - share)
+    missing = _box((seen - share) / _box(free).clamp(min=1e-4)).clamp(-1, 1)
+    return (share + missing * free).flatten()[pixels.index]
+
+
+def _box(image: Tensor) -> Tensor:
+    """Sums over 15×15 pixels of (N, 1, H, W), of 225; outside there is nothing."""
+    side = 2 * WINDOW + 1
+    across = F.avg_pool2d(image, (1, side), 1, (0, WINDOW))
+    return F.avg_pool2d(across, (side, 1), 1, (WINDOW, 0))
 
 
 def compose(means: Tensor, cover: Cover) -> Tensor:
