@@ -28,10 +28,10 @@ def load_config(schema: type[Schema], path: Path, overrides: Sequence[str] = ())
     source = str(path)
     try:
         loaded = _read(path)
-        _refuse_resolvers(source, OmegaConf.to_container(loaded, resolve=False))
+        refuse_resolvers(source, OmegaConf.to_container(loaded, resolve=False))
         config = OmegaConf.merge(OmegaConf.structured(schema), loaded)
         source = "command line"
-        _refuse_resolvers(source, OmegaConf.to_container(OmegaConf.from_dotlist(list(overrides)), resolve=False))
+        refuse_resolvers(source, OmegaConf.to_container(OmegaConf.from_dotlist(list(overrides)), resolve=False))
         config.merge_with_dotlist(list(overrides))
         source = str(path)
         missing = OmegaConf.missing_keys(config)
@@ -68,13 +68,14 @@ def to_yaml(config: Any) -> str:
     return OmegaConf.to_yaml(OmegaConf.structured(config))
 
 
-def _refuse_resolvers(source: str, values: Any, key: str = "") -> None:
+def refuse_resolvers(source: str, values: Any, key: str = "") -> None:
+    """Raise NteError that names the first of the values, at any depth, that calls a resolver such as ${oc.env:HOME}."""
     if isinstance(values, dict):
         for name, value in values.items():
-            _refuse_resolvers(source, value, f"{key}.{name}" if key else str(name))
+            refuse_resolvers(source, value, f"{key}.{name}" if key else str(name))
     elif isinstance(values, list):
         for i, value in enumerate(values):
-            _refuse_resolvers(source, value, f"{key}[{i}]")
+            refuse_resolvers(source, value, f"{key}[{i}]")
     elif isinstance(values, str) and _RESOLVER.search(values):
         raise NteError(f"{source}: '{key}': '{values}' calls a resolver: write the value itself")
 

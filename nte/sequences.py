@@ -12,7 +12,7 @@ import numpy.typing as npt
 
 from nte.denoiser import Denoiser, Session, check_needs
 from nte.errors import NteError, needs_extra
-from nte.files import only_writer
+from nte.files import only_writer, remove
 from nte.frames.clip import Clip, Pixels, as_layers, frame_path, half_keeps, read_frame, write_clip_info
 from nte.frames.exr_copy import copy_exr
 from nte.frames.frame import Frame
@@ -60,7 +60,7 @@ def denoise_files(
             scale = sequence_scalars(frame)[0] if scale is None else scale
             image = session.denoise(replace(frame, exposure=scale))[0]
             if index == 0:
-                (out / "clip.json").unlink(missing_ok=True)  # until its frames are all there
+                remove(out / "clip.json")  # until its frames are all there
             copy_exr(source.files[index], written[index], source.layers(index, image))
             if png:
                 write_png(written[index].with_suffix(".png"), show(denoiser.target, image, float(scale[0])).pixels)
