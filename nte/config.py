@@ -39,7 +39,7 @@ def load_config(schema: type[Schema], path: Path, overrides: Sequence[str] = ())
             raise NteError(f"{path}: '{min(missing)}' is missing: give it a value")
         made: Schema = OmegaConf.to_object(config)  # type: ignore[assignment]
     except YAMLError as error:  # of an override's value
-        raise NteError(f"{source}: not readable as YAML: {getattr(error, 'problem', None) or error}") from error
+        raise NteError(f"{source}: not readable as YAML: {problem_of(error)}") from error
     except RecursionError as error:
         raise NteError(f"{source}: nested too deeply: expected a few levels of keys") from error
     except (OmegaConfBaseException, ValueError, TypeError) as error:
@@ -57,7 +57,7 @@ def _read(path: Path) -> DictConfig:
             raise NteError(f"{path}: expected a YAML mapping of keys to values") from error
         raise NteError(f"{path}: cannot be read: {error.strerror}") from error
     except (YAMLError, UnicodeDecodeError) as error:
-        raise NteError(f"{path}: not readable as YAML: {_problem(error)}") from error
+        raise NteError(f"{path}: not readable as YAML: {problem_of(error)}") from error
     if not isinstance(loaded, DictConfig):
         raise NteError(f"{path}: expected a YAML mapping of keys to values")
     return loaded
@@ -80,7 +80,7 @@ def refuse_resolvers(source: str, values: Any, key: str = "") -> None:
         raise NteError(f"{source}: '{key}': '{values}' calls a resolver: write the value itself")
 
 
-def _problem(error: Exception) -> str:
+def problem_of(error: Exception) -> str:
     """What the YAML parser stumbled over, and in which line."""
     if isinstance(error, MarkedYAMLError) and error.problem_mark is not None:
         return f"{error.problem} in line {error.problem_mark.line + 1}"

@@ -64,7 +64,7 @@ def read_comparison(path: Path) -> Comparison:
             if (value := getattr(situation, key)) not in allowed:
                 raise NteError(f"{where}.{key} is '{value}': expected one of {', '.join(allowed)}")
         if not _is_name(situation.name):
-            raise NteError(f"{where}.name is '{situation.name}': expected the name of a folder")
+            raise NteError(f"{where}.name is {situation.name!r:.60}: expected the name of a folder")
         for key in ("clips", "methods"):
             if not getattr(situation, key):
                 raise NteError(f"{where}.{key} is empty: expected at least one")
@@ -188,8 +188,10 @@ def _clips(situation: Situation, data: Path) -> list[Path]:
     found: list[Path] = []
     for pattern in situation.clips:
         try:
+            if ".." in Path(pattern).parts:
+                raise ValueError("it leads out of it")
             matching = sorted(folder for folder in data.glob(pattern) if (folder / "clip.json").is_file())
-        except (ValueError, NotImplementedError) as error:  # empty, absolute, or a ** in the middle of a word
+        except (ValueError, NotImplementedError, IndexError) as error:  # empty, absolute, «.», a ** within a word
             where = f"'{pattern}' of situation '{situation.name}'"
             raise NteError(f"{where} is no pattern below {data}: {error}") from error
         if not matching:

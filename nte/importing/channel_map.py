@@ -13,7 +13,7 @@ from omegaconf import MISSING, OmegaConf
 from omegaconf.errors import OmegaConfBaseException
 from yaml import YAMLError
 
-from nte.config import load_config, refuse_resolvers
+from nte.config import load_config, problem_of, refuse_resolvers
 from nte.errors import NteError
 from nte.frames.channels import CHANNELS, Channel
 from nte.motion.conventions import UNITS, Convention
@@ -179,7 +179,7 @@ def _override(channels: dict[str, Any], overrides: Sequence[str]) -> dict[str, A
         try:
             value = OmegaConf.to_container(OmegaConf.from_dotlist([f"value={text}"]))["value"]  # type: ignore[index,call-overload]
         except YAMLError as error:
-            raise NteError(f"'{item}': not readable as YAML: {getattr(error, 'problem', None) or error}") from error
+            raise NteError(f"'{item}': not readable as YAML: {problem_of(error)}") from error
         if part:
             entry = found.get(name, {})
             value = {**(entry if isinstance(entry, dict) else {"layer": entry}), part: value}
