@@ -4,6 +4,7 @@ Exit status: 0 done; 2 wrong usage or input, told in one line; 1 a fault of ours
 """
 
 import argparse
+import errno
 import os
 import sys
 import warnings
@@ -12,10 +13,15 @@ from pathlib import Path
 from typing import Any, NoReturn
 
 from nte.errors import NteError, needs_extra
+from nte.interrupt import terminable
 
 _EXTRA_OF = {
     "render": "render", "train": "train", "export": "train", "evaluate": "eval", "compare": "eval", "check": "eval",
     "import": "import", "bench": "eval", "merge-burst": "burst", "estimate": "eval",
+}  # fmt: skip
+_OF_THE_SYSTEM = {
+    errno.EACCES, errno.EPERM, errno.EROFS, errno.ENOSPC, errno.EDQUOT, errno.EFBIG, errno.EIO, errno.ENAMETOOLONG,
+    errno.ELOOP, errno.EMFILE, errno.ENOTDIR, errno.EISDIR, errno.ESTALE,
 }  # fmt: skip
 
 
@@ -29,7 +35,8 @@ def main(argv: Sequence[str] | None = None) -> int:
         parser.error(f"unrecognised arguments: {' '.join(rest)}")
     warnings.showwarning = _tell_warning
     try:
-        return int(options.run(options) or 0)
+        with terminable():
+            return int(options.run(options) or 0)
     except NteError as error:
         print(f"nte: {error}", file=sys.stderr)
         return 2
@@ -42,6 +49,11 @@ def main(argv: Sequence[str] | None = None) -> int:
     except BrokenPipeError:  # nte check … | head: nobody reads on
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
         return 0
+    except OSError as error:  # not permitted, no space left, a name that is too long
+        if error.errno not in _OF_THE_SYSTEM:
+            raise
+        print(f"nte: {f'{error.filename}: ' if error.filename else ''}{error.strerror}", file=sys.stderr)
+        return 2
     except KeyboardInterrupt:
         print("nte: interrupted; nothing half-written is left", file=sys.stderr)
         return 130
@@ -189,12 +201,12 @@ def _compare(options: argparse.Namespace) -> None:
 
 
 def _export(options: argparse.Namespace) -> None:
+    from nte.files import only_writer_of
     from nte.runtime.export import export_onnx
     from nte.training.run import load_run
 
-    if options.out.exists() and not options.force:
-        raise NteError(f"{options.out}: exists: choose another name, or overwrite it with --force")
-    export_onnx(load_run(options.source), options.out)
+    with only_writer_of(options.out, options.force):
+        export_onnx(load_run(options.source), options.out)
     print(options.out)
 
 

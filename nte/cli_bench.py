@@ -3,6 +3,7 @@
 import argparse
 import json
 import re
+from contextlib import nullcontext
 from pathlib import Path
 from typing import Any
 
@@ -37,16 +38,15 @@ def _size(text: str) -> tuple[int, int]:
 def _bench(options: argparse.Namespace) -> None:
     from nte.evaluation.bench import FORMAT, bench
     from nte.evaluation.table import aligned
-    from nte.files import write_whole
+    from nte.files import only_writer_of, write_whole
 
-    if options.json and options.json.exists() and not options.force:
-        raise NteError(f"{options.json}: exists: choose another name, or overwrite it with --force")
     if options.json and not options.json.parent.is_dir():
         raise NteError(f"{options.json}: its folder does not exist")
-    rows = bench(options.specs, options.size, options.frames, options.clip, options.device, options.steps)
-    if options.json:
-        content = json.dumps({"format": FORMAT, "rows": rows}, indent=1)
-        write_whole(options.json, lambda path: path.write_text(content + "\n"))
+    with only_writer_of(options.json, options.force) if options.json else nullcontext():
+        rows = bench(options.specs, options.size, options.frames, options.clip, options.device, options.steps)
+        if options.json:
+            content = json.dumps({"format": FORMAT, "rows": rows}, indent=1)
+            write_whole(options.json, lambda path: path.write_text(content + "\n"))
     titles = ["denoiser", "size", "ms per frame", "p95", "peak MB", "PSNR"]
     cells = [
         [

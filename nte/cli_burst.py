@@ -46,11 +46,13 @@ def _merge(options: argparse.Namespace) -> None:
     from nte.burst.files import merge_files
     from nte.burst.merge import RADII
     from nte.burst.noise import NoiseModel
+    from nte.files import only_writer_of
     from nte.progress import Progress
 
     noise = NoiseModel(*options.noise) if options.noise else None
     radii = tuple(options.radii) if options.radii else RADII
-    with Progress("merge", len(options.files) - 1, "photograph") as progress:
+    bar = Progress("merge", len(options.files) - 1, "photograph")
+    with only_writer_of(options.out, options.force), bar as progress:
         done = merge_files(
             options.files, options.out, options.reference, noise, radii, options.force,
             lambda count: progress.reach(count, len(options.files) - 1, str(options.out)),

@@ -28,10 +28,10 @@ def load_config(schema: type[Schema], path: Path, overrides: Sequence[str] = ())
     source = str(path)
     try:
         loaded = _read(path)
-        _refuse_resolvers(source, OmegaConf.to_container(loaded, resolve=False))
+        refuse_resolvers(source, OmegaConf.to_container(loaded, resolve=False))
         config = OmegaConf.merge(OmegaConf.structured(schema), loaded)
         source = "command line"
-        _refuse_resolvers(source, OmegaConf.to_container(OmegaConf.from_dotlist(list(overrides)), resolve=False))
+        refuse_resolvers(source, OmegaConf.to_container(OmegaConf.from_dotlist(list(overrides)), resolve=False))
         config.merge_with_dotlist(list(overrides))
         source = str(path)
         missing = OmegaConf.missing_keys(config)
@@ -39,7 +39,7 @@ def load_config(schema: type[Schema], path: Path, overrides: Sequence[str] = ())
             raise NteError(f"{path}: '{min(missing)}' is missing: give it a value")
         made: Schema = OmegaConf.to_object(config)  # type: ignore[assignment]
     except YAMLError as error:  # of an override's value
-        raise NteError(f"{source}: not readable as YAML: {getattr(error, 'problem', None) or error}") from error
+        raise NteError(f"{source}: not readable as YAML: {problem_of(error)}") from error
     except RecursionError as error:
         raise NteError(f"{source}: nested too deeply: expected a few levels of keys") from error
     except (OmegaConfBaseException, ValueError, TypeError) as error:
@@ -57,7 +57,7 @@ def _read(path: Path) -> DictConfig:
             raise NteError(f"{path}: expected a YAML mapping of keys to values") from error
         raise NteError(f"{path}: cannot be read: {error.strerror}") from error
     except (YAMLError, UnicodeDecodeError) as error:
-        raise NteError(f"{path}: not readable as YAML: {_problem(error)}") from error
+        raise NteError(f"{path}: not readable as YAML: {problem_of(error)}") from error
     if not isinstance(loaded, DictConfig):
         raise NteError(f"{path}: expected a YAML mapping of keys to values")
     return loaded
@@ -68,18 +68,19 @@ def to_yaml(config: Any) -> str:
     return OmegaConf.to_yaml(OmegaConf.structured(config))
 
 
-def _refuse_resolvers(source: str, values: Any, key: str = "") -> None:
+def refuse_resolvers(source: str, values: Any, key: str = "") -> None:
+    """Raise NteError that names the first of the values, at any depth, that calls a resolver such as ${oc.env:HOME}."""
     if isinstance(values, dict):
         for name, value in values.items():
-            _refuse_resolvers(source, value, f"{key}.{name}" if key else str(name))
+            refuse_resolvers(source, value, f"{key}.{name}" if key else str(name))
     elif isinstance(values, list):
         for i, value in enumerate(values):
-            _refuse_resolvers(source, value, f"{key}[{i}]")
+            refuse_resolvers(source, value, f"{key}[{i}]")
     elif isinstance(values, str) and _RESOLVER.search(values):
         raise NteError(f"{source}: '{key}': '{values}' calls a resolver: write the value itself")
 
 
-def _problem(error: Exception) -> str:
+def problem_of(error: Exception) -> str:
     """What the YAML parser stumbled over, and in which line."""
     if isinstance(error, MarkedYAMLError) and error.problem_mark is not None:
         return f"{error.problem} in line {error.problem_mark.line + 1}"

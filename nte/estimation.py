@@ -3,7 +3,7 @@
 from pathlib import Path
 
 from nte.errors import NteError
-from nte.files import only_writer
+from nte.files import only_writer, remove
 from nte.filters.estimated import AUTO, Estimator
 from nte.frames.clip import Clip, as_layers, frame_path, write_clip_info
 from nte.frames.exr import read_layers, write_exr
@@ -39,7 +39,7 @@ def estimate_clip(
             raise NteError(f"{path}: exists: choose another folder, or overwrite it with --force")
     state, cap = None, None
     with only_writer(out), Progress("estimate", len(clip), "frame") as progress:
-        (out / "clip.json").unlink(missing_ok=True)  # until its frames are all there
+        remove(out / "clip.json")  # until its frames are all there
         for index, path in enumerate(written):
             frame = clip.frame(index, estimator.needs)
             cap = light_cap(frame, cap)

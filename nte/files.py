@@ -72,6 +72,16 @@ def is_abandoned(path: Path) -> bool:
     return False
 
 
+def remove(path: Path) -> None:
+    """Delete a file, or a link to one, if it is there; raises NteError where that is not permitted."""
+    if not os.path.lexists(path):
+        return
+    try:
+        path.unlink(missing_ok=True)
+    except OSError as error:
+        raise NteError(f"{path}: cannot be deleted: {error.strerror}") from error
+
+
 def make_folder(folder: Path) -> None:
     """Make a folder and those above it; raises NteError where a file is in the way or it is not permitted."""
     try:
@@ -115,13 +125,51 @@ if hasattr(os, "register_at_fork"):
     os.register_at_fork(after_in_child=_close_inherited)
 
 
+@contextmanager
+def only_writer_of(path: Path, force: bool) -> Iterator[None]:
+    """Make the file `path` alone: raises NteError where it exists, unless `force`, or another process is making it.
+
+    Work that ends in one file goes into such a block as a whole, so that it is not done in vain, nor written over what
+    another process has written meanwhile. A hidden file beside it says who is at work.
+    """
+    sweep(path.parent, path.name)
+    was_there = path.parent.is_dir()
+    make_folder(path.parent)
+    mine = temporary_name(path)
+    try:
+        mine.touch()
+    except OSError as error:
+        raise NteError(f"{path}: cannot be written: {error.strerror}") from error
+    try:
+        refuse_other_writers(path, mine)
+        if os.path.lexists(path) and not force:
+            raise NteError(f"{path}: exists: choose another name, or overwrite it with --force")
+        yield
+    finally:
+        with suppress(OSError):
+            mine.unlink(missing_ok=True)
+            if not was_there:
+                path.parent.rmdir()  # only if it is empty
+
+
+def refuse_other_writers(path: Path, mine: Path) -> None:
+    """Raise NteError where a process other than the owner of the temporary name `mine` has one for `path`."""
+    for other in path.parent.glob(f".{glob.escape(path.name)}.*.tmp"):
+        own_name = _OWNER.fullmatch(other.name[len(path.name) + 1 :])
+        if other != mine and own_name and own_name["host"] == _HERE and not is_abandoned(other):
+            raise NteError(f"{path}: another process is writing it: wait for it, or choose another name")
+
+
 def _locked(folder: Path) -> int | None:
     """An open descriptor that holds the lock of a folder; None where the system or the file system has no locks."""
     try:
         import fcntl
     except ImportError:
         return None
-    descriptor = os.open(folder, os.O_RDONLY)
+    try:
+        descriptor = os.open(folder, os.O_RDONLY)
+    except OSError as error:
+        raise NteError(f"{folder}: cannot be opened: {error.strerror}") from error
     try:
         fcntl.flock(descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)
     except BlockingIOError as error:

@@ -1,6 +1,9 @@
-"""Ctrl-C while something must be finished first."""
+"""Ctrl-C while something must be finished first, and SIGTERM in its place."""
 
 import signal
+import threading
+from collections.abc import Iterator
+from contextlib import contextmanager
 from types import FrameType, TracebackType
 from typing import Any
 
@@ -26,3 +29,19 @@ class InterruptFlag:
         if self._set:
             raise KeyboardInterrupt
         self._set = True
+
+
+@contextmanager
+def terminable() -> Iterator[None]:
+    """Within the block SIGTERM, how batch systems and `kill` stop a process, does what Ctrl-C does.
+
+    It does so also where InterruptFlag has changed what that is. Threads other than the main one change nothing.
+    """
+    if threading.current_thread() is not threading.main_thread():
+        yield
+        return
+    before = signal.signal(signal.SIGTERM, lambda number, frame: signal.raise_signal(signal.SIGINT))
+    try:
+        yield
+    finally:
+        signal.signal(signal.SIGTERM, before)

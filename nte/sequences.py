@@ -11,7 +11,7 @@ import numpy as np
 
 from nte.denoiser import Denoiser, Session, check_needs
 from nte.errors import NteError, needs_extra
-from nte.files import only_writer
+from nte.files import only_writer, remove
 from nte.frames.channels import CHANNELS
 from nte.frames.clip import Clip, Pixels, frame_path, read_frame, write_clip_info
 from nte.frames.exr import read_parts
@@ -62,7 +62,7 @@ def denoise_files(
             scale = sequence_scalars(frame)[0] if scale is None else scale
             image = session.denoise(replace(frame, exposure=scale))[0]
             if index == 0:
-                (out / "clip.json").unlink(missing_ok=True)  # until its frames are all there
+                remove(out / "clip.json")  # until its frames are all there
             dark_counts = CHANNELS[denoiser.target].kind == "radiance"
             copy_exr(source.files[index], written[index], source.layers(index, image), dark_counts)
             if png:

@@ -1,6 +1,8 @@
 """The command line: what it says, what it returns, and one line for every mistake."""
 
+import errno
 import shutil
+import signal
 from collections.abc import Callable
 from pathlib import Path
 
@@ -11,6 +13,7 @@ import nte
 from nte import cli
 from nte.cli import main
 from nte.frames.clip import Clip, frame_path, read_frame
+from nte.interrupt import InterruptFlag
 from tests.synthetic import write_clip
 from tests.training.runs import config_file
 
@@ -223,3 +226,28 @@ def test_interruption_is_130_and_faults_of_ours_keep_their_traceback(
     monkeypatch.setattr(cli, "_info", raising(RuntimeError("a bug")))
     with pytest.raises(RuntimeError, match="a bug"):
         main(["info", "clip"])
+
+
+def test_what_the_system_refuses_is_one_line(told: Told, monkeypatch: pytest.MonkeyPatch) -> None:
+    assert "File name too long" in told("info", "x" * 300)
+
+    def full(*_: object) -> None:
+        raise OSError(errno.ENOSPC, "No space left on device")
+
+    monkeypatch.setattr(cli, "_info", full)
+    assert told("info", "clip") == "nte: No space left on device\n"
+
+
+def test_sigterm_is_an_interruption(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> None:
+    def work(*_: object) -> None:
+        with InterruptFlag() as interrupted:
+            signal.raise_signal(signal.SIGTERM)
+            assert interrupted()  # the step is finished first
+        signal.raise_signal(signal.SIGTERM)
+        raise AssertionError("went on")
+
+    before = signal.getsignal(signal.SIGTERM)
+    monkeypatch.setattr(cli, "_info", work)
+    assert main(["info", "clip"]) == 130
+    assert capsys.readouterr().err == "nte: interrupted; nothing half-written is left\n"
+    assert signal.getsignal(signal.SIGTERM) is before

@@ -80,6 +80,7 @@ def test_phases_in_epochs_or_steps(tmp_path: Path) -> None:
         ("data.frames", "'data.frames': expected key=value"),
         ("data.frames=[1", "command line: not readable as YAML: did not find expected"),
         ("name=a: b: c", "command line: not readable as YAML: mapping values"),
+        ("name=\0", "command line: not readable as YAML: unacceptable character"),
         ("loss.space=${oc.env:HOME}", "command line: 'loss.space': .* calls a resolver"),
         ("loss.space=${nope}", "c.yaml: 'loss.space': .*'nope' not found"),
         ("name=${name}", "c.yaml: 'name': Recursive"),

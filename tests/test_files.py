@@ -10,7 +10,16 @@ from pathlib import Path
 import pytest
 
 from nte.errors import NteError
-from nte.files import is_abandoned, only_writer, refuse_links, sweep, temporary_name, write_whole
+from nte.files import (
+    is_abandoned,
+    only_writer,
+    only_writer_of,
+    refuse_links,
+    remove,
+    sweep,
+    temporary_name,
+    write_whole,
+)
 
 
 def killed(code: str, *arguments: object) -> None:
@@ -70,6 +79,29 @@ def test_a_folder_that_stays_empty_does_not_stay_but_one_that_was_there_does(tmp
         assert folder.exists() == made
 
 
+def test_a_file_has_one_writer_and_is_not_replaced_without_force(tmp_path: Path) -> None:
+    path = tmp_path / "new" / "model[1].onnx"
+    with only_writer_of(path, force=False):
+        write_whole(path, lambda temporary: temporary.write_text("first"))
+    assert list(path.parent.iterdir()) == [path]
+    with pytest.raises(NteError, match=r"model\[1\]\.onnx: exists: .*--force"), only_writer_of(path, force=False):
+        pass
+    alive = temporary_name(path).name.replace(f"_{os.getpid()}_", f"_{os.getppid()}_")
+    other = path.with_name(alive.replace("model", "other.model"))
+    other.touch()  # of another file
+    with only_writer_of(path, force=True):
+        pass
+    path.with_name(alive).touch()
+    with pytest.raises(NteError, match=r"model\[1\]\.onnx: another process is writing it"), only_writer_of(
+        path, force=True
+    ):
+        pass
+    assert {found.name for found in path.parent.iterdir()} == {path.name, alive, other.name}
+    with pytest.raises(NteError, match="wrong input"), only_writer_of(tmp_path / "none" / "a", force=False):
+        raise NteError("wrong input")
+    assert not (tmp_path / "none").exists()
+
+
 def test_links_are_refused_at_any_depth_and_not_followed(tmp_path: Path) -> None:
     outside, out = tmp_path / "outside", tmp_path / "out"
     (out / "train" / "rooms_000").mkdir(parents=True)
@@ -102,6 +134,11 @@ def test_a_read_only_folder_is_one_line(read_only: Path) -> None:
         read_only / "new"
     ):
         pass
+    remove(read_only / "nothing there")
+    with pytest.raises(NteError, match=r"a.txt: cannot be written: Read-only file system"), only_writer_of(
+        read_only / "a.txt", force=False
+    ):
+        pass
 
 
 @pytest.mark.skipif(not hasattr(os, "fork"), reason="no fork here")
@@ -125,3 +162,14 @@ def test_a_forked_worker_does_not_keep_the_folder_of_its_parent(tmp_path: Path) 
         os.waitpid(child, 0)
         for descriptor in (ended, end, started, start):
             os.close(descriptor)
+
+
+def test_a_link_is_removed_and_what_it_points_to_stays(tmp_path: Path) -> None:
+    (tmp_path / "mine").write_text("mine")
+    for target in ("mine", "nowhere"):
+        (tmp_path / "link").symlink_to(tmp_path / target)
+        remove(tmp_path / "link")
+        assert [path.name for path in tmp_path.iterdir()] == ["mine"]
+    (tmp_path / "folder").mkdir()
+    with pytest.raises(NteError, match=r"folder: cannot be deleted"):
+        remove(tmp_path / "folder")

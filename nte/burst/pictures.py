@@ -8,7 +8,7 @@ import numpy.typing as npt
 
 from nte.errors import NteError, needs_extra
 from nte.files import make_folder, write_whole
-from nte.frames.exr import read_exr, write_exr
+from nte.frames.exr import quiet, read_exr, write_exr
 
 Pixels = npt.NDArray[np.float32]
 SUFFIXES = (".exr", ".png", ".tif", ".tiff")
@@ -56,7 +56,8 @@ def _decode(path: Path) -> Pixels:
     kind = path.suffix.lower()[1:4].upper().replace("TIF", "TIFF")
     coded = np.frombuffer(path.read_bytes(), np.uint8)
     try:
-        whole = cv2.imdecode(coded, cv2.IMREAD_COLOR | cv2.IMREAD_ANYDEPTH | cv2.IMREAD_IGNORE_ORIENTATION)
+        with quiet():  # libpng and libtiff print what they think of a damaged file
+            whole = cv2.imdecode(coded, cv2.IMREAD_COLOR | cv2.IMREAD_ANYDEPTH | cv2.IMREAD_IGNORE_ORIENTATION)
     except cv2.error as error:
         raise NteError(f"{path}: the {kind} cannot be read: {str(error).splitlines()[0]}") from error
     if whole is None:

@@ -19,7 +19,7 @@ from nte.evaluation.metrics import REGIONS
 from nte.evaluation.report import write_report
 from nte.evaluation.strips import write_strips
 from nte.evaluation.table import METRICS, aligned
-from nte.files import write_whole
+from nte.files import only_writer, refuse_links, write_whole
 
 FORMAT = "nte-comparison/1"
 LIGHTS = ("color", "visibility", "glossy", "indirect")
@@ -63,8 +63,8 @@ def read_comparison(path: Path) -> Comparison:
         for key, allowed in (("light", LIGHTS), ("region", REGIONS)):
             if (value := getattr(situation, key)) not in allowed:
                 raise NteError(f"{where}.{key} is '{value}': expected one of {', '.join(allowed)}")
-        if Path(situation.name).name != situation.name or situation.name in ("", ".."):
-            raise NteError(f"{where}.name is '{situation.name}': expected the name of a folder")
+        if not _is_name(situation.name):
+            raise NteError(f"{where}.name is {situation.name!r:.60}: expected the name of a folder")
         for key in ("clips", "methods"):
             if not getattr(situation, key):
                 raise NteError(f"{where}.{key} is empty: expected at least one")
@@ -97,10 +97,12 @@ def run_comparison(
         for situation in comparison.situations
     ]
     prepare_folder(out, force)
-    by_name = dict(_in_processes(units, jobs, progress) if jobs > 1 else ((u.name, u.run(progress)) for u in units))
-    rows = [row for unit in units for row in by_name[unit.name]]
-    text = json.dumps({"format": FORMAT, "rows": rows}, indent=1, allow_nan=False) + "\n"
-    write_whole(out / "summary.json", lambda temporary: temporary.write_text(text, encoding="utf-8"))
+    refuse_links(out)
+    with only_writer(out):
+        by_name = dict(_in_processes(units, jobs, progress) if jobs > 1 else ((u.name, u.run(progress)) for u in units))
+        rows = [row for unit in units for row in by_name[unit.name]]
+        text = json.dumps({"format": FORMAT, "rows": rows}, indent=1, allow_nan=False) + "\n"
+        write_whole(out / "summary.json", lambda temporary: temporary.write_text(text, encoding="utf-8"))
     return rows
 
 
@@ -176,11 +178,22 @@ def summary_table(rows: list[Row]) -> str:
     return "\n\n".join(blocks)
 
 
+def _is_name(name: str) -> bool:
+    """Whether this may be the name of a folder: one word of a path, short, without control characters."""
+    return Path(name).name == name and name not in ("", "..") and len(name.encode()) <= 200 and name.isprintable()
+
+
 def _clips(situation: Situation, data: Path) -> list[Path]:
     """The finished clips that the patterns name; `sharp` frames beside blurred ones are not meant."""
     found: list[Path] = []
     for pattern in situation.clips:
-        matching = sorted(folder for folder in data.glob(pattern) if (folder / "clip.json").is_file())
+        try:
+            if ".." in Path(pattern).parts:
+                raise ValueError("it leads out of it")
+            matching = sorted(folder for folder in data.glob(pattern) if (folder / "clip.json").is_file())
+        except (ValueError, NotImplementedError, IndexError) as error:  # empty, absolute, «.», a ** within a word
+            where = f"'{pattern}' of situation '{situation.name}'"
+            raise NteError(f"{where} is no pattern below {data}: {error}") from error
         if not matching:
             raise NteError(f"{data}: no finished clip matches '{pattern}' of situation '{situation.name}'")
         found += matching

@@ -13,7 +13,7 @@ from omegaconf import MISSING, OmegaConf
 from omegaconf.errors import OmegaConfBaseException
 from yaml import YAMLError
 
-from nte.config import load_config
+from nte.config import load_config, problem_of, refuse_resolvers
 from nte.errors import NteError
 from nte.frames.channels import CHANNELS, Channel
 from nte.motion.conventions import UNITS, Convention
@@ -179,7 +179,7 @@ def _override(channels: dict[str, Any], overrides: Sequence[str]) -> dict[str, A
         try:
             value = OmegaConf.to_container(OmegaConf.from_dotlist([f"value={text}"]))["value"]  # type: ignore[index,call-overload]
         except YAMLError as error:
-            raise NteError(f"'{item}': not readable as YAML: {getattr(error, 'problem', None) or error}") from error
+            raise NteError(f"'{item}': not readable as YAML: {problem_of(error)}") from error
         if part:
             entry = found.get(name, {})
             value = {**(entry if isinstance(entry, dict) else {"layer": entry}), part: value}
@@ -196,6 +196,8 @@ def _source(path: Path, name: str, given: Any, how: ChannelMap) -> Source:
         raise NteError(f"{where}: no such channel; expected one of {stored}")
     keys = given if isinstance(given, dict) else {"layer": given}
     listed = {key: [value] if key in _LISTS and not isinstance(value, list) else value for key, value in keys.items()}
+    # Once more: what is read here was resolved, and two halves may have met.
+    refuse_resolvers(str(path), [listed, how.file, how.part, how.view], f"channels.{name}")
     try:
         merged = OmegaConf.merge(OmegaConf.structured(Source(file=how.file, part=how.part, view=how.view)), listed)
         source: Source = OmegaConf.to_object(merged)  # type: ignore[assignment]

@@ -41,7 +41,7 @@ def import_exr(
     sequence = ForeignSequence(source, map_name, reference, overrides)
     how, shutter = sequence.how, sequence.how.shutter
     about: dict[str, Any] = {"shutter": shutter} if shutter != 1 else {}
-    write_imported(out, sequence.frames(), len(sequence), how.producer, sequence.cameras, **about)
+    write_imported(out, sequence.frames(), len(sequence), how.producer, sequence.cameras, force, **about)
     called = {name: f"'{' '.join(s.layer) or s.file}'" for name, s in how.channels.items() if s.layer or s.file}
     own_map = sequence.map if sequence.map.parent != MAPS else None
     group = "motion" if sequence.has("motion") or not sequence.has("forward_motion") else "forward_motion"

@@ -53,7 +53,7 @@ def import_noisebase(source: Path, out: Path, spp: int = 1, force: bool = False)
     cameras = _cameras(sequence)
     odd = OddValues()
     frames = _frames(sequence, cameras, spp, odd)
-    write_imported(out, frames, sequence.frames, "noisebase", cameras, spp=spp)
+    write_imported(out, frames, sequence.frames, "noisebase", cameras, force, spp=spp)
     return Imported(out, Vectors(), notes=list(odd.notes()))
 
 

@@ -8,7 +8,7 @@ from typing import Any
 import nte
 from nte.checking import guides_are_clean
 from nte.errors import NteError
-from nte.files import sweep, temporary_name
+from nte.files import make_folder, refuse_other_writers, sweep, temporary_name
 from nte.frames.clip import Clip, Pixels, frame_path, write_clip_info, write_frame
 from nte.importing.cameras import Camera
 from nte.progress import Progress
@@ -32,19 +32,24 @@ def write_imported(
     count: int,
     generator: str,
     cameras: Sequence[Camera] = (),
+    force: bool = False,
     **info: Any,
 ) -> None:
-    """Write `count` frames of channels (C, H, W) as the clip `out`, replacing a clip that is there.
+    """Write `count` frames of channels (C, H, W) as the clip `out`; with `force` it replaces a clip that is there.
 
     Everything goes into a hidden folder beside it, which is renamed at the end and removed on any error, so
     what is at `out` is always a whole clip. generator and info go into clip.json, and whether the guides are clean, as
-    far as the pixels tell. Raises NteError where the disk is full or the folder cannot be written.
+    far as the pixels tell. Raises NteError where the disk is full, the folder cannot be written, or another process
+    imports to the same place.
     """
     out = out.resolve()
     sweep(out.parent, out.name)
     working = temporary_name(out)
     try:
-        working.mkdir(parents=True)
+        make_folder(working)
+        refuse_other_writers(out, working)
+        if not force and out.exists() and any(out.iterdir()):
+            raise NteError(f"{out}: exists: choose another name, or replace the clip with --force")
         height = width = 0
         names: list[str] = []
         with Progress("import", count, "frame") as progress:

@@ -5,7 +5,7 @@ from pathlib import Path
 from typing import Any
 
 import nte
-from nte.files import make_folder
+from nte.files import make_folder, only_writer, remove
 from nte.frames.channels import CHANNELS, LIGHT, SHUTTER
 from nte.frames.clip import write_clip_info, write_frame
 from nte.progress import Progress
@@ -49,8 +49,8 @@ def render_recipe(
     for key in ("components", "shutter", "unshadowed"):
         if any(getattr(unit.group, key) for unit in plans):
             check_arrays(key)
-    claim(out, recipe, force, folder)
-    with Progress("render", sum(p.group.frames for p in plans), "frame", progress) as told:
+    with only_writer(out), Progress("render", sum(p.group.frames for p in plans), "frame", progress) as told:
+        claim(out, recipe, force, folder)
 
         def done(unit: ClipPlan) -> None:
             told.advance(unit.group.frames)
@@ -75,7 +75,7 @@ def render_clip(unit: ClipPlan, out: Path, advance: Callable[[int], None] = lamb
     if not missing and (folder / "clip.json").is_file():
         return
     make_folder(folder)
-    (folder / "clip.json").unlink(missing_ok=True)  # the clip is not finished, so nothing may say it is
+    remove(folder / "clip.json")  # the clip is not finished, so nothing may say it is
     stage = make_stage(unit)
     for index in missing:
         _render_frame(unit, stage, folder, index)

@@ -26,6 +26,7 @@ SHARP = "sharp"  # folder of the sharp twins
 _AT_LEAST = {
     "clips": 0, "width": 1, "height": 1, "frames": 1, "spp": 1, "seeds": 1, "reference_spp": 2, "max_depth": 2,
 }  # fmt: skip
+_TOO_MUCH = 2**31  # for the renderer's integers
 
 
 @dataclass
@@ -175,6 +176,8 @@ def _check(where: str, group: Group, folder: Path) -> None:
     for key, least in _AT_LEAST.items():
         if (value := getattr(group, key)) < least:
             raise NteError(f"{where}.{key} is {value}: expected at least {least}")
+        if value >= _TOO_MUCH:
+            raise NteError(f"{where}.{key} is {value}: expected less than {_TOO_MUCH}")
     if group.components and group.unshadowed:
         raise NteError(f"{where}.unshadowed is true: expected false with components, which are those of a whole path")
     _check_shutter(where, group)

@@ -43,7 +43,7 @@ def read_description(path: Path, text: str | None, outputs: Collection[str]) -> 
         info = {}
     found = info.get("format") if isinstance(info, dict) else None
     if found != FORMAT:
-        what = f"{found or 'no description of ours'!s:.40}"
+        what = f"{found!r:.40}" if found else "no description of ours"
         raise NteError(f"{path}: {what} in the model's metadata, expected '{FORMAT}': use nte export")
     state = info.get("state")
     known = {

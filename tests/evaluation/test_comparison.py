@@ -14,6 +14,7 @@ from nte.evaluation.compare import evaluate
 from nte.evaluation.comparison import read_comparison, run_comparison, summary_table
 from nte.evaluation.run import Shown
 from nte.evaluation.strips import most_different, strip
+from nte.files import only_writer
 from tests.evaluation.conftest import noisy_frames
 from tests.synthetic import write_clip
 
@@ -114,6 +115,9 @@ def test_nothing_is_overwritten_without_force(config: Path, data: Path, tmp_path
         (TEXT.replace("[test/other_000]", "[]"), r"situations\[1\]\.clips is empty"),
         (TEXT.replace("recipe:", "recip:"), "recip"),
         (TEXT.replace("name: disc", "name: ../disc"), r"situations\[0\]\.name is '../disc': expected the name of"),
+        (TEXT.replace("name: disc", 'name: "a\\0"'), r"situations\[0\]\.name is .*: expected the name of"),
+        (TEXT.replace("name: disc", 'name: "a\\nb"'), r"situations\[0\]\.name is 'a\\nb': expected the name of"),
+        (TEXT.replace("name: disc", f"name: {'x' * 300}"), r"situations\[0\]\.name is .*: expected the name of"),
         (TEXT.replace("name: disc", "name: other"), "two situations are called 'other'"),
         ("first: -1\n" + TEXT, r"situations\[0\]\.first is -1: expected the index of a frame"),
         ("against: clamped\n" + TEXT, r"situations\[1\]\.methods lacks 'clamped', named by 'against'; it has"),
@@ -130,6 +134,26 @@ def test_a_pattern_without_clips_is_named_before_any_work(config: Path, data: Pa
     with pytest.raises(NteError, match=r"no finished clip matches 'test/nobody_\*' of situation 'other'"):
         run_comparison(read_comparison(config), data, tmp_path / "out")
     assert not (tmp_path / "out").exists()
+
+
+@pytest.mark.parametrize("pattern", ['""', "/etc/*", "../*", "a**b", '"."'])
+def test_a_pattern_that_is_none_is_named(config: Path, data: Path, tmp_path: Path, pattern: str) -> None:
+    config.write_text(TEXT.replace("[test/other_000]", f"[{pattern}]"))
+    with pytest.raises(NteError, match="situation 'other'"):
+        run_comparison(read_comparison(config), data, tmp_path / "out")
+
+
+def test_one_writer_and_no_links(config: Path, data: Path, tmp_path: Path) -> None:
+    out, outside = tmp_path / "out", tmp_path / "outside"
+    (outside / "strips").mkdir(parents=True)
+    comparison = read_comparison(config)
+    with only_writer(out), pytest.raises(NteError, match="out: another process is writing to it"):
+        run_comparison(comparison, data, out)
+    out.mkdir()
+    (out / "disc").symlink_to(outside)
+    with pytest.raises(NteError, match=r"disc: is a link to .*outside: nothing is written through links"):
+        run_comparison(comparison, data, out, force=True)
+    assert list(outside.iterdir()) == [outside / "strips"]
 
 
 @given(st.integers(8, 40), st.integers(8, 40), st.integers(0, 10**6))

@@ -13,10 +13,20 @@ import OpenEXR
 import pytest
 
 from nte.cli import main
+from nte.errors import NteError
 from nte.frames.clip import Clip
 from nte.frames.exr import write_exr
 from nte.importing.cameras import camera_of_fov
-from nte.importing.channel_map import MAPS, ChannelMap, Depths, Normals, ShutterVectors, Source, Vectors
+from nte.importing.channel_map import (
+    MAPS,
+    ChannelMap,
+    Depths,
+    Normals,
+    ShutterVectors,
+    Source,
+    Vectors,
+    load_channel_map,
+)
 from nte.importing.ids import UNNAMED, Ids
 from tests.importing.producers import SIZE, SKY_ROWS, named, rotation, scene, write_map
 from tests.synthetic import Pixels
@@ -438,5 +448,14 @@ def test_keys_on_the_command_line(tmp_path: Path, capsys: pytest.CaptureFixture[
         ("channels.deep=Z", "'channels.deep': no such channel"),
         ("channels.color=${oc.env:HOME}", "expected key=value, with the value itself"),
         ("channels.color=[R", "not readable as YAML"),
+        ('channels.color="\\x24{oc.env:HOME}"', "'channels.color[0].layer[0]': '${oc.env:HOME}' calls a resolver"),
+        ('channels.color.view="\\x24{oc.env:HOME}"', "'channels.color[0].view': '${oc.env:HOME}' calls a resolver"),
     ):
         assert said in refused(tmp_path / "shots", source, about, capsys, change)
+
+
+def test_two_halves_of_a_resolver_do_not_become_one(tmp_path: Path) -> None:
+    path = tmp_path / "map.yaml"
+    path.write_text("prefix: '$'\nfile: '{oc.env:HOME}'\nchannels: {color: '${prefix}${file}'}\n")
+    with pytest.raises(NteError, match=r"'channels\.color.*' calls a resolver"):
+        load_channel_map(path)

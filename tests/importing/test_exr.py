@@ -1,4 +1,5 @@
 import json
+import os
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
@@ -8,9 +9,12 @@ import pytest
 import yaml
 
 from nte.cli import main
+from nte.errors import NteError
+from nte.files import temporary_name
 from nte.frames.clip import Clip
 from nte.frames.exr import read_exr, write_exr
 from nte.importing.channel_map import load_channel_map
+from nte.importing.write import write_imported
 from tests.importing.producers import MOVING, engine, named, scene, write_layers, write_map
 from tests.synthetic import disc_frame
 
@@ -283,3 +287,21 @@ def test_a_clip_says_whether_its_guides_are_clean(tmp_path: Path) -> None:
     write_map(map_path, {"channels": {"color": "beauty"}})
     run(source, map_path, tmp_path / "clip", "--force")
     assert Clip(tmp_path / "clip").clean_guides is False  # there are none
+
+
+def test_one_writer_and_nothing_that_came_meanwhile_is_replaced(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    source, map_path = engine(tmp_path, scene())
+    other = temporary_name(tmp_path / "clip")
+    other = other.with_name(other.name.replace(f"_{os.getpid()}_", f"_{os.getppid()}_"))
+    other.mkdir()
+    assert run(source, map_path, tmp_path / "clip") == 2
+    assert "clip: another process is writing it" in capsys.readouterr().err
+    other.rmdir()
+    (tmp_path / "late").mkdir()
+    (tmp_path / "late" / "mine.txt").write_text("mine")
+    with pytest.raises(NteError, match="late: exists"):
+        write_imported(tmp_path / "late", [disc_frame(0)], 1, "test")
+    assert [path.name for path in (tmp_path / "late").iterdir()] == ["mine.txt"]
+    assert not list(tmp_path.glob(".*"))

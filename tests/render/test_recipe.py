@@ -29,6 +29,7 @@ def written(folder: Path, text: str) -> Path:
         ("name: a\ntrain: [{clips: 1, scene: forests}]", r"train\[0\].scene is 'forests': expected one of rooms"),
         ("name: a\ntest: [{clips: 1, width: 0}]", r"test\[0\].width is 0: expected at least 1"),
         ("name: a\ntest: [{clips: 1, reference_spp: 33}]", "even"),
+        ("name: a\ntest: [{clips: 1, max_depth: 99999999999}]", r"test\[0\].max_depth is 99999999999: expected less"),
         ("name: ${oc.env:HOME}\ntrain: [{clips: 1}]", "resolver"),
         ("name: [", "r.yaml"),
         ("- 1", "r.yaml"),

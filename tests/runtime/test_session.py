@@ -219,11 +219,12 @@ def test_a_description_that_cannot_be_is_refused(model: Path, tmp_path: Path, ke
 
 def test_files_that_are_no_model_of_ours(model: Path, tmp_path: Path) -> None:
     foreign = onnx.load(model)
-    for metadata in ({}, {"nte": "not JSON"}, {"nte": "[1]"}, {"nte": json.dumps({"format": "nte-onnx/9"})}):
+    for metadata in ({}, {"nte": "not JSON"}, {"nte": "[1]"}, {"nte": json.dumps({"format": "nte-onnx/9\n\x1b"})}):
         onnx.helper.set_model_props(foreign, metadata)
         onnx.save(foreign, tmp_path / "foreign.onnx")
-        with pytest.raises(NteError, match=r"foreign\.onnx: .* in the model's metadata, expected 'nte-onnx/1'"):
+        with pytest.raises(NteError, match=r"foreign\.onnx: .* in the model's metadata, expected 'nte-onnx/1'") as said:
             OnnxDenoiser(tmp_path / "foreign.onnx")
+        assert str(said.value).isprintable()
     whole = model.read_bytes()
     flipped = bytearray(whole)
     flipped[len(whole) // 2] ^= 1  # in the weights: a model that runs, and denoises otherwise
