@@ -59,12 +59,16 @@ def tally_values(tallies: Mapping[str, Tally], frame: Frame) -> None:
             entry.low, entry.high = min(entry.low, float(finite.min())), max(entry.high, float(finite.max()))
             entry.total += float(finite.double().sum())
             entry.finite += finite.numel()
-        if bad.get(name):
-            entry.bad += bad[name]
+        row = CHANNELS[name]
+        # What another channel cannot be is judged below, by its range.
+        counted = row.kind in SANITISED or row.kind == "motion" or row.nan_means
+        number = bad.get(name, 0) if counted else int((~values.isfinite()).any(1).sum())
+        if number:
+            entry.bad += number
             entry.first_bad = frame.index if entry.first_bad is None else entry.first_bad
         entry.seen += int((values.nan_to_num() != 0).any(1).sum())
         entry.impossible += int(_impossible(name, values).any(1).sum())
-        if CHANNELS[name].kind == "direction":
+        if row.kind == "direction":
             vectors = values[0].flatten(1)
             vectors = vectors[:, vectors.isfinite().all(0) & (vectors != 0).any(0)]
             entry.directions.append(vectors[:, :: max(1, vectors.shape[1] // SAMPLED)])

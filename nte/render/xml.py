@@ -52,8 +52,8 @@ def _load(animation: Animation) -> _Loaded:
         _drop_unused(state)
         _name_all(state)
         _check_transforms(animation.xml, state)
-        made = mi.parser.instantiate(config, state)
         media = any(node.type == mi.ObjectType.Medium for node in _used(state))
+        made = mi.parser.instantiate(config, state)
     except (RuntimeError, TypeError) as error:  # how Mitsuba says that something is wrong with a scene
         # Where the first line ends in a colon, the second says what it is about.
         first, *more = (line.strip() for line in str(error).strip().splitlines())
@@ -94,21 +94,19 @@ def _drop_unused(state: Any) -> None:
 def _plain_film(film: Any) -> None:
     """Make a film of any kind a plugin that there is, of the same size."""
     film.props.set_plugin_name("hdrfilm")
-    for key in [key for key, _ in film.props.items() if key not in ("width", "height")]:
+    for key in [key for key in film.props.keys() if key not in ("width", "height")]:  # noqa: SIM118
         del film.props[key]
 
 
 def _used(state: Any) -> list[Any]:
     """The nodes that the scene still refers to, through others or by itself."""
-    reference = load_mitsuba().Properties.ResolvedReference
-    found: set[int] = set()
+    found: dict[int, Any] = {}
     ahead = [state.root]
     while ahead:
-        values = [value for _, value in ahead.pop().props.items() if isinstance(value, reference)]
-        fresh = {value.index() for value in values} - found
+        fresh = {id(child): child for _, child in _children(state, ahead.pop()) if id(child) not in found}
         found |= fresh
-        ahead += [state.nodes[index] for index in fresh]
-    return [state.nodes[index] for index in found]
+        ahead += fresh.values()
+    return list(found.values())
 
 
 def _name_all(state: Any) -> None:
@@ -138,7 +136,11 @@ def _check_transforms(xml: str, state: Any) -> None:
 
 
 def _children(state: Any, node: Any) -> list[tuple[str, Any]]:
-    """The nodes that a node of the parsed XML refers to, by the names of its properties."""
-    reference = load_mitsuba().Properties.ResolvedReference
-    found = [(key, value) for key, value in node.props.items() if isinstance(value, reference)]
-    return [(key, state.nodes[value.index()]) for key, value in found]
+    """The nodes that a node of the parsed XML refers to, by the names of its properties.
+
+    Only those are read: Mitsuba takes a property that was read for one that is known, and would not name one that is
+    misspelt.
+    """
+    reference = load_mitsuba().Properties.Type.ResolvedReference
+    keys = [key for key in node.props.keys() if node.props.type(key) == reference]  # noqa: SIM118
+    return [(key, state.nodes[node.props[key].index()]) for key in keys]

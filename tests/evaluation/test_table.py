@@ -8,13 +8,13 @@ def means(**psnr: float | None) -> dict[str, dict[str, float | None]]:
 
 
 def test_the_best_is_marked_and_columns_are_aligned() -> None:
-    lines = format_table({"means": means(noisy=15.123, much_longer_name=30.456)}).splitlines()
+    lines = format_table({"rows": [], "means": means(noisy=15.123, much_longer_name=30.456)}).splitlines()
     assert len(lines) == 3
     assert lines[0].startswith("denoiser          PSNR, dB")
     assert "15.12 " in lines[1]
     assert "30.46*" in lines[2]
     assert lines[1].index("15.12") == lines[2].index("30.46")
-    assert "1.0*" not in format_table({"means": means(a=1.0, b=2.0)})  # time has no best: doing nothing would win
+    assert "1.0*" not in format_table({"rows": [], "means": means(a=1.0, b=2.0)})  # time has no best: doing nothing would win
 
 
 def test_the_best_is_of_what_is_printed() -> None:

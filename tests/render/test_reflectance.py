@@ -115,7 +115,8 @@ def test_a_ball_of_a_family_has_the_normals_of_its_triangles():
     inside = clean["instance"][0] == 1
     corners = ball.mesh.positions[ball.mesh.faces].astype(float)
     facets = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
-    facets /= np.linalg.norm(facets, axis=1, keepdims=True)
+    length = np.linalg.norm(facets, axis=1, keepdims=True)
+    facets = facets[length[:, 0] > 0] / length[length[:, 0] > 0]  # those at the poles have no area
     normal = clean["geometric_normal"][:, inside].T
     np.testing.assert_allclose(np.linalg.norm(normal, axis=1), 1, atol=1e-5)
     to_eye = np.array([1, 2, -5]) - clean["position"][:, inside].T
