@@ -138,7 +138,8 @@ def test_trmv_gives_back_the_indirect_light_of_what_is_half_metal(tmp_path: Path
     walls = {"0.7, 0.15, 0.1": ("-90", "x='1.4' y='0' z='0'"), "0.5, 0.5, 0.6": ("180", "x='0' y='0' z='1.8'")}
     shapes_of = "".join(
         f'<shape type="rectangle"><transform name="to_world"><scale value="1.6"/><rotate y="1" angle="{angle}"/>'
-        f'<translate {place}/></transform><bsdf type="diffuse"><rgb name="reflectance" value="{colour}"/></bsdf></shape>'
+        f'<translate {place}/></transform><bsdf type="diffuse"><rgb name="reflectance" value="{colour}"/></bsdf>'
+        "</shape>"
         for colour, (angle, place) in walls.items()
     )
     (tmp_path / "scene.xml").write_text(f"""<scene version="3.0.0">
