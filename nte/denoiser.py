@@ -24,8 +24,7 @@ class Result:
     extras: Mapping[str, Array] = field(default_factory=dict)
 
     def like(self, frame: Frame) -> "Result":
-        """The result with the kind of arrays, and on the device, that `frame` has: a denoiser returns what it was given.
-        """
+        """The result with the kind of arrays that `frame` has, on their device: a denoiser returns what it is given."""
         given = frame[next(iter(frame.channels))]
         if getattr(given, "device", "cpu") == getattr(self.image, "device", "cpu") and (
             isinstance(given, np.ndarray) == isinstance(self.image, np.ndarray)
