@@ -24,15 +24,17 @@ class Result:
     extras: Mapping[str, Array] = field(default_factory=dict)
 
     def like(self, frame: Frame) -> "Result":
-        """The result with the kind of arrays that `frame` has: a denoiser returns what it was given."""
+        """The result with the kind of arrays that `frame` has, on their device: a denoiser returns what it is given."""
         given = frame[next(iter(frame.channels))]
-        if isinstance(given, np.ndarray) == isinstance(self.image, np.ndarray):
+        if getattr(given, "device", "cpu") == getattr(self.image, "device", "cpu") and (
+            isinstance(given, np.ndarray) == isinstance(self.image, np.ndarray)
+        ):
             return self
 
         def convert(array: Array) -> Array:
             if isinstance(given, np.ndarray):
                 return array.detach().cpu().numpy()
-            return given.new_tensor(array)
+            return given.new_tensor(array) if isinstance(array, np.ndarray) else array.to(given.device)
 
         return Result(convert(self.image), {name: convert(array) for name, array in self.extras.items()})
 

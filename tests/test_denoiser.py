@@ -146,6 +146,15 @@ def test_results_take_the_kind_of_array_of_the_frame() -> None:
     assert isinstance(as_numpy.like(frame.torch()).image, torch.Tensor)
 
 
+def test_results_come_back_to_the_device_of_the_frame() -> None:
+    """As of a filter on a GPU within a composition whose frames are elsewhere."""
+    frame = Frame({"color": torch.ones(1, 3, 4, 4, device="meta")})
+    result = Result(torch.ones(1, 3, 4, 4), {"mask": torch.ones(1, 1, 4, 4)}).like(frame)
+    assert result.image.device.type == result.extras["mask"].device.type == "meta"
+    same = Result(torch.ones(1, 3, 4, 4))
+    assert same.like(Frame({"color": torch.ones(1, 3, 4, 4)})) is same
+
+
 def test_the_package_offers_its_names() -> None:
     assert set(nte.__all__) <= set(dir(nte))
     assert nte.__version__

@@ -414,6 +414,18 @@ def test_nothing_warns() -> None:
     assert torch.get_default_dtype() == torch.float32
 
 
+@pytest.mark.parametrize("occlusion", ["dual", "traditional"])
+def test_where_the_dual_vector_leaves_the_image_the_occluder_is_no_history(occlusion: str) -> None:
+    near = np.arange(28) < 10
+    frames = [plane(0), plane(1)]
+    frames[0] = frames[0].with_channels(depth=np.where(near, np.float32(3), frames[0]["depth"]))
+    moved = np.stack([np.where(near, 20, 0), 0 * near]).astype(np.float32)
+    frames[1] = frames[1].with_channels(previous_forward_motion=np.broadcast_to(moved[:, None], (1, 2, 20, 28)).copy())
+    found = run(frames, EVERYTHING, occlusion=occlusion)[1]
+    assert (found["disoccluded"] == near).all()
+    np.testing.assert_array_equal(found["indirect_alpha"][0, 0] == 1, np.broadcast_to(near, (20, 28)))
+
+
 @pytest.mark.parametrize("strip", [7, 20])
 def test_strips_make_no_difference(monkeypatch: pytest.MonkeyPatch, strip: int) -> None:
     """Cones are fetched and blended in place, some rows at a time; edges between depths run across the strips."""

@@ -51,7 +51,7 @@ def dome(folder: Path, bsdf: str) -> OwnStage:
       <shape type="rectangle" id="floor"><transform name="to_world"><rotate x="1" angle="-90"/>
         <scale value="6"/><translate y="-1"/></transform>{bsdf}</shape></scene>""")
     (folder / "still.yaml").write_text("xml: scene.xml")
-    return OwnStage(read_animation(folder / "still.yaml"), WIDTH, HEIGHT, 2)
+    return OwnStage(read_animation(folder / "still.yaml"), WIDTH, HEIGHT, 3)
 
 
 @pytest.mark.parametrize("name", FLOORS)
@@ -71,6 +71,7 @@ def test_indirect_light_is_what_arrives_times_the_diffuse_albedo(tmp_path: Path,
     assert (reflectance > 0.02).all()
     taken = direction.any(1, keepdims=True)
     mean = (arriving * taken).sum((0, 2, 3)) / taken.sum()
+    assert (mean > 0.1).all()
     np.testing.assert_allclose(indirect.mean((0, 2, 3)), reflectance.mean((1, 2)) * mean, rtol=0.02)
 
 
@@ -134,6 +135,7 @@ def test_both_are_rows_of_the_table_of_channels():
 
 
 @pytest.mark.slow
+@pytest.mark.filterwarnings("ignore::nte.frames.bad.BadPixelWarning")
 def test_trmv_gives_back_the_indirect_light_of_what_is_half_metal(tmp_path: Path):
     """From a red wall at one side and a grey one behind, lit by a lamp: few directions, one colour each, at rest."""
     walls = {"0.7, 0.15, 0.1": ("-90", "x='1.4' y='0' z='0'"), "0.5, 0.5, 0.6": ("180", "x='0' y='0' z='1.8'")}
@@ -151,13 +153,15 @@ def test_trmv_gives_back_the_indirect_light_of_what_is_half_metal(tmp_path: Path
       <shape type="rectangle" id="floor"><transform name="to_world"><rotate x="1" angle="-90"/>
         <scale value="6"/><translate y="-1"/></transform>{HALF_METAL}</shape></scene>""")
     (tmp_path / "still.yaml").write_text("xml: scene.xml")
-    stage = OwnStage(read_animation(tmp_path / "still.yaml"), WIDTH, HEIGHT, 2)
+    stage = OwnStage(read_animation(tmp_path / "still.yaml"), WIDTH, HEIGHT, 3)
     clean, samples = noisy(stage, 0, range(12))
-    assert (clean["instance"] == 3).all()
+    floor = clean["instance"][0] == 3
+    assert floor.mean() > 0.9
     session, found = Session(Trmv("indirect")), []
     for index, sample in enumerate(samples):
         channels = {name: values[None] for name, values in (clean | sample).items()}
         found.append(np.asarray(session.denoise(Frame(channels, index)))[0])
-    expected = references(stage, 512, (1, 2))["reference_indirect"].mean((1, 2))
-    assert expected[0] > 1.5 * expected[2]
-    np.testing.assert_allclose(np.mean(found[4:], axis=(0, 2, 3)), expected, rtol=0.02)
+    expected = references(stage, 512, (1, 2))["reference_indirect"][:, floor].mean(1)
+    light = expected / COLOUR
+    assert light[0] > 1.3 * light[2]  # the red wall tells
+    np.testing.assert_allclose(np.mean(found[4:], axis=0)[:, floor].mean(1), expected, rtol=0.02)

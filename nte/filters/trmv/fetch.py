@@ -68,7 +68,9 @@ def fetch_from_surface(vectors: Reprojection, scene: Scene) -> Fetcher:
         return index, before.gather(2, index).view_as(x)
 
     _, beside = at(end)
-    expected = torch.where(vectors.disoccluded, beside, scene.guide.disparity)
+    # A dual vector that leaves the image is not used: the traditional one ends on what hid the surface.
+    dual = vectors.disoccluded & (vectors.motion != scene.traditional.motion).any(1, keepdim=True)
+    expected = torch.where(dual, beside, scene.guide.disparity)
     room = expected * DEEPER + scene.guide.slope.abs().sum(1, keepdim=True)
     sources, weights, whole = [], [], torch.ones_like(plain.valid)
     for right, down in CORNERS:
