@@ -14,7 +14,8 @@ def test_the_best_is_marked_and_columns_are_aligned() -> None:
     assert "15.12 " in lines[1]
     assert "30.46*" in lines[2]
     assert lines[1].index("15.12") == lines[2].index("30.46")
-    assert "1.0*" not in format_table({"rows": [], "means": means(a=1.0, b=2.0)})  # time has no best: doing nothing would win
+    # Time has no best: doing nothing would win.
+    assert "1.0*" not in format_table({"rows": [], "means": means(a=1.0, b=2.0)})
 
 
 def test_the_best_is_of_what_is_printed() -> None:
