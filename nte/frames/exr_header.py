@@ -26,7 +26,9 @@ def unbelievable(headers: Sequence[Mapping[str, Any]], file_size: int) -> str | 
             return f"its windows are {data[1]}x{data[0]} and {display[1]}x{display[0]}"
         lines, ratio = _CHUNKS.get(header.get("compression"), _OTHERS)
         pixels = data[0] * data[1]
-        least = 2 * pixels * max(1, len(header.get("channels", ())))  # bytes: no type is smaller than half
+        # Channels of chroma have a quarter of the pixels.
+        sampled = sum(1 / max(1, c.xSampling * c.ySampling) for c in header.get("channels", ()))
+        least = 2 * pixels * (sampled or 1)  # bytes: no type is smaller than half
         chunks = 0 if "tiles" in header else -(-data[0] // lines)
         if chunks * _OFFSET > file_size or least > max(ratio * file_size, _SMALL):
             return f"{file_size} bytes cannot hold the {data[1]}x{data[0]} pixels that its header promises"

@@ -12,6 +12,7 @@ import pytest
 from nte.errors import NteError
 from nte.frames.clip import Clip, frame_path, write_frame
 from nte.frames.exr import read_layers, write_exr
+from nte.frames.exr_header import unbelievable
 from tests.synthetic import disc_clip, disc_frame
 
 COMPRESSIONS = [
@@ -63,3 +64,13 @@ def test_a_frame_of_another_size_than_its_clip_is_refused_before_it_is_read(tmp_
     promising(frame_path(clip.folder, 1), b"displayWindow", 4000, 3000)  # a picture in a corner of a large one
     with pytest.raises(NteError, match=r"frame_0001\.exr: is 4000x3000, clip\.json says"):
         clip.frame(1)
+
+
+def test_chroma_at_half_the_size_is_no_damage() -> None:
+    """Luminance and chroma, uncompressed, of 3000×3000 half floats: what is wrong with it is said on reading it."""
+    window = (np.array([0, 0], np.int32), np.array([2999, 2999], np.int32))
+    channels = [OpenEXR.Channel("Y", 1, 1), OpenEXR.Channel("RY", 2, 2), OpenEXR.Channel("BY", 2, 2)]
+    header = {"dataWindow": window, "displayWindow": window, "compression": OpenEXR.NO_COMPRESSION}
+    stored = 2 * 3000 * 3000 * 3 // 2
+    assert unbelievable([{**header, "channels": channels}], stored + 8 * 3000 + 400) is None
+    assert unbelievable([{**header, "channels": channels}], stored - 1) is not None

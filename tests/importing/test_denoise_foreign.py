@@ -233,3 +233,20 @@ def test_the_shutter_and_the_cameras_of_the_map_reach_the_denoiser(tmp_path: Pat
     for frame in seen:
         assert frame.shutter == 0.5
         assert np.shape(frame.view) == (1, 4, 4)
+
+
+def test_one_eye_of_a_part_that_holds_both(tmp_path: Path) -> None:
+    names = ("R", "G", "B", "right.R", "right.G", "right.B")  # the first view goes without its name
+    layers = {name: np.full((8, 9), 1 + ("right" in name), np.float32) for name in names}
+    (tmp_path / "shots").mkdir()
+    header = {"type": OpenEXR.scanlineimage, "multiView": ["left", "right"]}
+    OpenEXR.File(header, dict(layers)).write(str(tmp_path / "shots" / "a.1.exr"))
+    map_path = str(write_map(tmp_path / "map.yaml", {"channels": {"color": "."}}))
+    black = Noisy()
+    black.step = lambda frame, *_: (Result(0 * frame["color"]), ())  # type: ignore[method-assign,assignment]
+    changes = ["view=right"]
+    denoise_files([tmp_path / "shots"], black, tmp_path / "out", 1.0, False, False, map_path, changes, silent)
+    after = read_layers(tmp_path / "out" / "a.1.exr")
+    assert {name: float(pixels.max()) for name, pixels in after.items()} == {
+        name: 0.0 if "right" in name else 1.0 for name in names
+    }
