@@ -32,8 +32,9 @@ class ClipCache:
             frames = [self.clips[index].frame(i, self.channels, (seed,)) for i in range(len(self.clips[index]))]
             exposure, depth_scale = sequence_scalars(frames[0])
             decoded = {name: torch.from_numpy(np.concatenate([f[name] for f in frames])) for name in self.channels}
-            scalars = {"exposure": torch.from_numpy(exposure), "depth_scale": torch.from_numpy(depth_scale)}
-            self._kept[key] = decoded | scalars
+            shutter = np.ones(1) if frames[0].shutter is None else frames[0].shutter
+            scalars = {"exposure": exposure, "depth_scale": depth_scale, "shutter": shutter}
+            self._kept[key] = decoded | {k: torch.as_tensor(v, dtype=torch.float32) for k, v in scalars.items()}
             while len(self._kept) > 1 and self._size() > self.budget:
                 self._kept.popitem(last=False)
         self._kept.move_to_end(key)
