@@ -23,5 +23,5 @@ def as_frames(batch: Batch) -> Iterator[Frame]:
     """The batch as frames that a denoiser steps through."""
     for index, values in enumerate(batch):
         channels = {name: value for name, value in values.items() if name in CHANNELS}
-        scalars = {name: values.get(name) for name in ("exposure", "depth_scale", "shutter")}
-        yield Frame(channels, index, **scalars)
+        exposure, depth_scale, shutter = (values.get(name) for name in ("exposure", "depth_scale", "shutter"))
+        yield Frame(channels, index, exposure=exposure, depth_scale=depth_scale, shutter=shutter)
