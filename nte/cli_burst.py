@@ -63,4 +63,6 @@ def _merge(options: argparse.Namespace) -> None:
         print(f"{path}: moved {frame.motion[0]:+.1f}, {frame.motion[1]:+.1f} px, {frame.share:.0%} used")
     if done.defects:
         print(f"{done.defects} pixels of the sensor are hot or dead: filled from other frames and from around them")
+        if all(max(map(abs, frame.motion)) < 0.5 for frame in done.merged.frames):
+            print("the camera stood still: a star of one pixel looks the same as a hot one; --keep-defects leaves both")
     print(f"{options.out}: the mean of {float(done.merged.weight.mean()):.1f} photographs")

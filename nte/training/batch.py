@@ -8,7 +8,7 @@ from torch import Tensor
 from nte.frames.channels import CHANNELS
 from nte.frames.frame import Frame
 
-Batch = list[dict[str, Tensor]]  # per frame: channels (N, C, H, W), and exposure and depth_scale (N,)
+Batch = list[dict[str, Tensor]]  # per frame: channels (N, C, H, W), and exposure, depth_scale and shutter (N,)
 
 
 def collate(sequences: Sequence[dict[str, Tensor]]) -> Batch:
@@ -23,4 +23,5 @@ def as_frames(batch: Batch) -> Iterator[Frame]:
     """The batch as frames that a denoiser steps through."""
     for index, values in enumerate(batch):
         channels = {name: value for name, value in values.items() if name in CHANNELS}
-        yield Frame(channels, index, exposure=values["exposure"], depth_scale=values["depth_scale"])
+        exposure, depth_scale, shutter = (values.get(name) for name in ("exposure", "depth_scale", "shutter"))
+        yield Frame(channels, index, exposure=exposure, depth_scale=depth_scale, shutter=shutter)

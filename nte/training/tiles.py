@@ -4,7 +4,7 @@ A folder of the cache holds one clip with one noise seed. Its name has a digest 
 whole or absent, so several processes and several runs can share a cache.
 
 tiles.npy    float32 (rows of tiles, columns of tiles, frames, components, TILE, TILE)
-scalars.npy  float32 (2, 1): exposure and depth scale of the sequence
+scalars.npy  float32 (3, 1): SCALARS of the sequence
 """
 
 import os
@@ -35,6 +35,7 @@ FORMAT = "nte-tiles/1"
 FORWARD, SCATTERED = "previous_forward_motion", "scattered_forward_motion"
 REFERENCE = "reference"
 Pixels = npt.NDArray[np.float32]
+SCALARS = ("exposure", "depth_scale", "shutter")  # those of a frame that belong to its sequence
 
 
 class TiledClip(NamedTuple):
@@ -59,10 +60,8 @@ class TiledClip(NamedTuple):
         return images
 
     def sequence_scalars(self) -> dict[str, Tensor]:
-        """Exposure and depth scale, each (1,)."""
-        return {
-            name: torch.tensor(value) for name, value in zip(("exposure", "depth_scale"), self.scalars, strict=True)
-        }
+        """SCALARS by name, each (1,)."""
+        return {name: torch.tensor(value) for name, value in zip(SCALARS, self.scalars, strict=True)}
 
 
 class ClipStore:
@@ -119,7 +118,7 @@ class ClipStore:
             scalars = np.load(path / "scalars.npy", allow_pickle=False)
         except (OSError, ValueError, EOFError) as error:
             raise NteError(f"{path}: damaged ({error}): delete it, it will be made again") from error
-        found, expected = (tiles.shape, scalars.shape), (self._shape(clip), (2, 1))
+        found, expected = (tiles.shape, scalars.shape), (self._shape(clip), (len(SCALARS), 1))
         if found != expected:
             raise NteError(f"{path}: damaged: it holds {found}, expected {expected}: delete it, it will be made again")
         return TiledClip(self.channels, tiles, scalars)
@@ -132,12 +131,13 @@ class ClipStore:
         clip = self.clips[index]
         tiles = allocate(self._shape(clip), np.float32)
         stored = [name for name in self.channels if name in clip.channels]
-        scalars = np.empty((2, 1), np.float32)
+        scalars = np.ones((len(SCALARS), 1), np.float32)
         for i in range(len(clip)):
             frame = clip.frame(i, stored, (seed,))
             self._look(frame, index)
             if i == 0:
-                scalars = np.stack(sequence_scalars(frame))
+                scalars[:2] = np.stack(sequence_scalars(frame))
+                scalars[2] = 1 if frame.shutter is None else frame.shutter
             planes = np.concatenate([self._channel(frame, name)[0] for name in self.channels])
             tiles[:, :, i] = _tiled(planes)
         return TiledClip(self.channels, tiles, scalars)

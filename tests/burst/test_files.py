@@ -149,6 +149,25 @@ def test_pictures_are_merged_at_full_resolution(suffix: str, tmp_path: Path) -> 
     assert psnr(merged, clean[1][0]) > psnr(alone, clean[1][0]) + 4.5
 
 
+def test_of_a_camera_that_stood_still_it_is_told_what_cannot_be_known(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """A star of one pixel stays where it is, and so does a hot pixel; if the camera moves, only the latter does."""
+    out, given = str(tmp_path / "out.png"), ["--noise", str(NOISE.a), str(NOISE.b), "--force"]
+    for shift in ((0.0, 0.0), (6.0, 4.0)):
+        paths = []
+        for i, moved in enumerate(((0.0, 0.0), shift)):
+            mosaic = sense(scene((96, 120), moved), mosaic_of("bayer"), NOISE, i)[0, 0]
+            mosaic[41, 61] = 0.9
+            paths.append(write_dng(tmp_path / f"{i}.dng", raw_values(mosaic.numpy()), BAYER, BLACK, WHITE))
+        assert main(["merge-burst", *map(str, paths), "--out", out, *given]) == 0
+        said = capsys.readouterr().out
+        assert "1 pixels of the sensor are hot" in said
+        assert ("the camera stood still" in said) == (shift == (0.0, 0.0))
+    assert main(["merge-burst", *map(str, paths), "--out", out, *given, "--keep-defects"]) == 0
+    assert "hot or dead" not in capsys.readouterr().out
+
+
 def test_a_given_model_is_used(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     """Without noise to speak of, nothing of other frames fits but what is equal."""
     paths, _ = raw_burst(tmp_path, "bayer", (96, 120), 2)

@@ -48,7 +48,9 @@ def test_scaling_takes_the_nearest_pixels_and_scales_vectors() -> None:
     np.testing.assert_array_equal(wide[:, 0], 3 * values[:, 0].repeat(3, 2))
     np.testing.assert_array_equal(wide[:, 1], values[:, 0].repeat(3, 2))
     assert scaled(frame, (1, 1))["depth"].item() in (1, 4)
-    assert scaled(Frame({"depth": values}, clean_guides=True), (1, 1)).clean_guides
+    about = {"exposure": np.float32([3]), "shutter": np.float32([0.5])}
+    kept = scaled(Frame({"depth": values}, 4, clean_guides=True, **about), (1, 1))
+    assert (kept.clean_guides, kept.exposure, kept.shutter, kept.index) == (True, 3, 0.5, 4)
 
 
 def test_a_clip_starts_again_after_its_last_frame(noisy_disc: Path) -> None:

@@ -30,10 +30,10 @@ def numbered(clip: int, frame: int, seed: int = 0, size: tuple[int, int] = SIZE)
 
 @pytest.fixture(scope="module")
 def clips(tmp_path_factory: pytest.TempPathFactory) -> list[Clip]:
-    """Five clips of six frames, with two noise seeds."""
+    """Five clips of six frames, with two noise seeds and each its own shutter."""
     folder = tmp_path_factory.mktemp("numbered")
     for i in range(5):
-        write_clip(folder / f"c{i}", [numbered(i, f) for f in range(6)], seeds=2)
+        write_clip(folder / f"c{i}", [numbered(i, f) for f in range(6)], seeds=2, shutter=1 / (i + 1))
         write_clip(folder / f"c{i}" / "seed_01", [{"color": numbered(i, f, 1)["color"]} for f in range(6)])
         (folder / f"c{i}" / "seed_01" / "clip.json").unlink()
     return [Clip(folder / f"c{i}") for i in range(5)]
@@ -64,6 +64,7 @@ def test_a_batch_is_frames_of_sequences_side_by_side(clips: list[Clip]) -> None:
     assert {name: tuple(values.shape) for name, values in batch[0].items()} == {
         "color": (2, 3, 8, 8), "albedo": (2, 3, 8, 8), "reference": (2, 3, 8, 8), "motion": (2, 2, 8, 8),
         "depth": (2, 1, 8, 8), "previous_forward_motion": (2, 2, 8, 8), "exposure": (2,), "depth_scale": (2,),
+        "shutter": (2,),
     }  # fmt: skip
     frames = list(as_frames(batch))
     assert [frame.index for frame in frames] == [0, 1, 2]
@@ -143,6 +144,8 @@ def test_the_scalars_of_a_sequence_are_those_of_its_clip(clips: list[Clip]) -> N
     batch = steps(clips)[0]
     first = clips[clip_numbers(batch)[0]].frame(0)
     assert batch[0]["depth_scale"][0] == np.median(first["depth"])
+    for frame in as_frames(batch):
+        np.testing.assert_allclose(frame.shutter, [1 / (number + 1) for number in clip_numbers(batch)])
     assert all(frame["exposure"] is batch[0]["exposure"] for frame in batch)
 
 
