@@ -132,6 +132,8 @@ def only_writer_of(path: Path, force: bool) -> Iterator[None]:
     Work that ends in one file goes into such a block as a whole, so that it is not done in vain, nor written over what
     another process has written meanwhile. A hidden file beside it says who is at work.
     """
+    if not path.name:
+        raise NteError(f"'{path}' has no file's name: expected one")
     sweep(path.parent, path.name)
     was_there = path.parent.is_dir()
     make_folder(path.parent)

@@ -1,6 +1,8 @@
 """Ctrl-C while something must be finished first, and SIGTERM in its place."""
 
+import multiprocessing
 import signal
+import sys
 import threading
 from collections.abc import Iterator
 from contextlib import contextmanager
@@ -45,3 +47,23 @@ def terminable() -> Iterator[None]:
         yield
     finally:
         signal.signal(signal.SIGTERM, before)
+
+
+@contextmanager
+def ending_workers() -> Iterator[None]:
+    """End the processes of a pool with the block, if it ends by an error or an interruption, instead of waiting.
+
+    They must have called `end_when_told`.
+    """
+    try:
+        yield
+    except BaseException:
+        for worker in multiprocessing.active_children():
+            worker.terminate()
+        raise
+
+
+def end_when_told() -> None:
+    """Let this process of a pool clean up and end at SIGTERM, and leave Ctrl-C to its parent, which sends that."""
+    signal.signal(signal.SIGINT, signal.SIG_IGN)
+    signal.signal(signal.SIGTERM, lambda number, frame: sys.exit(128 + number))

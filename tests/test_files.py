@@ -79,6 +79,12 @@ def test_a_folder_that_stays_empty_does_not_stay_but_one_that_was_there_does(tmp
         assert folder.exists() == made
 
 
+@pytest.mark.parametrize("path", [Path(), Path("/")])
+def test_a_folder_is_no_file_to_write(path: Path) -> None:
+    with pytest.raises(NteError, match="has no file's name"), only_writer_of(path, force=True):
+        pass
+
+
 def test_a_file_has_one_writer_and_is_not_replaced_without_force(tmp_path: Path) -> None:
     path = tmp_path / "new" / "model[1].onnx"
     with only_writer_of(path, force=False):

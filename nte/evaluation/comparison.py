@@ -20,6 +20,7 @@ from nte.evaluation.report import write_report
 from nte.evaluation.strips import write_strips
 from nte.evaluation.table import METRICS, aligned
 from nte.files import only_writer, refuse_links, write_whole
+from nte.interrupt import end_when_told, ending_workers
 
 FORMAT = "nte-comparison/1"
 LIGHTS = ("color", "visibility", "glossy", "indirect")
@@ -139,21 +140,23 @@ def _in_processes(
     units: list[_Unit], jobs: int, progress: Callable[[int, int, str], None] | None
 ) -> Iterator[tuple[str, list[Row]]]:
     """(name, rows) of each unit, as they come; spawned, since a fork copies the locks of PyTorch's threads."""
-    pool = ProcessPoolExecutor(jobs, mp_context=get_context("spawn"), initializer=_one_thread)
+    pool = ProcessPoolExecutor(jobs, mp_context=get_context("spawn"), initializer=_begin_worker)
     try:
-        futures = {pool.submit(unit.run): unit for unit in units}
-        for done, future in enumerate(as_completed(futures), 1):
-            yield futures[future].name, future.result()
-            if progress:
-                progress(done, len(units), futures[future].name)
+        with ending_workers():
+            futures = {pool.submit(unit.run): unit for unit in units}
+            for done, future in enumerate(as_completed(futures), 1):
+                yield futures[future].name, future.result()
+                if progress:
+                    progress(done, len(units), futures[future].name)
     finally:
         pool.shutdown(wait=True, cancel_futures=True)
 
 
-def _one_thread() -> None:
-    """Leave the cores to the other processes."""
+def _begin_worker() -> None:
+    """Leave the cores to the other processes, and end when told."""
     import torch
 
+    end_when_told()
     torch.set_num_threads(1)
 
 

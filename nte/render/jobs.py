@@ -17,6 +17,7 @@ from typing import Any
 
 import nte
 from nte.errors import NteError, needs_extra
+from nte.interrupt import end_when_told, ending_workers
 from nte.render.backend import load_mitsuba, share_cores
 from nte.render.recipe import ClipPlan
 
@@ -29,14 +30,20 @@ _PACKAGES = ("mitsuba", "drjit", "numpy")  # with nte, what the bytes of a frame
 
 def in_processes(work: Work, units: list[ClipPlan], out: Path, jobs: int, done: Done) -> None:
     """Do all units in `jobs` processes. Spawned: Dr.Jit's threads do not survive a fork."""
-    pool = ProcessPoolExecutor(jobs, mp_context=get_context("spawn"), initializer=share_cores, initargs=(jobs,))
+    pool = ProcessPoolExecutor(jobs, mp_context=get_context("spawn"), initializer=_begin_worker, initargs=(jobs,))
     try:
-        futures = {pool.submit(work, unit, out): unit for unit in units}
-        for future in as_completed(futures):
-            future.result()
-            done(futures[future])
+        with ending_workers():
+            futures = {pool.submit(work, unit, out): unit for unit in units}
+            for future in as_completed(futures):
+                future.result()
+                done(futures[future])
     finally:
         pool.shutdown(wait=True, cancel_futures=True)
+
+
+def _begin_worker(jobs: int) -> None:
+    end_when_told()
+    share_cores(jobs)
 
 
 @dataclass(frozen=True)

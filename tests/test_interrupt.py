@@ -1,0 +1,41 @@
+"""Interruptions: processes of a pool end with their parent's work."""
+
+import time
+from concurrent.futures import ProcessPoolExecutor
+from multiprocessing import get_context
+from pathlib import Path
+
+import pytest
+
+from nte.files import write_whole
+from nte.interrupt import end_when_told, ending_workers
+
+
+def write_slowly(path: Path) -> None:
+    """Write half a file, say so, and go on for a minute."""
+
+    def write(temporary: Path) -> None:
+        temporary.write_text("half")
+        (path.parent / "begun").touch()
+        time.sleep(60)
+
+    write_whole(path, write)
+
+
+@pytest.mark.slow
+def test_workers_end_at_once_and_leave_nothing_half_written(tmp_path: Path) -> None:
+    start = time.monotonic()
+    pool = ProcessPoolExecutor(1, mp_context=get_context("spawn"), initializer=end_when_told)
+
+    def interrupted() -> None:
+        with pool, ending_workers():
+            pool.submit(write_slowly, tmp_path / "a.txt")
+            while not (tmp_path / "begun").exists():
+                assert time.monotonic() - start < 50
+                time.sleep(0.05)
+            raise KeyboardInterrupt
+
+    with pytest.raises(KeyboardInterrupt):
+        interrupted()
+    assert time.monotonic() - start < 50
+    assert [path.name for path in tmp_path.iterdir()] == ["begun"]
