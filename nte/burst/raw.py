@@ -87,6 +87,7 @@ def _open(path: Path) -> Any:
         raise NteError(f"{path}: {'is a folder' if path.exists() else 'does not exist'}: expected a raw photograph")
     try:
         raw = rawpy.imread(str(path))
+        raw.unpack()  # else LibRaw reads the pixels, and finds them missing, when they are first asked for
     except (rawpy.LibRawError, OSError) as error:
         raise NteError(
             f"{path}: not a photograph that can be read ({_reason(error)}): expected a raw file, .exr or .png"

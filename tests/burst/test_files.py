@@ -1,5 +1,6 @@
 """`nte merge-burst` on real files: raw photographs through LibRaw, EXR and PNG, and one line for every mistake."""
 
+import struct
 import sys
 from collections.abc import Callable
 from pathlib import Path
@@ -12,6 +13,7 @@ from PIL import Image
 from nte.burst.pictures import read_picture, write_picture
 from nte.burst.raw import develop, read_raw
 from nte.cli import main
+from nte.errors import NteError
 from nte.frames.exr import write_exr
 from tests.burst.dng import BAYER, XTRANS, write_dng
 from tests.burst.scenes import NOISE, PATTERNS, mosaic_of, psnr, scene, sense
@@ -266,3 +268,12 @@ def test_the_name_of_the_result_is_checked_first(told: Told, out: str, message: 
 def test_a_missing_rawpy_is_told_with_its_extra(told: Told, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setitem(sys.modules, "rawpy", None)
     assert "pip install 'nte-denoiser[burst]'" in told("a.dng", "b.dng", "--out", "out.exr")
+
+
+def test_a_raw_file_whose_pixels_are_not_there_is_named(tmp_path: Path) -> None:
+    path = write_dng(tmp_path / "a.dng", np.full((64, 64), 500, np.uint16), np.array([[0, 1], [1, 2]]))
+    content = path.read_bytes()
+    place = content.index(struct.pack("<HHI", 273, 4, 1)) + 8  # where the pixels are, in the directory
+    path.write_bytes(content[:place] + struct.pack("<I", len(content) - 100) + content[place + 4 :])
+    with pytest.raises(NteError, match=r"a\.dng: not a photograph that can be read"):
+        read_raw(path)
