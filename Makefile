@@ -1,7 +1,7 @@
 # make demo   everything once, from a bare machine: install, render, train, export, denoise, evaluate
 # make test   every test, the notebooks included
 # make lint   style and types
-# make paper  the published comparisons, with their data: an hour or two       make bench   times, as ratios in one run
+# make paper  the published comparisons, with their data: a few hours       make bench   times, as ratios in one run
 PYTHON ?= python3
 VENV := .venv
 BIN := $(VENV)/bin
@@ -32,7 +32,8 @@ acceptance: $(INSTALLED)
 	$(BIN)/pytest -s tests/acceptance
 
 paper: $(INSTALLED)
-	$(BIN)/nte compare configs/compare_trmv.yaml --data data/trmv --out reports/trmv --force
+	$(BIN)/nte compare configs/compare_trmv.yaml --data data/trmv --out reports/trmv --jobs 2 --force
+	$(BIN)/nte compare configs/compare_trmv_640.yaml --data data/trmv_640 --out reports/trmv_640 --jobs 2 --force
 	$(BIN)/python tests/benchmarks/vectors.py --pictures reports/vectors
 	$(BIN)/python tests/benchmarks/correspondence.py
 	$(BIN)/nte render datasets/motion_blur_60.yaml --out data/motion_blur_60
@@ -40,6 +41,8 @@ paper: $(INSTALLED)
 
 bench: $(INSTALLED)
 	$(BIN)/python tests/benchmarks/components.py
+	$(BIN)/python tests/benchmarks/own_scene.py
+	$(BIN)/python tests/benchmarks/kernels.py
 	$(BIN)/python tests/benchmarks/motion_blur.py --times
 	$(BIN)/nte bench svgf asvgf trmv taa oidn:quality=fast --size 1280x720 --frames 5
 
