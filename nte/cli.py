@@ -77,7 +77,7 @@ def _parser() -> argparse.ArgumentParser:
     commands = parser.add_subparsers(dest="command", metavar="COMMAND", required=True)
 
     render = _command(commands, "render", _render, "render the clips of a recipe with Mitsuba; resumes")
-    render.add_argument("recipe", type=Path, metavar="RECIPE.yaml")
+    render.add_argument("recipe", type=Path, metavar="RECIPE.yaml", help="what to render; datasets/README.md")
     render.add_argument("--out", type=Path, required=True, help="folder for the clips")
     where = render.add_mutually_exclusive_group()
     where.add_argument("--jobs", type=int, default=1, help="processes (one uses every core already)")
@@ -85,7 +85,7 @@ def _parser() -> argparse.ArgumentParser:
     _force(render)
 
     train = _command(commands, "train", _train, "train a network; writes runs/<name>/")
-    train.add_argument("config", type=Path, metavar="CONFIG.yaml")
+    train.add_argument("config", type=Path, metavar="CONFIG.yaml", help="every choice; docs/training.md")
     train.add_argument("overrides", nargs="*", metavar="key=value", help="for example resume=true")
     _device(train, "auto")
     _force(train)
@@ -99,7 +99,7 @@ def _parser() -> argparse.ArgumentParser:
     _force(evaluate)
 
     compare = _command(commands, "compare", _compare, "reproduce a published comparison: render, evaluate, report")
-    compare.add_argument("comparison", type=Path, metavar="COMPARISON.yaml")
+    compare.add_argument("comparison", type=Path, metavar="COMPARISON.yaml", help="in configs/")
     compare.add_argument("--data", type=Path, required=True, help="folder for the rendered clips; continues there")
     compare.add_argument("--out", type=Path, required=True, help="folder for the reports")
     compare.add_argument("--jobs", type=int, default=1, help="situations evaluated at the same time (default: 1)")
@@ -107,8 +107,8 @@ def _parser() -> argparse.ArgumentParser:
     _force(compare)
 
     export = _command(commands, "export", _export, "export a run as one ONNX file, checked against PyTorch")
-    export.add_argument("source", type=Path, metavar="RUN")
-    export.add_argument("--out", type=Path, required=True, metavar="MODEL.onnx")
+    export.add_argument("source", type=Path, metavar="RUN", help="run folder, or a .safetensors file in one")
+    export.add_argument("--out", type=Path, required=True, metavar="MODEL.onnx", help="file to write")
     _force(export)
 
     denoise = _command(commands, "denoise", _denoise, "denoise a clip or frames; writes linear OpenEXR")
@@ -137,7 +137,7 @@ def _parser() -> argparse.ArgumentParser:
     _force(check)
 
     info = _command(commands, "info", _info, "describe a clip, a model or a run")
-    info.add_argument("source", type=Path, metavar="CLIP|MODEL|RUN")
+    info.add_argument("source", type=Path, metavar="CLIP|MODEL|RUN", help="folder, or .onnx file")
     return parser
 
 

@@ -9,7 +9,7 @@ def add_estimate(commands: Any) -> None:
     """Add `estimate` to the subcommands of `nte`."""
     text = "estimate the motion of a clip from its images; writes a clip with motion, its error and a mask"
     parser = commands.add_parser("estimate", help=text, description=text)
-    parser.add_argument("clip", type=Path, metavar="CLIP")
+    parser.add_argument("clip", type=Path, metavar="CLIP", help="folder with clip.json")
     parser.add_argument("--out", type=Path, required=True, help="folder for the clip with motion")
     parser.add_argument(
         "--noise", default="auto", help="of the images: clean, moderate, noisy or strong (default: auto, measured)"
