@@ -12,7 +12,7 @@ import torch
 from torch import Tensor
 
 from nte.motion.camera import project
-from nte.motion.curved import bend_within, reflecting_points, solve, tangents
+from nte.motion.curved import bend_within, length, reflecting_points, solve, tangents
 from nte.motion.warp import pixel_centres
 
 GRAZING = 0.05  # least cosine at which a lobe meets a plane: the ellipse does not become infinite
@@ -45,7 +45,7 @@ def shadow_point(light: Tensor, blocker: Tensor, point: Tensor, normal: Tensor) 
     along, reach = blocker - light, point - blocker
     t = _dot(reach, normal) / _dot(along, normal)  # from the blocker on: a sun is so far away that t from there rounds
     # Where blocker and plane touch, t is 0 but for rounding.
-    beyond = (t * _length(along, 1) >= -_CONTACT * _length(reach, 1)) & torch.isfinite(t)
+    beyond = (t * length(along, 1) >= -_CONTACT * length(reach, 1)) & torch.isfinite(t)
     return torch.where(beyond, blocker + t * along, math.nan)
 
 
@@ -124,9 +124,9 @@ def reflection_covariance(
 def _ellipse(image: Tensor, point: Tensor, normal: Tensor, roughness: Tensor, eye: Tensor, curvature: Tensor) -> Tensor:
     """The half axes (…, 3, 2), world, of the points about `point` (…, 3) that show the image."""
     axis = point - image
-    distance = _length(axis)
+    distance = length(axis)
     axis = axis / distance
-    to_camera = _length(eye - point)
+    to_camera = length(eye - point)
     side = torch.where(
         (axis * normal).sum(-1, keepdim=True) < 0, -1.0, 1.0
     )  # the axis runs from the image to the camera
@@ -151,7 +151,7 @@ def _unfolded(point: Tensor, normal: Tensor, curvature: Tensor, target: Tensor, 
     place = reflecting_points(point, normal, curvature, target, eye)
     place = torch.where(torch.isfinite(place), place, point)
     gaze = place - eye
-    return place + gaze / _length(gaze) * _length(target - place)
+    return place + gaze / length(gaze) * length(target - place)
 
 
 def _image_of(matrix: Tensor, points: Tensor, offsets: Tensor, size: Tensor) -> Tensor:
@@ -183,9 +183,3 @@ def _flat(values: Tensor) -> Tensor:
 
 def _dot(a: Tensor, b: Tensor) -> Tensor:
     return (a * b).sum(1, keepdim=True)
-
-
-def _length(vectors: Tensor, dim: int = -1) -> Tensor:
-    """Lengths along `dim`, which stays with size 1; never 0."""
-    length: Tensor = torch.linalg.vector_norm(vectors, dim=dim, keepdim=True)
-    return length.clamp(min=_LEAST)
