@@ -17,7 +17,6 @@ from nte.motion.warp import pixel_centres
 
 GRAZING = 0.05  # least cosine at which a lobe meets a plane: the ellipse does not become infinite
 _CONTACT = 1e-3  # of the way from blocker to s: how far before the blocker the plane still counts as touching it
-_LEAST = 1e-9
 
 
 def shadow_motion(
@@ -92,11 +91,13 @@ def reflection_covariance(
     view: Tensor,
     projection: Tensor,
     curvature: Tensor | None = None,
+    size: tuple[int, int] | None = None,
 ) -> Tensor:
     """Compute Σ of Eq. 5: covariance (N, 3, H, W), XX XY YY, px², of where mirror images can be seen before.
 
     point, unit normal, roughness (N, 1, H, W, perceptual) and curvature (N, 3, 3, H, W, flat unless given): of s^C, the
-    surface that the previous frame shows where it would show `image`.
+    surface that the previous frame shows where it would show `image`. size: (height, width) of the image whose pixels
+    are meant; that of the arrays unless given, which may then hold any points.
 
     A mirror shows each image at one point s^C of its surface, a rough one at all points about it whose microfacets
     can turn the light. Slopes of a Beckmann distribution have a deviation of α/√2, α = roughness². A step δ along the
@@ -108,15 +109,15 @@ def reflection_covariance(
     nearby reflects what is far away; and know no curvature.
     """
     eye = _eye(view)[:, :, None, None].expand_as(point)
-    height, width = point.shape[-2:]
-    size = point.new_tensor([width, height])
+    height, width = size or point.shape[-2:]
+    pixels = point.new_tensor([width, height])
     flat = [_flat(values) for values in (image, point, normal, roughness, eye)]
     bend = point.new_zeros(()) if curvature is None else curvature.permute(0, 3, 4, 1, 2).flatten(1, 2)
     ends = _ellipse(flat[0], flat[1], flat[2], flat[3], flat[4], bend)
     matrix = (projection @ view)[:, None]
     total = point.new_zeros((*flat[1].shape[:2], 3))
     for end in ends.unbind(-1):
-        x, y = _image_of(matrix, flat[1], end, size).unbind(-1)
+        x, y = _image_of(matrix, flat[1], end, pixels).unbind(-1)
         total = total + torch.stack([x * x, x * y, y * y], -1)
     return total.transpose(1, 2).reshape(point.shape)
 

@@ -68,11 +68,13 @@ def mirror_images(stage: Stage, bounce: Bounce, time: float) -> Mirrored:
     target[distant] = point[distant] + stage.distant * target[distant]
     normal = normals_at(stage, first, time - 1)
     camera = torch.from_numpy(eye(stage, time - 1).copy())[None]
-    h, s, n = (_image(stage, _only(bounce.reflected, values)) for values in (target, point, normal))
-    curvature = _image(stage, curvatures_at(stage, first, time - 1).reshape(-1, 9)).view(
-        1, 3, 3, stage.height, stage.width
+    rows = np.asarray(bounce.reflected)  # few pixels reflect: only those are computed
+    h, s, n, bend = (
+        _line(values[rows])
+        for values in (target, point, normal, curvatures_at(stage, first, time - 1).reshape(-1, 9))
     )
-    return Mirrored(first, _to_rows(mirror_image(h, s, n, camera, curvature)))
+    image = mirror_image(h, s, n, camera, bend.view(1, 3, 3, 1, -1))
+    return Mirrored(first, _spread(rows, _to_rows(image)))
 
 
 def reflection_vectors(stage: Stage, mirrored: Mirrored, time: float) -> tuple[Pixels, Pixels]:
@@ -100,14 +102,13 @@ def footprint(stage: Stage, image: Floats, time: float) -> Floats:
         return np.full((len(image), 3), np.nan)
     seen = trace_film(stage, pixel[usable])
     curvature = curvatures_at(stage, seen.hits, time)
-    of_seen = seen.point, seen.normal, seen.roughness[:, None], curvature.reshape(-1, 9)
-    point, normal, roughness, bend = (_image(stage, _spread(usable, values)) for values in of_seen)
-    surface = _image(stage, image), point, normal, roughness
-    covariance = _to_rows(
-        reflection_covariance(*surface, *_camera(stage, time), bend.view(1, 3, 3, stage.height, stage.width))
-    )
-    covariance[usable] = _only(seen.hit, covariance[usable])
-    return covariance
+    of_seen = image[usable], seen.point, seen.normal, seen.roughness[:, None], curvature.reshape(-1, 9)
+    *surface, bend = (_line(values) for values in of_seen)
+    view, projection = _camera(stage, time)
+    place, point, normal, roughness = surface
+    bend, size = bend.view(1, 3, 3, 1, -1), (stage.height, stage.width)
+    found = reflection_covariance(place, point, normal, roughness, view, projection, bend, size)
+    return _spread(usable, _only(seen.hit, _to_rows(found)))
 
 
 def _position(stage: Stage, hits: Hits, time: float) -> Tensor:
@@ -126,6 +127,11 @@ def _camera(stage: Stage, time: float) -> tuple[Tensor, Tensor]:
 def _image(stage: Stage, rows: Floats) -> Tensor:
     """(P, C) → (1, C, H, W)."""
     return torch.from_numpy(np.ascontiguousarray(rows.T)).view(1, -1, stage.height, stage.width)
+
+
+def _line(rows: Floats) -> Tensor:
+    """(P, C) → (1, C, 1, P): points of some pixels, as an image of one line."""
+    return torch.from_numpy(np.ascontiguousarray(rows.T))[None, :, None]
 
 
 def _to_rows(image: Tensor) -> Floats:
