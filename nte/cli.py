@@ -226,7 +226,7 @@ def _denoise(options: argparse.Namespace) -> None:
 
 def _check(options: argparse.Namespace) -> int:
     from nte.checking import check_clip, describe, draw
-    from nte.files import make_folder
+    from nte.files import make_folder, refuse_to_replace
     from nte.frames.clip import Clip, find_clips
     from nte.frames.show import write_png
 
@@ -238,8 +238,7 @@ def _check(options: argparse.Namespace) -> int:
         print(describe(report))
         if options.picture and len(clip) > 1:
             path = options.picture / f"{'_'.join(folder.parts[-2:])}.png"
-            if path.exists() and not options.force:
-                raise NteError(f"{path}: exists: choose another folder, or overwrite it with --force")
+            refuse_to_replace((path,), options.force)
             make_folder(path.parent)
             write_png(path, draw(clip, report.telling_frame))
             print(f"  picture of frame {report.telling_frame}: {path}")

@@ -3,7 +3,7 @@
 from pathlib import Path
 
 from nte.errors import NteError
-from nte.files import only_writer, remove
+from nte.files import only_writer, refuse_to_replace, remove
 from nte.filters.estimated import AUTO, Estimator
 from nte.frames.clip import Clip, as_layers, frame_path, write_clip_info
 from nte.frames.exr import read_layers, write_exr
@@ -34,9 +34,7 @@ def estimate_clip(
     written = [frame_path(out, i) for i in range(len(clip))]
     if out.resolve() == source.resolve():
         raise NteError(f"{out}: is the clip itself: choose another folder")
-    for path in (*written, out / "clip.json"):
-        if path.exists() and not force:
-            raise NteError(f"{path}: exists: choose another folder, or overwrite it with --force")
+    refuse_to_replace((*written, out / "clip.json"), force)
     state, cap = None, None
     with only_writer(out), Progress("estimate", len(clip), "frame") as progress:
         remove(out / "clip.json")  # until its frames are all there

@@ -6,7 +6,7 @@ import re
 import secrets
 import shutil
 import socket
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from contextlib import contextmanager, suppress
 from hashlib import sha256
 from pathlib import Path
@@ -181,6 +181,18 @@ def _locked(folder: Path) -> int | None:
         os.close(descriptor)
         return None
     return descriptor
+
+
+def is_folder_name(name: str) -> bool:
+    """Whether this may be the name of a folder: one word of a path, short, without control characters."""
+    return Path(name).name == name and name not in ("", "..") and len(name.encode()) <= 200 and name.isprintable()
+
+
+def refuse_to_replace(paths: Iterable[Path], force: bool) -> None:
+    """Raise NteError for the first file of a folder's new content that exists, unless `force`."""
+    for path in paths:
+        if path.exists() and not force:
+            raise NteError(f"{path}: exists: choose another folder, or overwrite it with --force")
 
 
 def refuse_links(folder: Path) -> None:

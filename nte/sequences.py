@@ -11,7 +11,7 @@ import numpy as np
 
 from nte.denoiser import Denoiser, Session, check_needs
 from nte.errors import NteError, needs_extra
-from nte.files import only_writer, remove
+from nte.files import only_writer, refuse_to_replace, remove
 from nte.frames.channels import CHANNELS
 from nte.frames.clip import Clip, Pixels, frame_path, read_frame, write_clip_info
 from nte.frames.exr import read_parts
@@ -137,9 +137,7 @@ def _refuse_to_overwrite(
     if twice:
         raise NteError(f"{twice[0].name}: two frames have this name: denoise them one after the other")
     pictures = [path.with_suffix(".png") for path in written] if png else []
-    for path in (*written, *pictures, out / "clip.json"):
-        if path.exists() and not force:
-            raise NteError(f"{path}: exists: choose another folder, or overwrite it with --force")
+    refuse_to_replace((*written, *pictures, out / "clip.json"), force)
 
 
 def _with_forward(

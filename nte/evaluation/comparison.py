@@ -19,7 +19,7 @@ from nte.evaluation.metrics import REGIONS
 from nte.evaluation.report import write_report
 from nte.evaluation.strips import write_strips
 from nte.evaluation.table import METRICS, aligned
-from nte.files import only_writer, refuse_links, write_whole
+from nte.files import is_folder_name, only_writer, refuse_links, write_whole
 from nte.interrupt import end_when_told, ending_workers
 
 FORMAT = "nte-comparison/1"
@@ -64,7 +64,7 @@ def read_comparison(path: Path) -> Comparison:
         for key, allowed in (("light", LIGHTS), ("region", REGIONS)):
             if (value := getattr(situation, key)) not in allowed:
                 raise NteError(f"{where}.{key} is '{value}': expected one of {', '.join(allowed)}")
-        if not _is_name(situation.name):
+        if not is_folder_name(situation.name):
             raise NteError(f"{where}.name is {situation.name!r:.60}: expected the name of a folder")
         for key in ("clips", "methods"):
             if not getattr(situation, key):
@@ -179,11 +179,6 @@ def summary_table(rows: list[Row]) -> str:
             columns.append([f"RMSE − {against}'s, 95 % interval", *(_margin_text(row["margin"]) for row in methods)])
         blocks.append(aligned(columns))
     return "\n\n".join(blocks)
-
-
-def _is_name(name: str) -> bool:
-    """Whether this may be the name of a folder: one word of a path, short, without control characters."""
-    return Path(name).name == name and name not in ("", "..") and len(name.encode()) <= 200 and name.isprintable()
 
 
 def _clips(situation: Situation, data: Path) -> list[Path]:

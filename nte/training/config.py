@@ -8,6 +8,7 @@ from omegaconf import MISSING
 
 from nte.config import load_config
 from nte.errors import NteError
+from nte.files import is_folder_name
 from nte.models.temporal import NetworkConfig
 from nte.training.losses import LossConfig
 
@@ -93,7 +94,7 @@ def _check(config: TrainConfig) -> None:
     _one_of("optimiser.name", config.optimiser.name, ("adam", "adamw"))
     _one_of("optimiser.schedule", config.optimiser.schedule, ("constant", "cosine"))
     _one_of("precision", config.precision, ("32-true", "bf16-mixed"))
-    if Path(config.name).name != config.name or config.name in ("", ".."):
+    if not is_folder_name(config.name):
         raise NteError(f"'name' is '{config.name}', expected the name of a folder in '{config.runs}'")
     for key in ("frames", "batch"):
         _within(f"data.{key}", getattr(config.data, key), 1)

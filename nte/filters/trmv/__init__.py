@@ -83,18 +83,17 @@ class Trmv:
         """
         if state is not None:
             check_size(frame, state.surface.depth)
-        tensors = frame.torch(self.device)
-        scene = prepare(tensors, state.surface if state else None)
-        effects = self._run(tensors, scene, state.tracks if state else {})
+        scene = prepare(frame, state.surface if state else None)
+        effects = self._run(scene, state.tracks if state else {})
         with record_function("trmv/compose"):
             image = effects[self.target].image if self.target != "color" else (
                 scene.frame["emission"] + scene.frame["direct"] * effects["visibility"].image
                 + effects["glossy"].image + effects["indirect"].image
             )  # fmt: skip
-        result = Result(image, self._extras(extras, effects, scene)).like(frame)
+        result = Result(image, self._extras(extras, effects, scene))
         return result, State(scene.surface, {name: effect.track for name, effect in effects.items()})
 
-    def _run(self, frame: Frame, scene: Scene, tracks: dict[str, Track]) -> dict[str, Effect]:
+    def _run(self, scene: Scene, tracks: dict[str, Track]) -> dict[str, Effect]:
         """The effects that the target is made of."""
         cones = self.cones if self.chosen["indirect"] == "cones" else None
         found = {}
@@ -102,7 +101,7 @@ class Trmv:
             track, vectors, trust = tracks.get(name), self.chosen[_VECTORS[name]], None
             if vectors == "gradient":
                 sample = "indirect_radiance" if name == "indirect" and cones else name
-                vectors, trust = "traditional", unchanged(frame, name, scene.frame[sample])
+                vectors, trust = "traditional", unchanged(scene.frame, name, scene.frame[sample])
             if name == "visibility":
                 found[name] = denoise_shadows(scene, track, vectors, self.settings, trust)
             elif name == "glossy":
