@@ -98,8 +98,9 @@ def test_a_file_has_one_writer_and_is_not_replaced_without_force(tmp_path: Path)
     with only_writer_of(path, force=True):
         pass
     path.with_name(alive).touch()
-    with pytest.raises(NteError, match=r"model\[1\]\.onnx: another process is writing it"), only_writer_of(
-        path, force=True
+    with (
+        pytest.raises(NteError, match=r"model\[1\]\.onnx: another process is writing it"),
+        only_writer_of(path, force=True),
     ):
         pass
     assert {found.name for found in path.parent.iterdir()} == {path.name, alive, other.name}
@@ -136,13 +137,15 @@ def read_only(tmp_path: Path) -> Iterator[Path]:
 def test_a_read_only_folder_is_one_line(read_only: Path) -> None:
     with pytest.raises(NteError, match=r"a.txt: cannot be written: Read-only file system"):
         write_whole(read_only / "a.txt", lambda path: path.write_text("x"))
-    with pytest.raises(NteError, match=r"new: cannot be made a folder: Read-only file system"), only_writer(
-        read_only / "new"
+    with (
+        pytest.raises(NteError, match=r"new: cannot be made a folder: Read-only file system"),
+        only_writer(read_only / "new"),
     ):
         pass
     remove(read_only / "nothing there")
-    with pytest.raises(NteError, match=r"a.txt: cannot be written: Read-only file system"), only_writer_of(
-        read_only / "a.txt", force=False
+    with (
+        pytest.raises(NteError, match=r"a.txt: cannot be written: Read-only file system"),
+        only_writer_of(read_only / "a.txt", force=False),
     ):
         pass
 

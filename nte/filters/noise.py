@@ -18,9 +18,7 @@ def gaussian_noise(height: int, width: int, frame: int, device: torch.device, ke
     return torch.cat([radius * angle.cos(), radius * angle.sin()], 1)
 
 
-def uniform_noise(
-    height: int, width: int, frame: int, dimensions: int, device: torch.device, key: int = 0
-) -> Tensor:
+def uniform_noise(height: int, width: int, frame: int, dimensions: int, device: torch.device, key: int = 0) -> Tensor:
     """(1, D, H, W): independent numbers, uniform in (0, 1), D for each pixel of the frame; `key` as above."""
     pixel = torch.arange(height * width, device=device).view(1, height, width)
     dimension = torch.arange(dimensions, device=device).view(dimensions, 1, 1)

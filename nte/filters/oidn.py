@@ -37,9 +37,7 @@ class Oidn:
     optional: tuple[str, ...] = GUIDES
     target = "color"
 
-    def __init__(
-        self, quality: str = "high", clean_aux: bool | str = "auto", prefilter: bool | str = "auto"
-    ) -> None:
+    def __init__(self, quality: str = "high", clean_aux: bool | str = "auto", prefilter: bool | str = "auto") -> None:
         if quality not in QUALITIES:
             raise NteError(f"oidn: quality is '{quality}': expected one of {', '.join(QUALITIES)}")
         switches = []

@@ -139,9 +139,7 @@ class Svgf:
 
     def _weights(self, frame: Frame, light: Tensor, surface: Surface, length: Tensor) -> Weights:
         """What a history of this length (N, 1, H, W) counts for beside the current frame."""
-        return Weights(
-            length, running_mean_weight(length, self.alpha), running_mean_weight(length, self.moments_alpha)
-        )
+        return Weights(length, running_mean_weight(length, self.alpha), running_mean_weight(length, self.moments_alpha))
 
     def _demodulated(self, frame: Frame) -> Tensor:
         """(c − emission) / max(albedo, floor), section 3; of light that carries no texture, the light itself.

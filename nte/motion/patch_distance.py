@@ -28,9 +28,7 @@ _PERFECT = 1e-3  # of the neighbours' distance: as small as the warp's own round
 _PLANE = 1 << 16  # pixels of a strip: its four working planes stay in a core's cache (1 MB)
 
 
-def best_shift(
-    current: Tensor, previous: Tensor, radius: int, norm: Norm, refine: bool
-) -> tuple[Tensor, Tensor]:
+def best_shift(current: Tensor, previous: Tensor, radius: int, norm: Norm, refine: bool) -> tuple[Tensor, Tensor]:
     """(shift (N, 2, H, W) in px, patch distance (N, 1, H, W)): current(x) looks most like previous(x + shift).
 
     Images (N, C, H, W), finite; distances are averaged over channels and over (2·radius + 1)² pixels, at the

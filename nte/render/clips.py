@@ -32,7 +32,11 @@ COMPONENT_REFERENCES = tuple(row.name for row in CHANNELS.values() if row.render
 
 
 def render_recipe(
-    recipe_path: Path | str, out: Path | str, jobs: int = 1, force: bool = False, progress: bool = True,
+    recipe_path: Path | str,
+    out: Path | str,
+    jobs: int = 1,
+    force: bool = False,
+    progress: bool = True,
     scheduler: str | None = None,
 ) -> list[Path]:
     """Render every clip of a recipe below `out`; returns the clips' folders.

@@ -43,7 +43,13 @@ class OwnStage(Stage):
     """The XML scene of an animation. Its film, sampler and integrator are nte's, as for every clip."""
 
     def __init__(
-        self, animation: Animation, width: int, height: int, max_depth: int, unshadowed: bool = False, start: float = 0,
+        self,
+        animation: Animation,
+        width: int,
+        height: int,
+        max_depth: int,
+        unshadowed: bool = False,
+        start: float = 0,
         keep: bool = False,
     ) -> None:
         """keep: the loaded scene for the next stage of the same XML, if this one is never set to a time."""

@@ -22,6 +22,7 @@ def unshadowed_integrator() -> Any:
     variants only.
     """
     mi, dr = load_mitsuba(), load_drjit()
+
     class Unshadowed(mi.SamplingIntegrator):  # type: ignore[misc, name-defined]
         def sample(self, scene: Any, sampler: Any, ray: Any, medium: Any = None, active: Any = True) -> Any:
             si = scene.ray_intersect(ray, mi.RayFlags.All, True, active)

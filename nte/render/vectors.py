@@ -70,8 +70,7 @@ def mirror_images(stage: Stage, bounce: Bounce, time: float) -> Mirrored:
     camera = torch.from_numpy(eye(stage, time - 1).copy())[None]
     rows = np.asarray(bounce.reflected)  # few pixels reflect: only those are computed
     h, s, n, bend = (
-        _line(values[rows])
-        for values in (target, point, normal, curvatures_at(stage, first, time - 1).reshape(-1, 9))
+        _line(values[rows]) for values in (target, point, normal, curvatures_at(stage, first, time - 1).reshape(-1, 9))
     )
     image = mirror_image(h, s, n, camera, bend.view(1, 3, 3, 1, -1))
     return Mirrored(first, _spread(rows, _to_rows(image)))

@@ -147,9 +147,7 @@ def compare(folder: Path, split: str, count: int, rows: list[str], pictures: Pat
         frames, sharps = ([clip.frame(i).torch() for i in range(length)] for clip in (blurred, sharp))
         references = [frame["reference"] for frame in frames]
         exposure = torch.from_numpy(estimate_exposure(references[0].numpy()))
-        near = [
-            near_moving((f["shutter_motion"].square().sum(1, keepdim=True) > MOVING_PX**2).float()) for f in frames
-        ]
+        near = [near_moving((f["shutter_motion"].square().sum(1, keepdim=True) > MOVING_PX**2).float()) for f in frames]
         # In the strip: the frame of which most moves, the second at least.
         number = 1 + int(np.argmax([float(mask.float().mean()) for mask in near[1:]]))
         shown = {"reference": references[number], "noisy": frames[number]["color"]}

@@ -30,9 +30,7 @@ def merged(
 @pytest.mark.parametrize(
     ("shifts", "least"), [([(0.0, 0.0)] * 6, 7.2), (PERIODS, 7.0), (PARTS, 6.0)], ids=["still", "periods", "parts"]
 )
-def test_six_frames_gain_nearly_what_six_frames_can(
-    kind: str, shifts: list[tuple[float, float]], least: float
-) -> None:
+def test_six_frames_gain_nearly_what_six_frames_can(kind: str, shifts: list[tuple[float, float]], least: float) -> None:
     """10·log₁₀ 6 = 7.8 dB; bilinear fetching, which mixes pixels, may gain more. Parts of a pixel cost some."""
     done, noisy, clean = merged(kind, shifts)
     assert psnr(done.image, clean, margin=32) - psnr(noisy, clean, margin=32) > least

@@ -1,6 +1,5 @@
 """Every filter, and every option of TRMV, on frames that Mitsuba rendered: nothing is missing, all is finite."""
 
-
 import numpy as np
 import pytest
 

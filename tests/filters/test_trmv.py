@@ -70,9 +70,7 @@ def errors(frames: list[Frame], **options: Any) -> dict[str, list[float]]:
     """RMSE over time of what the plane's noise is about: half shadowed, light of mean 1."""
     truths = {"visibility": 0.5, "glossy": 1.0, "indirect": frames[0]["albedo"]}
     outputs = run(frames, **options)
-    return {
-        name: [float(np.sqrt(np.mean((o[name] - truth) ** 2))) for o in outputs] for name, truth in truths.items()
-    }
+    return {name: [float(np.sqrt(np.mean((o[name] - truth) ** 2))) for o in outputs] for name, truth in truths.items()}
 
 
 # After n frames 1/√n of a single frame's error is left, until α = 1/10, and then √(α / (2 − α)).
@@ -182,9 +180,7 @@ def test_a_batch_is_its_sequences_side_by_side(options: dict[str, Any]) -> None:
         alone = [replace(f, channels={k: v[element : element + 1] for k, v in f.channels.items()}) for f in frames]
         for together, single in zip(both, run(alone, EVERYTHING, **options), strict=True):
             for name in single:
-                np.testing.assert_allclose(
-                    together[name][element], single[name][0], rtol=1e-4, atol=1e-5, err_msg=name
-                )
+                np.testing.assert_allclose(together[name][element], single[name][0], rtol=1e-4, atol=1e-5, err_msg=name)
 
 
 def test_the_same_frames_give_the_same_numbers_in_numpy_and_in_torch() -> None:

@@ -27,9 +27,7 @@ def ball_normals(size: tuple[int, int]) -> Pixels:
     return (normal / np.linalg.norm(normal, axis=0))[None].astype(np.float32)
 
 
-def plane(
-    index: int = 0, size: tuple[int, int] = (20, 28), seed: int = 0, batch: int = 1, **given: Any
-) -> Frame:
+def plane(index: int = 0, size: tuple[int, int] = (20, 28), seed: int = 0, batch: int = 1, **given: Any) -> Frame:
     """A plane at rest that faces the camera, with fresh noise in each frame; `given` replaces channels (N, C, H, W).
 
     Its light: half of the shadow rays blocked, indirect radiance exponential about 1, glossy light likewise.

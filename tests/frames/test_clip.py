@@ -172,8 +172,13 @@ GOOD = {"format": "nte-clip/1", "width": 16, "height": 12, "frames": 1}
         ({"format": "nte-clip/1", "width": 1, "height": 1, "frames": 10**308}, "'frames' is 1000"),
         ({"format": "nte-clip/1", "width": 1, "height": 1, "frames": 1, "exposure": 10**308}, "'exposure' is 1000"),
         (
-            {"format": "nte-clip/1", "width": 1, "height": 1, "frames": 1,
-             "cameras": [{"view": [[10**308] * 4] * 4, "projection": [[1] * 4] * 4}]},
+            {
+                "format": "nte-clip/1",
+                "width": 1,
+                "height": 1,
+                "frames": 1,
+                "cameras": [{"view": [[10**308] * 4] * 4, "projection": [[1] * 4] * 4}],
+            },
             r"'cameras\[0\].view' is no 4x4 matrix of finite",
         ),
         (b"", "not readable as JSON"),

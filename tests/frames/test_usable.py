@@ -133,6 +133,7 @@ def test_the_state_of_another_batch_does_not_stand_in_the_way() -> None:
 
 def test_every_sequence_of_a_batch_has_the_cap_that_it_has_alone() -> None:
     """One in other units, or with a fault, changes nothing for the other."""
+
     def both(*levels: float, spike: float = 0.0) -> Frame:
         return Frame({"color": np.concatenate([lit(level, spike * level)["color"] for level in levels])})
 

@@ -247,9 +247,13 @@ def test_clips_follow_each_other_and_pass_the_check(folder: Path, tmp_path: Path
         (MOVES.replace("translate: [0, 1.5, 0]", "scale: [1, 2, 1]"), "'round' is a sphere: expected the same scale"),
         (MOVES.replace("rotate: [0, 20, 0]", "scale: [1, 1, -1]"), "objects.floor.0..scale passes 0 on the way"),
         (
-            MOVES.replace("{frame: 8, rotate: [0, 20, 0]}", "".join(
-                f"{{frame: {frame}, scale: [{scale}, 1, 1]}}, " for frame, scale in ((4, 0.05), (8, 0.05), (12, 1))
-            )) + "interpolation: smooth\n",
+            MOVES.replace(
+                "{frame: 8, rotate: [0, 20, 0]}",
+                "".join(
+                    f"{{frame: {frame}, scale: [{scale}, 1, 1]}}, " for frame, scale in ((4, 0.05), (8, 0.05), (12, 1))
+                ),
+            )
+            + "interpolation: smooth\n",
             "objects.floor.1..scale passes 0 .*swing",
         ),
     ],

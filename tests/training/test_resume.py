@@ -44,9 +44,7 @@ def finish(path: Path, *overrides: str) -> None:
     assert process.returncode == 0, errors
 
 
-def test_killed_at_random_moments_and_again_while_resuming(
-    undisturbed: Path, tmp_path: Path, noisy_disc: Path
-) -> None:
+def test_killed_at_random_moments_and_again_while_resuming(undisturbed: Path, tmp_path: Path, noisy_disc: Path) -> None:
     path, run = config_file(tmp_path, noisy_disc), tmp_path / "runs" / "tiny"
     process = start(path, LONG)
     wait_for_step(process, 1)  # before the first checkpoint

@@ -87,9 +87,7 @@ class Cones:
             _by_strips(blend, current)
             return Blended(current, temporal.blended_variance(weight, variance), weight.used, deviation)
 
-    def _limit(
-        self, history: Tensor, around: Tensor, inner: slice, settings: Settings
-    ) -> tuple[Tensor, Tensor]:
+    def _limit(self, history: Tensor, around: Tensor, inner: slice, settings: Settings) -> tuple[Tensor, Tensor]:
         """Clamp the radiance in each cone, in place; (the light that history and clamped history make, (N, 3, h, W)).
 
         history: of a strip; around: the current frame there, in its rows `inner`, and as far as the clamp looks.
