@@ -1,5 +1,6 @@
 """Diffuse indirect light: six cones of incident radiance, filtered in space and time (section 4.3)."""
 
+import math
 from collections.abc import Callable
 from dataclasses import dataclass
 from functools import partial
@@ -88,19 +89,21 @@ class Cones:
             return Blended(current, temporal.blended_variance(weight, variance), weight.used, deviation)
 
     def _limit(self, history: Tensor, around: Tensor, inner: slice, settings: Settings) -> tuple[Tensor, Tensor]:
-        """Clamp the radiance in each cone, in place; (the light that history and clamped history make, (N, 3, h, W)).
+        """Clamp the light that the cones make, in place; (that of history and of clamped history, (N, 3, h, W)).
 
         history: of a strip; around: the current frame there, in its rows `inner`, and as far as the clamp looks.
+        All cones of a pixel are scaled alike, or raised alike. Not each by itself: cones of one number look elsewhere
+        at another normal, and bright samples are so rare in a single one that most frames have none around, so that
+        light from few directions would be lost on whatever is not flat.
         """
-        means = hemisphere.mean_radiance(history), hemisphere.mean_radiance(around)
-        light = torch.zeros_like(means[0])
-        kept = torch.zeros_like(light)
-        for k, share in enumerate(self.weights):
-            before, now = (hemisphere.cone_radiance(c, k, m) for c, m in zip((history, around), means, strict=True))
-            clamped = temporal.limit(before, now, REACH, settings, inner)
-            history[:, 4 * k : 4 * k + 3] = clamped * history[:, 4 * k + 3 : 4 * k + 4]
-            light.add_(before, alpha=share)
-            kept.add_(clamped, alpha=share)
+        light = hemisphere.irradiance(history, self.weights)
+        if settings.clamp == float("inf"):
+            return light, light
+        kept = temporal.limit(light, hemisphere.irradiance(around, self.weights), REACH, settings, inner)
+        scale = torch.where(kept < light, kept / light, 1.0)
+        more = (kept - light).clamp_(min=0).mul_(math.pi / sum(self.weights))
+        radiance, weight = hemisphere.split(history)
+        radiance.mul_(scale[:, None]).addcmul_(more[:, None], weight)
         return light, kept
 
     def shade(self, cones: Tensor, reflectance: Tensor) -> Tensor:
