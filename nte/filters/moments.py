@@ -73,6 +73,23 @@ def estimated_variance(moments: Tensor, length: Tensor, young: float, edge: Edge
     return torch.where(fresh, spatial * (young / length), variance)
 
 
+def told_by_others(
+    light: Tensor, moments: Tensor, known: Tensor, edge: Edge, guides: Sequence[Tensor]
+) -> tuple[Tensor, Tensor]:
+    """Light (N, C, H, W) and moments (N, 2, H, W), where not `known` those of the same surface in 7×7 pixels.
+
+    known (N, 1, H, W), bool: whether the frame or its history tells anything. Unknown pixels would count as black, and
+    darken what is around them. Where nothing around is known either, 0. edge and guides as in `estimated_variance`.
+    """
+    if known.all():
+        return light, moments
+    both, share = torch.cat([light, moments], 1), known.to(light.dtype)
+    around = atrous_step(torch.cat([both * share, share], 1), 1, edge, guides, kernel=WINDOW).values
+    found = around[:, :-1] / around[:, -1:].where(around[:, -1:] > 0, 1.0)
+    both = torch.where(known, both, found)
+    return both[:, :-2], both[:, -2:]
+
+
 def _cut(image: Tensor, tiles: Tensor) -> Tensor:
     """The chosen tiles (T, C, 38, 38) of an image, with what surrounds them."""
     down, across = (n * TILE - size for n, size in zip(tiles.shape[1:], image.shape[-2:], strict=True))

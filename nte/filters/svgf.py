@@ -17,7 +17,14 @@ from nte.denoiser import Result, check_size, sanitised
 from nte.errors import NteError
 from nte.filters.atrous import Edge, atrous_step
 from nte.filters.composition import check_target
-from nte.filters.moments import brightness, estimated_variance, lengthen, running_mean_weight, with_square
+from nte.filters.moments import (
+    brightness,
+    estimated_variance,
+    lengthen,
+    running_mean_weight,
+    told_by_others,
+    with_square,
+)
 from nte.filters.reproject import History, Surface, previous_depth, reproject, surface_of
 from nte.frames.frame import Frame
 from nte.frames.usable import mask_of
@@ -109,6 +116,7 @@ class Svgf:
             light = torch.lerp(past.values[:, :-3], light, alpha)
         with record_function("svgf: variance"):
             guides, edge = geometry_guides(surface, self.sigma_z), edge_stopping(self.sigma_n)
+            light, moments = told_by_others(light, moments, length > 1 - usable, edge, guides)
             variance = estimated_variance(moments, length, self.young, edge, guides)
         with record_function("svgf: à-trous"):
             history = light
