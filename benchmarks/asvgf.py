@@ -1,7 +1,7 @@
 """What A-SVGF makes of each light component: with what gradient, and by what rule it shortens history.
 
     nte render datasets/asvgf.yaml --out data/asvgf
-    python tests/benchmarks/asvgf.py data/asvgf
+    python -m benchmarks.asvgf data/asvgf
 
 RMSE of x/(1 + x) / mean history length in frames, over the frames from the fourth on.
 """
@@ -16,7 +16,6 @@ import numpy as np
 from torch import Tensor
 
 from nte.denoiser import Session
-from nte.evaluation.table import aligned
 from nte.filters import asvgf
 from nte.filters.asvgf import Asvgf
 from nte.filters.composition import COMPONENTS
@@ -24,6 +23,7 @@ from nte.filters.moments import shorten
 from nte.filters.svgf import Svgf
 from nte.frames.clip import Clip, find_clips
 from nte.frames.frame import Frame
+from nte.text_table import aligned
 
 FIRST = 3  # frames that only build up history
 

@@ -1,6 +1,6 @@
 """What merging a burst gains, on synthetic photographs of known shifts and noise.
 
-    python tests/benchmarks/burst.py [--size 960x640] [--frames 6] [--pictures FOLDER]
+    python -m benchmarks.burst [--size 960x640] [--frames 6] [--pictures FOLDER]
 
 docs/merge_burst.md says how each number is computed.
 """
@@ -18,7 +18,7 @@ from torch import Tensor
 from nte.burst.merge import merge_burst
 from nte.burst.noise import NoiseModel, fit_noise
 from nte.burst.pictures import write_picture
-from nte.evaluation.table import aligned
+from nte.text_table import aligned
 from tests.burst.scenes import mosaic_of, psnr, scene, sense
 
 LEVELS = {"weak": NoiseModel(0.0002, 1e-5), "middle": NoiseModel(0.002, 1e-4), "strong": NoiseModel(0.01, 1e-3)}

@@ -1,6 +1,6 @@
 """How often `nte check` is right about vectors: true positives and false alarms on rendered clips.
 
-python tests/benchmarks/check.py CLIP_OR_FOLDER…
+python -m benchmarks.check CLIP_OR_FOLDER…
 
 Every clip is checked as it is, and with its vectors in other people's conventions. A clip counts as telling if it
 was found plausible as it is: it has enough motion and texture. Prints a table: of the telling clips, how many are

@@ -1,4 +1,4 @@
-"""What light components cost beside a bare mi.render: python tests/benchmarks/components.py [SIZE …]
+"""What light components cost beside a bare mi.render: python -m benchmarks.components [SIZE …]
 
 Everything in one run, kernels warm. Of the short tasks the best of several repetitions counts, as other work on the
 machine only adds time; of the long ones the median of ratios to the task that ran just before.

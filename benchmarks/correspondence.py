@@ -1,6 +1,6 @@
 """Which motion, found in noisy images alone, brings the clean previous frame closest to the clean current one?
 
-    python tests/benchmarks/correspondence.py [--recipe FILE] [--data FOLDER] [--fast] [--times] [--json FILE]
+    python -m benchmarks.correspondence [--recipe FILE] [--data FOLDER] [--fast] [--times] [--json FILE]
 
 Renders the recipe's clips where they are missing, chooses the settings of every method on the train clips, and prints
 tables of the test clips: docs/correspondence.md holds them, and says how the numbers are computed. Returns 1 if
@@ -16,15 +16,15 @@ from typing import Any
 
 import numpy as np
 import torch
-from correspondence_cases import Case, Pair, accumulation, constructed, from_clip, long_clips, trust
 
-from nte.evaluation.flow_costs import cost_table, costs, pass_table, passes
-from nte.evaluation.flows import FLOWS, Find, candidates, ours, zero
-from nte.evaluation.table import aligned
+from benchmarks.correspondence_cases import Case, Pair, accumulation, constructed, from_clip, long_clips, trust
+from benchmarks.flow_costs import cost_table, costs, pass_table, passes
+from benchmarks.flows import FLOWS, Find, candidates, ours, zero
 from nte.frames.clip import find_clips
 from nte.motion.correspondence import FewerLevelsWarning
 from nte.motion.search import SEARCHES
 from nte.render.clips import render_recipe
+from nte.text_table import aligned
 
 MARGIN = 1.1  # nowhere more than this times the best other method's error
 PANS = ((24, 9), (48, 18), (80, 30))

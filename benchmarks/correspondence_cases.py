@@ -1,4 +1,4 @@
-"""What tests/benchmarks/correspondence.py compares motion on: pairs of rendered frames, and images of known motion."""
+"""What benchmarks/correspondence.py compares motion on: pairs of rendered frames, and images of known motion."""
 
 from itertools import pairwise
 from pathlib import Path

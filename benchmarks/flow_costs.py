@@ -12,12 +12,12 @@ import cv2
 import torch
 from torch import Tensor
 
-from nte.evaluation.flows import FLOWS, Find, ours
-from nte.evaluation.table import aligned
+from benchmarks.flows import FLOWS, Find, ours
 from nte.motion.agreement import agree
 from nte.motion.patch_distance import best_shift
 from nte.motion.pyramid import SCALE
 from nte.motion.search import SEARCHES
+from nte.text_table import aligned
 
 TIMED, MEASURED = (720, 1280), (1024, 1024)  # (height, width) for time, and for memory
 COSTED: dict[str, Find] = {

@@ -1,6 +1,6 @@
 """Is the error of glossy light one of place, or grain? What a mean over 7×7 pixels keeps of it, and what it removes.
 
-    python tests/benchmarks/grain.py CLIP …
+    python -m benchmarks.grain CLIP …
 
 For clips of datasets/compare_trmv.yaml; docs/comparison_trmv.md has the table.
 """
@@ -13,12 +13,12 @@ from torch import Tensor
 
 from nte.denoiser import Session
 from nte.evaluation.metrics import regions_of
-from nte.evaluation.table import aligned
-from nte.evaluation.truth import displayed, read_truth
+from nte.evaluation.targets import displayed, read_truth
 from nte.frames.clip import Clip
 from nte.frames.scalars import sequence_scalars
 from nte.motion.box import box_mean
 from nte.registry import load_denoiser
+from nte.text_table import aligned
 
 PLAIN = "clamp=inf,cleanup=false"
 VECTORS = {

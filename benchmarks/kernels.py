@@ -1,6 +1,6 @@
 """Forward and backward time of kernel application, by a loop of slices under autograd and by its own backward pass.
 
-python tests/benchmarks/kernels.py [--batch 4] [--size 96]
+python -m benchmarks.kernels [--batch 4] [--size 96]
 """
 
 import argparse

@@ -1,9 +1,9 @@
 """Motion blur of one sample per pixel against brute force, and against what post-processes make of sharp frames.
 
     nte render datasets/motion_blur_60.yaml --out data/motion_blur_60
-    python tests/benchmarks/motion_blur.py data/motion_blur_60 [--frames 60] [--split test] [--rows NAME …]
+    python -m benchmarks.motion_blur data/motion_blur_60 [--frames 60] [--split test] [--rows NAME …]
         [--json FILE] [--pictures FOLDER]
-    python tests/benchmarks/motion_blur.py --times        time against the share of the image that moves
+    python -m benchmarks.motion_blur --times        time against the share of the image that moves
 
 Returns 1 if the filter's FLIP is not below both post-processes' in `crossing`. docs/motion_blur.md says how each number
 is computed.
@@ -25,8 +25,7 @@ from torch import Tensor
 from nte.color import display
 from nte.denoiser import Session
 from nte.evaluation.metrics import flip_map
-from nte.evaluation.strips import most_different
-from nte.evaluation.table import aligned
+from nte.evaluation.report.strips import most_different
 from nte.filters.motion_blur import PAPER, MotionBlur
 from nte.filters.motion_blur.samples import MOVING_PX, near_moving
 from nte.frames.clip import Clip
@@ -34,6 +33,7 @@ from nte.frames.frame import Frame
 from nte.frames.scalars import estimate_exposure
 from nte.frames.show import RGB, Picture, grid, quantise, write_png
 from nte.registry import load_denoiser
+from nte.text_table import aligned
 
 PROMISED = "crossing"
 OURS, POST = "motion_blur", ("post_blur", "mcguire")

@@ -1,6 +1,6 @@
 """Which of the paper's steps costs what: from our defaults to its constants, one after the other, in closed form.
 
-    python -m tests.benchmarks.motion_blur_paper [--scales 1 2]
+    python -m benchmarks.motion_blur_paper [--scales 1 2]
 
 Two scenes of which the blurred frame is known: a striped bar that crosses black, and stripes that fill the image and
 slide, as under a camera. Each is drawn at several sizes, everything in it that much larger: the paper's windows and
@@ -15,8 +15,8 @@ import torch
 from nte.color import display
 from nte.denoiser import Session
 from nte.evaluation.metrics import flip_map
-from nte.evaluation.table import aligned
 from nte.registry import load_denoiser
+from nte.text_table import aligned
 from tests.filters.bars import Bar
 
 SCENES = {

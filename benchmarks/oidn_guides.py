@@ -1,4 +1,4 @@
-"""What OIDN makes of guides that are clean, noisy or aliased: python tests/benchmarks/oidn_guides.py CLIP…
+"""What OIDN makes of guides that are clean, noisy or aliased: python -m benchmarks.oidn_guides CLIP…
 
 PSNR after the display transform, mean over frames and clips. The clips' own guides must be clean (those of
 datasets/asvgf.yaml are). `noisy` has Gaussian noise of σ 0.3 in every component; in `aliased` each pixel's guides are
@@ -13,11 +13,11 @@ import numpy as np
 import torch
 
 from nte.color import display
-from nte.evaluation.table import aligned
 from nte.frames.clip import Clip, find_clips
 from nte.frames.frame import Frame
 from nte.frames.scalars import sequence_scalars
 from nte.registry import load_denoiser
+from nte.text_table import aligned
 
 SPECS = (
     "oidn:clean_aux=true", "oidn:clean_aux=false", "oidn:prefilter=true,clean_aux=false", "oidn:prefilter=true", "oidn",

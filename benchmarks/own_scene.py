@@ -1,4 +1,4 @@
-"""What moving one part of a large scene of one's own costs: python tests/benchmarks/own_scene.py [PARTS] [LEVELS]
+"""What moving one part of a large scene of one's own costs: python -m benchmarks.own_scene [PARTS] [LEVELS]
 
 PARTS meshes (400), each a ball of 20·4^LEVELS triangles (3), at 160×120. The frames of a scene in which one part moves
 are compared with those of the same scene at rest, both at 1 spp, in turn, in one run; the best of several counts.

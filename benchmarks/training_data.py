@@ -1,6 +1,6 @@
 """Memory and time of training batches from decoded clips in memory and in files, on clips without a renderer.
 
-python tests/benchmarks/training_data.py [--size 1280x720] [--clips 2] [--frames 6] [--crop 256] [--batch 4]
+python -m benchmarks.training_data [--size 1280x720] [--clips 2] [--frames 6] [--crop 256] [--batch 4]
 """
 
 import argparse

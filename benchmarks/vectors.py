@@ -1,6 +1,6 @@
 """How much closer reliable motion vectors bring clean history to the current frame than traditional ones.
 
-    python tests/benchmarks/vectors.py [SITUATION …] [--clips 8] [--size 128] [--json FILE] [--pictures FOLDER]
+    python -m benchmarks.vectors [SITUATION …] [--clips 8] [--size 128] [--json FILE] [--pictures FOLDER]
 
 Returns 1 if in a situation that the project promises the margin's interval includes zero. docs/vectors.md says how
 each number is computed.
@@ -19,11 +19,10 @@ import numpy as np
 import torch
 from torch import Tensor
 
+from benchmarks.fetched import Fetched, draw, fetch, fill, is_planar
 from nte.color import demodulate
 from nte.evaluation.bootstrap import bootstrap_interval
 from nte.evaluation.metrics import SHADOWED
-from nte.evaluation.table import aligned
-from nte.evaluation.vectors import Fetched, draw, fetch, fill, is_planar
 from nte.filters.bilateral import ROUGHNESS
 from nte.frames.scalars import estimate_exposure
 from nte.frames.show import Picture, grid, heat, quantise, write_png
@@ -34,6 +33,7 @@ from nte.render.integrator import guides
 from nte.render.recipe import ClipPlan, Group, make_scene
 from nte.render.seeds import derive_seed
 from nte.render.stage import Stage
+from nte.text_table import aligned
 
 TIME = 4  # frame whose history is fetched from the frame before
 FOOTPRINT = 4  # px: a sample without a vector takes the mean of those around

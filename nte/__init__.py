@@ -8,8 +8,8 @@ from nte.denoiser import Denoiser, Noisy, Result, Session, denoise
 from nte.errors import NteError
 from nte.frames import CHANNELS, Clip, Frame
 from nte.registry import load_denoiser
+from nte.version import __version__
 
-__version__ = "0.1.0"
 __all__ = [
     "CHANNELS",
     "Clip",
@@ -19,6 +19,7 @@ __all__ = [
     "NteError",
     "Result",
     "Session",
+    "__version__",
     "denoise",
     "load_denoiser",
 ]

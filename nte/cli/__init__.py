@@ -14,6 +14,7 @@ from typing import Any, NoReturn
 
 from nte.errors import NteError, needs_extra
 from nte.interrupt import terminable
+from nte.version import __version__
 
 _EXTRA_OF = {
     "render": "render", "train": "train", "export": "train", "evaluate": "eval", "compare": "eval", "check": "eval",
@@ -66,11 +67,10 @@ class _Parser(argparse.ArgumentParser):
 
 
 def _parser() -> argparse.ArgumentParser:
-    from nte import __version__
-    from nte.cli_bench import add_bench
-    from nte.cli_burst import add_burst
-    from nte.cli_estimate import add_estimate
-    from nte.cli_import import add_import
+    from nte.cli.bench import add_bench
+    from nte.cli.estimate import add_estimate
+    from nte.cli.import_clip import add_import
+    from nte.cli.merge_burst import add_burst
 
     parser = _Parser(prog="nte", description="Neural temporal denoising of path-traced sequences")
     parser.add_argument("--version", action="version", version=f"nte {__version__}")
@@ -170,9 +170,9 @@ def _train(options: argparse.Namespace) -> None:
 
 
 def _evaluate(options: argparse.Namespace) -> None:
-    from nte.evaluation.compare import evaluate
-    from nte.evaluation.report import write_report
-    from nte.evaluation.table import format_table
+    from nte.evaluation.evaluate import evaluate
+    from nte.evaluation.metric_table import format_table
+    from nte.evaluation.report.page import write_report
     from nte.progress import Progress
 
     with Progress("evaluate", 0, "frame") as progress:
@@ -186,7 +186,7 @@ def _evaluate(options: argparse.Namespace) -> None:
 
 
 def _compare(options: argparse.Namespace) -> None:
-    from nte.evaluation.comparison import read_comparison, run_comparison, summary_table
+    from nte.evaluation.paper_comparison import read_comparison, run_comparison, summary_table
     from nte.progress import Progress
     from nte.render.clips import render_recipe
 

@@ -36,9 +36,9 @@ def _size(text: str) -> tuple[int, int]:
 
 
 def _bench(options: argparse.Namespace) -> None:
-    from nte.evaluation.bench import FORMAT, bench
-    from nte.evaluation.table import aligned
+    from nte.evaluation.benchmark.bench import FORMAT, bench
     from nte.files import only_writer_of, write_whole
+    from nte.text_table import aligned
 
     if options.json and not options.json.parent.is_dir():
         raise NteError(f"{options.json}: its folder does not exist")

@@ -54,7 +54,7 @@ def _noisebase(options: argparse.Namespace) -> int:
 
 
 def _tell(imported: "Imported") -> int:
-    from nte.importing.check import tell
+    from nte.importing.outcome import tell
 
     for note in imported.notes:
         print(f"  {note}")

@@ -9,9 +9,9 @@ from typing import Any
 
 from nte.denoiser import Denoiser, check_needs
 from nte.errors import NteError
-from nte.evaluation.run import ClipRun, Shown, mean
-from nte.evaluation.table import METRICS
-from nte.evaluation.truth import reference_of
+from nte.evaluation.metric_table import METRICS
+from nte.evaluation.score_clip import ClipRun, Shown, mean
+from nte.evaluation.targets import reference_of
 from nte.files import only_writer, write_whole
 from nte.frames.clip import Clip, find_clips
 from nte.registry import load_denoiser

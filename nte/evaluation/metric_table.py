@@ -1,8 +1,10 @@
-"""The table of metrics: what each number is called, which way is better, how it is computed; and the text table."""
+"""The table of metrics: what each number is called, which way is better, how it is computed; and means as text."""
 
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from typing import Any, Literal
+
+from nte.text_table import aligned
 
 
 @dataclass(frozen=True)
@@ -78,13 +80,3 @@ def settings_of(rows: Iterable[Mapping[str, Any]]) -> dict[str, list[str]]:
         ]
         for spec, found in clips.items()
     }
-
-
-def aligned(columns: list[list[str]]) -> str:
-    """Columns of text side by side: the first to the left, numbers and all others to the right."""
-    widths = [max(map(len, column)) for column in columns]
-    lines = []
-    for row in zip(*columns, strict=True):
-        first, *rest = (cell.rjust(width) for cell, width in zip(row, widths, strict=True))
-        lines.append("  ".join([row[0].ljust(len(first)), *rest]).rstrip())
-    return "\n".join(lines)

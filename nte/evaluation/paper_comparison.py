@@ -14,13 +14,14 @@ from omegaconf import MISSING
 from nte.config import load_config
 from nte.errors import NteError
 from nte.evaluation.bootstrap import bootstrap_interval
-from nte.evaluation.compare import Evaluation, evaluate, means_of, prepare_folder
+from nte.evaluation.evaluate import Evaluation, evaluate, means_of, prepare_folder
+from nte.evaluation.metric_table import METRICS
 from nte.evaluation.metrics import REGIONS
-from nte.evaluation.report import write_report
-from nte.evaluation.strips import write_strips
-from nte.evaluation.table import METRICS, aligned
+from nte.evaluation.report.page import write_report
+from nte.evaluation.report.strips import write_strips
 from nte.files import is_folder_name, only_writer, refuse_links, write_whole
 from nte.interrupt import end_when_told, ending_workers
+from nte.text_table import aligned
 
 FORMAT = "nte-comparison/1"
 LIGHTS = ("color", "visibility", "glossy", "indirect")

@@ -11,9 +11,9 @@ import torch
 from torch import Tensor
 
 from nte.denoiser import Denoiser, Result, Session, State
+from nte.evaluation.metric_table import METRICS
 from nte.evaluation.metrics import Scores, region_mean, regions_of, score, temporal_l1, temporal_l1_floor
-from nte.evaluation.table import METRICS
-from nte.evaluation.truth import Truth, displayed, picture, read_truth, reference_of
+from nte.evaluation.targets import Truth, displayed, picture, read_truth, reference_of
 from nte.frames.clip import Clip
 from nte.frames.frame import Frame
 from nte.frames.reference import BadReferenceWarning, describe_bad_pixels

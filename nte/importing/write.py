@@ -5,13 +5,13 @@ from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
-import nte
 from nte.checking import guides_are_clean
 from nte.errors import NteError
 from nte.files import make_folder, refuse_other_writers, sweep, temporary_name
 from nte.frames.clip import Clip, Pixels, frame_path, write_clip_info, write_frame
 from nte.importing.cameras import Camera
 from nte.progress import Progress
+from nte.version import __version__
 
 
 def refuse_existing(out: Path, force: bool) -> None:
@@ -64,7 +64,7 @@ def write_imported(
             progress.say(out.name)
         if cameras:
             info["cameras"] = [{key: matrix.tolist() for key, matrix in c._asdict().items()} for c in cameras]
-        origin = {"generator": generator, "imported_by": f"nte {nte.__version__}"}
+        origin = {"generator": generator, "imported_by": f"nte {__version__}"}
         about = {"width": width, "height": height, "frames": count, "origin": origin, **info}
         write_clip_info(working, about)
         write_clip_info(working, {**about, "clean_guides": guides_are_clean(Clip(working))})

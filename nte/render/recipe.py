@@ -8,7 +8,6 @@ from typing import Any
 
 from omegaconf import MISSING
 
-import nte
 from nte.config import load_config, to_yaml
 from nte.errors import NteError
 from nte.render.animation import read_animation
@@ -19,6 +18,7 @@ from nte.render.scenes import FAMILIES
 from nte.render.seeds import derive_generator
 from nte.render.shutter import SUBFRAMES
 from nte.render.stage import Stage
+from nte.version import __version__
 
 SPLITS = ("train", "test")
 START = "start"  # the one parameter of somebody's own scene: the animation's frame to begin with
@@ -120,7 +120,7 @@ def recipe_text(recipe: Recipe, folder: Path = Path()) -> str:
     folder: of the recipe's file. Of somebody's own scene there is the digest of its XML and its keyframes; meshes and
     textures are not looked into.
     """
-    lines = [f"# Rendered by nte {nte.__version__} with these settings."]
+    lines = [f"# Rendered by nte {__version__} with these settings."]
     for scene in sorted({group.scene for split in SPLITS for group in getattr(recipe, split) if is_own(group)}):
         animation = read_animation(folder / scene)
         content = (folder / scene).read_bytes() + Path(animation.xml).read_bytes()

@@ -10,13 +10,13 @@ import numpy as np
 import onnx
 import torch
 
-from nte import __version__
 from nte.errors import NteError
 from nte.files import make_folder, write_whole
 from nte.frames.frame import Frame
 from nte.models.temporal import TemporalDenoiser
 from nte.runtime.description import FORMAT, METADATA_KEY, STATE, UNSEALED, seal
 from nte.runtime.session import OnnxDenoiser
+from nte.version import __version__
 
 IMAGES = {
     "color": 3, "albedo": 3, "normal": 3, "depth": 1, "motion": 2, "previous_forward_motion": 2,

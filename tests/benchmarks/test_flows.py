@@ -7,8 +7,8 @@ from nte.motion.warp import warp
 
 pytest.importorskip("cv2")
 pytest.importorskip("gefolki")
-from nte.evaluation.flow_costs import cost_table, pass_table
-from nte.evaluation.flows import FLOWS, Find, candidates, ours
+from benchmarks.flow_costs import cost_table, pass_table
+from benchmarks.flows import FLOWS, Find, candidates, ours
 
 
 @pytest.mark.parametrize("find", [*FLOWS.values(), ours(), ours("noisy")], ids=[*FLOWS, "auto", "noisy"])

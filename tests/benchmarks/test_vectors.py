@@ -9,8 +9,8 @@ import numpy as np
 import pytest
 import torch
 
+from benchmarks.fetched import draw, fetch, fill, is_planar
 from nte.evaluation.bootstrap import bootstrap_interval
-from nte.evaluation.vectors import draw, fetch, fill, is_planar
 
 ROOT = Path(__file__).parents[2]
 PROMISED = {("fence", "shadowed"), ("temple", "glossy"), ("pica", "disoccluded")}
@@ -109,7 +109,7 @@ def test_the_command_measures_every_kind_of_situation(tmp_path: Path) -> None:
     So whether an interval includes zero is left to the command's own size; here it has to judge by what it prints, and
     where the gain is several times what it loses elsewhere, shadows and the plane part of the floor, it has to be seen.
     """
-    command = [sys.executable, "tests/benchmarks/vectors.py", "fence", "temple", "pica", "--clips", "2"]
+    command = [sys.executable, "-m", "benchmarks.vectors", "fence", "temple", "pica", "--clips", "2"]
     small = ["--size", "48", "--spp", "64", "--samples", "8"]
     files = ["--json", str(tmp_path / "v.json"), "--pictures", str(tmp_path / "pictures")]
     done = subprocess.run([*command, *small, *files], cwd=ROOT, capture_output=True, text=True, check=False)
@@ -132,7 +132,7 @@ def test_the_command_measures_every_kind_of_situation(tmp_path: Path) -> None:
 
 
 def test_a_situation_that_is_not_there_is_named() -> None:
-    command = [sys.executable, "tests/benchmarks/vectors.py", "fences"]
+    command = [sys.executable, "-m", "benchmarks.vectors", "fences"]
     done = subprocess.run(command, cwd=ROOT, capture_output=True, text=True, check=False)
     assert done.returncode == 2
     assert "no situation 'fences': expected one of fence, apples" in done.stderr

@@ -4,11 +4,11 @@ from pathlib import Path
 
 import pytest
 
+from benchmarks.check import WRONG, Changed, judge
 from nte.checking import check_clip
 from nte.frames.clip import Clip
 from nte.render.clips import render_clip
 from nte.render.recipe import ClipPlan, Group
-from tests.benchmarks.check import WRONG, Changed, judge
 
 
 @pytest.fixture(scope="module")

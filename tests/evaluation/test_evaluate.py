@@ -11,10 +11,9 @@ import torch
 
 from nte import Clip, Frame, NteError, Result
 from nte.denoiser import Denoiser, Noisy, State
-from nte.evaluation import compare
-from nte.evaluation.compare import Evaluation, clip_labels, evaluate, means_of
+from nte.evaluation.evaluate import Evaluation, clip_labels, evaluate, means_of
 from nte.evaluation.metrics import score
-from nte.evaluation.run import mean
+from nte.evaluation.score_clip import mean
 from nte.frames.clip import find_clips
 from nte.frames.reference import BadReferenceWarning
 from nte.frames.show import display
@@ -42,7 +41,7 @@ def use(monkeypatch: pytest.MonkeyPatch):
     """Give denoisers names that `evaluate` knows."""
 
     def install(**denoisers: Denoiser) -> list[str]:
-        monkeypatch.setattr(compare, "load_denoiser", lambda spec, device="cpu": denoisers[spec])
+        monkeypatch.setattr("nte.evaluation.evaluate.load_denoiser", lambda spec, device="cpu": denoisers[spec])
         return list(denoisers)
 
     return install
@@ -191,7 +190,7 @@ def test_a_denoiser_sees_only_what_it_asks_for(clip: Path, tmp_path: Path, use) 
 
 def test_time_is_the_median_without_the_first_step(clip: Path, tmp_path: Path, use, monkeypatch) -> None:
     ticks = iter([0, 5, 10, 10.001, 20, 20.003, 30, 30.002])
-    monkeypatch.setattr("nte.evaluation.run.time.perf_counter", lambda: next(ticks))
+    monkeypatch.setattr("nte.evaluation.score_clip.time.perf_counter", lambda: next(ticks))
     row = rows_of(evaluate([clip], use(one=Noisy()), tmp_path / "out"), region="all")[0]
     assert row["ms_per_frame"] == pytest.approx(2)
 

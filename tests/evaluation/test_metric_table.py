@@ -1,6 +1,6 @@
 """The text table: aligned, with the best of each column marked."""
 
-from nte.evaluation.table import METRICS, best_of, format_table
+from nte.evaluation.metric_table import METRICS, best_of, format_table
 
 
 def means(**psnr: float | None) -> dict[str, dict[str, float | None]]:

@@ -10,10 +10,10 @@ from hypothesis import strategies as st
 from PIL import Image
 
 from nte import NteError
-from nte.evaluation.compare import evaluate
-from nte.evaluation.comparison import read_comparison, run_comparison, summary_table
-from nte.evaluation.run import Shown
-from nte.evaluation.strips import most_different, strip
+from nte.evaluation.evaluate import evaluate
+from nte.evaluation.paper_comparison import read_comparison, run_comparison, summary_table
+from nte.evaluation.report.strips import most_different, strip
+from nte.evaluation.score_clip import Shown
 from nte.files import only_writer
 from tests.evaluation.conftest import noisy_frames
 from tests.synthetic import write_clip

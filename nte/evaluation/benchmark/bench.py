@@ -19,7 +19,7 @@ import numpy as np
 
 from nte.denoiser import Denoiser, State, check_needs
 from nte.errors import NteError
-from nte.evaluation.bench_frames import Source, source_of
+from nte.evaluation.benchmark.frames import Source, source_of
 from nte.frames.clip import Clip
 from nte.frames.reference import usable_pixels
 from nte.frames.scalars import sequence_scalars

@@ -8,14 +8,14 @@ from typing import Any
 import jinja2
 import numpy as np
 
-import nte
-from nte.evaluation.compare import Evaluation, means_of
+from nte.evaluation.evaluate import Evaluation, means_of
+from nte.evaluation.metric_table import METRICS, Metric, best_of, settings_of
 from nte.evaluation.metrics import GLOSSY, MOVING_PX, REGIONS, SHADOWED
-from nte.evaluation.run import Shown
-from nte.evaluation.table import METRICS, Metric, best_of, settings_of
-from nte.evaluation.truth import BRIGHTENED
+from nte.evaluation.score_clip import Shown
+from nte.evaluation.targets import BRIGHTENED
 from nte.files import write_whole
 from nte.frames.show import heat, png_bytes, quantise
+from nte.version import __version__
 
 REGION_METRICS = tuple(metric for metric in METRICS if metric.name not in ("mse", "ms_per_frame"))
 PLOTTED = tuple(metric for metric in METRICS if metric.name in ("psnr", "ssim", "flip", "l1", "temporal_l1"))
@@ -45,8 +45,8 @@ def render_report(evaluation: Evaluation, methods: Mapping[str, str] | None = No
     environment.policies["json.dumps_kwargs"] = {"sort_keys": False, "ensure_ascii": False}
     whole = [row for row in metrics["rows"] if row["region"] == "all"]
     frames = {row["clip"]: row["frames"] for row in whole}
-    return environment.get_template("report.html.jinja").render(
-        version=nte.__version__,
+    return environment.get_template("page.html.jinja").render(
+        version=__version__,
         clips=list(frames),
         frames=sum(frames.values()),
         first=min(row["scored_from"] for row in whole),

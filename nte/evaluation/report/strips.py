@@ -4,8 +4,8 @@ from pathlib import Path
 
 import numpy as np
 
-from nte.evaluation.run import Shown
-from nte.evaluation.truth import BRIGHTENED
+from nte.evaluation.score_clip import Shown
+from nte.evaluation.targets import BRIGHTENED
 from nte.files import make_folder
 from nte.frames.show import RGB, Picture, grid, write_png
 
