@@ -16,7 +16,7 @@ from typing import Any
 
 import numpy as np
 
-from nte.checking import CheckReport, check_clip
+from nte.checking import CheckReport, check
 from nte.frames.clip import Clip, Pixels, find_clips
 from nte.frames.frame import Frame
 
@@ -85,17 +85,17 @@ def main() -> None:
     right: Counter[str] = Counter()
     table: dict[str, Counter[str]] = {name: Counter() for name in options.only or WRONG}
     for folder in find_clips(options.clips):
-        verdict = check_clip(Clip(folder)).verdict
+        verdict = check(Clip(folder)).verdict
         right[verdict] += 1
         if verdict == "implausible":
-            print(f"false alarm: {folder}: {check_clip(Clip(folder)).reason}", flush=True)
+            print(f"false alarm: {folder}: {check(Clip(folder)).reason}", flush=True)
         if verdict != "plausible":
             continue
         for name, counts in table.items():
             change, words = WRONG[name]
             if not differs(Clip(folder), change):
                 continue
-            report = check_clip(Changed(folder, change))
+            report = check(Changed(folder, change))
             found = judge(report, words)
             counts[found] += 1
             if found != "named":

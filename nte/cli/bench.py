@@ -1,4 +1,4 @@
-"""`nte bench`: its parser, and what it runs."""
+"""`nte bench`."""
 
 import argparse
 import json
@@ -7,14 +7,15 @@ from contextlib import nullcontext
 from pathlib import Path
 from typing import Any
 
+from nte.cli.parsing import DENOISER, add_device, add_force, command
 from nte.errors import NteError
 
 
-def add_bench(commands: Any) -> None:
+def add(commands: Any) -> None:
     """Add `bench` to the subcommands of `nte`."""
     text = "time and memory of denoisers, which alternate frame by frame, each in a process of its own"
-    parser = commands.add_parser("bench", help=text, description=text)
-    parser.add_argument("specs", nargs="+", metavar="SPEC", help="run, .onnx, or name:key=value")
+    parser = command(commands, "bench", _bench, text, "eval")
+    parser.add_argument("specs", nargs="+", metavar="SPEC", help=DENOISER)
     parser.add_argument(
         "--size", nargs="+", type=_size, default=[], metavar="WIDTHxHEIGHT", help="(default: 1280x720, or the clip's)"
     )
@@ -22,9 +23,8 @@ def add_bench(commands: Any) -> None:
     parser.add_argument("--clip", type=Path, help="frames to run on, scaled (default: synthetic ones)")
     parser.add_argument("--steps", action="store_true", help="also the time in each named step of a denoiser")
     parser.add_argument("--json", type=Path, metavar="FILE", help="write the rows there")
-    parser.add_argument("--device", default="cpu", help="cpu, cuda, … (default: cpu)")
-    parser.add_argument("--force", action="store_true", help="overwrite what exists")
-    parser.set_defaults(run=_bench)
+    add_device(parser)
+    add_force(parser)
 
 
 def _size(text: str) -> tuple[int, int]:

@@ -1,14 +1,16 @@
-"""`nte estimate`: its parser, and what it runs."""
+"""`nte estimate`."""
 
 import argparse
 from pathlib import Path
 from typing import Any
 
+from nte.cli.parsing import add_device, add_force, command
 
-def add_estimate(commands: Any) -> None:
+
+def add(commands: Any) -> None:
     """Add `estimate` to the subcommands of `nte`."""
     text = "estimate the motion of a clip from its images; writes a clip with motion, its error and a mask"
-    parser = commands.add_parser("estimate", help=text, description=text)
+    parser = command(commands, "estimate", _estimate, text, "eval")
     parser.add_argument("clip", type=Path, metavar="CLIP", help="folder with clip.json")
     parser.add_argument("--out", type=Path, required=True, help="folder for the clip with motion")
     parser.add_argument(
@@ -16,9 +18,8 @@ def add_estimate(commands: Any) -> None:
     )
     parser.add_argument("--guides", action="store_true", help="search in albedo and normal instead of the image")
     parser.add_argument("--known", action="store_true", help="keep the clip's own motion where it is finite")
-    parser.add_argument("--device", default="cpu", help="cpu, cuda, … (default: cpu)")
-    parser.add_argument("--force", action="store_true", help="overwrite what exists")
-    parser.set_defaults(run=_estimate)
+    add_device(parser)
+    add_force(parser)
 
 
 def _estimate(options: argparse.Namespace) -> None:

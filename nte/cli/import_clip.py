@@ -1,20 +1,22 @@
-"""`nte import`: its parsers, and what they run."""
+"""`nte import`."""
 
 import argparse
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from nte.cli.parsing import add_force, command
+
 if TYPE_CHECKING:
     from nte.importing.exr import Imported
 
 
-def add_import(commands: Any) -> None:
+def add(commands: Any) -> None:
     """Add `import exr|blender|noisebase` to the subcommands of `nte`."""
     text = "make a clip of another producer's files, and check it (exit 2: implausible; the clip is kept)"
     parser = commands.add_parser("import", help=text, description=text)
     kinds = parser.add_subparsers(dest="kind", metavar="KIND", required=True)
 
-    exr = _kind(kinds, "exr", _exr, "any EXR sequence, described by a channel map (datasets/IMPORT.md)")
+    exr = _kind(kinds, "exr", _exr, "any EXR sequence, described by a channel map")
     text = "which layers are what: a YAML file, or the name of a map that ships, such as vray"
     exr.add_argument("--map", required=True, metavar="MAP", help=text)
     blender = _kind(kinds, "blender", _blender, "multi-layer EXR of Blender's Cycles")
@@ -26,11 +28,10 @@ def add_import(commands: Any) -> None:
 
 
 def _kind(kinds: Any, name: str, run: Any, text: str) -> argparse.ArgumentParser:
-    parser: argparse.ArgumentParser = kinds.add_parser(name, help=text, description=text)
+    parser = command(kinds, name, run, text, "import")
     parser.add_argument("source", type=Path, metavar="SOURCE", help="a folder, a file, or a quoted pattern")
     parser.add_argument("--out", type=Path, required=True, metavar="CLIP", help="folder for the clip")
-    parser.add_argument("--force", action="store_true", help="replace a clip that exists")
-    parser.set_defaults(run=run)
+    add_force(parser, "replace a clip that exists")
     return parser
 
 

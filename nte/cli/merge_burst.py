@@ -1,14 +1,16 @@
-"""`nte merge-burst`: its parser, and what it runs."""
+"""`nte merge-burst`."""
 
 import argparse
 from pathlib import Path
 from typing import Any
 
+from nte.cli.parsing import add_force, command
 
-def add_burst(commands: Any) -> None:
+
+def add(commands: Any) -> None:
     """Add `merge-burst` to the subcommands of `nte`."""
     text = "merge a burst of photographs into one with less noise: raw files before demosaicing, or EXR, PNG or TIFF"
-    parser = commands.add_parser("merge-burst", help=text, description=text)
+    parser = command(commands, "merge-burst", _merge, text, "burst")
     parser.add_argument("files", type=Path, nargs="+", metavar="FILES", help="raw photographs, or .exr, .png, .tif")
     parser.add_argument(
         "--out", type=Path, required=True, metavar="IMAGE", help=".exr (linear), or .png or .tif (as displayed)"
@@ -30,8 +32,7 @@ def add_burst(commands: Any) -> None:
         "--radii", type=int, nargs="+", metavar="R",
         help="of the search's patches, finest level first (default: 16 8 4 2)",
     )  # fmt: skip
-    parser.add_argument("--force", action="store_true", help="overwrite what exists")
-    parser.set_defaults(run=_merge)
+    add_force(parser)
 
 
 def _stops(text: str) -> float:

@@ -1,78 +1,84 @@
-"""Comparing denoisers over clips: what `nte evaluate` does, up to metrics.json."""
+"""Comparing denoisers over clips: what `nte evaluate` does."""
 
 import json
 import os
 from collections.abc import Callable, Iterable, Mapping, Sequence
-from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
 from nte.denoiser import Denoiser, check_needs
 from nte.errors import NteError
-from nte.evaluation.metric_table import METRICS
-from nte.evaluation.score_clip import ClipRun, Shown, mean
+from nte.evaluation.report.page import write_report
+from nte.evaluation.results import FORMAT, Evaluation, means_of
+from nte.evaluation.score_clip import ClipRun, Shown
 from nte.evaluation.targets import reference_of
-from nte.files import only_writer, write_whole
+from nte.files import already_there, only_writer, write_whole
 from nte.frames.clip import Clip, find_clips
 from nte.registry import load_denoiser
 
-FORMAT = "nte-metrics/1"
 OURS = ("metrics.json", "index.html")  # all that an evaluation writes, and so all that force replaces
 Progress = Callable[[int, int, str], None]  # frames done, frames in all, clip and frame
 
 
-@dataclass(frozen=True)
-class Evaluation:
-    """The content of metrics.json, and one frame of each clip and target for the report."""
-
-    metrics: dict[str, Any]
-    shown: list[Shown]
-
-    def titled(self, titles: Mapping[str, str]) -> "Evaluation":
-        """The same, with denoisers called by titles (spec → title) for people to read."""
-
-        def rename(images: Mapping[str, Any]) -> dict[str, Any]:
-            return {titles.get(name, name): image for name, image in images.items()}
-
-        rows = [{**row, "denoiser": titles[row["denoiser"]]} for row in self.metrics["rows"]]
-        metrics = {**self.metrics, "rows": rows, "means": rename(self.metrics["means"])}
-        return Evaluation(metrics, [replace(s, images=rename(s.images), flip=rename(s.flip)) for s in self.shown])
-
-
 def evaluate(
-    clips: Iterable[Path],
-    specs: Iterable[str],
-    out: Path,
+    clips: Iterable[Path | str] | Path | str,
+    denoisers: Iterable[str] | Mapping[str, Denoiser],
+    out: Path | str,
     first: int = 1,
     lights: Sequence[str] | None = None,
     force: bool = False,
     device: str = "cpu",
     progress: Progress | None = None,
+    titles: Mapping[str, str] | None = None,
 ) -> Evaluation:
-    """Run every denoiser over every clip, score its frames, and write `out`/metrics.json.
+    """Run every denoiser over every clip, score its frames, and write `out`/metrics.json and index.html, the report.
 
-    clips: clip folders, or folders that hold clips. first: index of the first frame that is scored; every denoiser
-    starts at frame 0. lights: the light components that are scored besides each denoiser's own target; None takes
-    all that it gives. One frame of one clip is in memory at a time, beside the denoisers' states. Raises NteError,
-    before any work is done, for what is missing and for an `out` that exists without `force`.
+    clips: clip folders, or folders that hold clips. denoisers: as `load_denoiser` takes them, or denoisers by the
+    names that rows carry. first: index of the first frame that is scored; every denoiser starts at frame 0. lights: the
+    light components that are scored besides each denoiser's own target; None takes all that it gives. progress: called
+    after each frame with frames done, frames in all and which frame. titles: title → denoiser, what the report calls
+    them. One frame of one clip is in memory at a time, beside the denoisers' states. Raises NteError, before any work
+    is done, for what is missing and for an `out` that exists without `force`.
+
+    >>> found = nte.evaluate("data/clips", ["noisy", "taa"], "report")
+    >>> means = found.metrics["means"]
+    >>> means["taa"]["psnr"] > means["noisy"]["psnr"]  # in decibels, over all clips and frames but the first
+    True
+    >>> sorted(path.name for path in Path("report").iterdir())
+    ['index.html', 'metrics.json']
     """
-    folders = find_clips(clips)
+    out = Path(out)
+    folders = find_clips(Path(clip) for clip in ([clips] if isinstance(clips, str | Path) else clips))
     opened = dict(zip(clip_labels(folders), map(Clip, folders), strict=True))
-    denoisers = {spec: load_denoiser(spec, device) for spec in dict.fromkeys(specs)}
-    if not denoisers:
-        raise NteError("no denoisers to evaluate: name at least one, for example noisy")
+    loaded = _loaded(denoisers, device)
     for label, clip in opened.items():
-        _check(label, clip, denoisers, first)
+        _check(label, clip, loaded, first)
     prepare_folder(out, force)
     with only_writer(out):
-        return _evaluated(opened, denoisers, out, first, lights, device, progress)
+        found = _evaluated(opened, loaded, first, lights, device, progress)
+        text = json.dumps(found.metrics, indent=1, allow_nan=False) + "\n"
+        write_whole(out / "metrics.json", lambda temporary: temporary.write_text(text, encoding="utf-8"))
+        write_report(found.titled(titles) if titles else found, out, titles)
+    return found
+
+
+def _loaded(denoisers: Iterable[str] | Mapping[str, Denoiser], device: str) -> dict[str, Denoiser]:
+    if isinstance(denoisers, str):
+        raise NteError(f"denoisers is '{denoisers}': expected a list of them")
+    if isinstance(denoisers, Mapping):
+        loaded = dict(denoisers)
+    else:
+        loaded = {spec: load_denoiser(spec, device) for spec in dict.fromkeys(denoisers)}
+    if not loaded:
+        raise NteError("no denoisers to evaluate: name at least one, for example noisy")
+    return loaded
 
 
 def _evaluated(
-    opened: Mapping[str, Clip], denoisers: Mapping[str, Denoiser], out: Path, first: int,
-    lights: Sequence[str] | None, device: str, progress: Progress | None,
+    opened: Mapping[str, Clip], denoisers: Mapping[str, Denoiser], first: int, lights: Sequence[str] | None,
+    device: str, progress: Progress | None,
 ) -> Evaluation:  # fmt: skip
-    """Run, score and write, of what `evaluate` has checked."""
+    """Run and score, of what `evaluate` has checked."""
     total, done = sum(map(len, opened.values())), 0
     rows: list[dict[str, Any]] = []
     shown: list[Shown] = []
@@ -85,10 +91,7 @@ def _evaluated(
                 progress(done, total, f"{label}, frame {index}")
         rows += run.rows()
         shown += run.shown.values()
-    metrics = {"format": FORMAT, "rows": rows, "means": means_of(rows)}
-    text = json.dumps(metrics, indent=1, allow_nan=False) + "\n"
-    write_whole(out / "metrics.json", lambda temporary: temporary.write_text(text, encoding="utf-8") and None)
-    return Evaluation(metrics, shown)
+    return Evaluation({"format": FORMAT, "rows": rows, "means": means_of(rows)}, shown)
 
 
 def clip_labels(folders: Sequence[Path]) -> list[str]:
@@ -106,28 +109,11 @@ def prepare_folder(out: Path, force: bool) -> None:
     if out.exists() and not out.is_dir():
         raise NteError(f"{out}: is a file: expected a folder for the results")
     if not force and out.is_dir() and any(out.iterdir()):
-        raise NteError(f"{out}: exists: choose another folder, or --force to replace its {' and '.join(OURS)}")
+        raise already_there(out, "folder", f"replace its {' and '.join(OURS)}")
     try:
         out.mkdir(parents=True, exist_ok=True)
     except OSError as error:
         raise NteError(f"{out}: cannot be made: {error.strerror}") from error
-
-
-def means_of(
-    rows: Sequence[Mapping[str, Any]], region: str = "all", target: str | None = None
-) -> dict[str, dict[str, float | None]]:
-    """Spec → metric → mean over the clips that have a number, of the rows of a region.
-
-    target: the light that is scored; None takes what each denoiser gives as its image.
-    """
-    own: dict[str, str] = {}  # a denoiser's own target stands in its first row
-    for row in rows:
-        own.setdefault(row["denoiser"], row["target"])
-    by_spec: dict[str, list[Mapping[str, Any]]] = {}
-    for row in rows:
-        if row["region"] == region and row["target"] == (target or own[row["denoiser"]]):
-            by_spec.setdefault(row["denoiser"], []).append(row)
-    return {spec: {m.name: mean(row[m.name] for row in chosen) for m in METRICS} for spec, chosen in by_spec.items()}
 
 
 def _check(label: str, clip: Clip, denoisers: Mapping[str, Denoiser], first: int) -> None:

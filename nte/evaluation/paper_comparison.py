@@ -14,11 +14,11 @@ from omegaconf import MISSING
 from nte.config import load_config
 from nte.errors import NteError
 from nte.evaluation.bootstrap import bootstrap_interval
-from nte.evaluation.evaluate import Evaluation, evaluate, means_of, prepare_folder
+from nte.evaluation.evaluate import evaluate, prepare_folder
 from nte.evaluation.metric_table import METRICS
 from nte.evaluation.metrics import REGIONS
-from nte.evaluation.report.page import write_report
 from nte.evaluation.report.strips import write_strips
+from nte.evaluation.results import Evaluation, means_of
 from nte.files import is_folder_name, only_writer, refuse_links, write_whole
 from nte.interrupt import end_when_told, ending_workers
 from nte.text_table import aligned
@@ -129,11 +129,9 @@ class _Unit:
         assert first is not None
         found = evaluate(
             self.clips, list(dict.fromkeys(methods.values())), self.folder, first, [self.situation.light],
-            self.force, self.device, progress,
+            self.force, self.device, progress, methods,
         )  # fmt: skip
-        titled = found.titled({spec: title for title, spec in methods.items()})
-        write_report(titled, self.folder, methods)
-        write_strips(titled.shown, self.folder / "strips")
+        write_strips(found.titled(methods).shown, self.folder / "strips")
         return _rows(self.situation, found, self.against)
 
 

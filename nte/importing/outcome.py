@@ -3,7 +3,7 @@
 from dataclasses import asdict
 from typing import Any
 
-from nte.checking import check_clip, describe
+from nte.checking import check, describe
 from nte.frames.clip import Clip
 from nte.frames.frame import Frame
 from nte.importing.convert import revert_vectors
@@ -26,7 +26,7 @@ def tell(imported: Imported) -> int:
         if name not in clip.channels:
             source = f" ({imported.called[name]})" if name in imported.called else ""
             print(f"  without {name}{source}: {what}")
-    report = check_clip(clip)
+    report = check(clip)
     print(describe(report))
     if report.verdict != "implausible":
         return 0
@@ -39,7 +39,7 @@ def _advice(clip: Clip, imported: Imported) -> str:
     """Which values of the map would make the vectors fit; empty where none does."""
     if "motion" not in clip.channels:
         return ""
-    fits = check_clip(_AsStored(clip, imported)).convention
+    fits = check(_AsStored(clip, imported)).convention
     if fits is None:
         return ""
     if fits.forward:

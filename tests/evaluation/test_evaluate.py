@@ -10,9 +10,10 @@ import pytest
 import torch
 
 from nte import Clip, Frame, NteError, Result
-from nte.denoiser import Denoiser, Noisy, State
-from nte.evaluation.evaluate import Evaluation, clip_labels, evaluate, means_of
+from nte.denoiser import Noisy, State
+from nte.evaluation.evaluate import clip_labels, evaluate
 from nte.evaluation.metrics import score
+from nte.evaluation.results import Evaluation, means_of
 from nte.evaluation.score_clip import mean
 from nte.frames.clip import find_clips
 from nte.frames.reference import BadReferenceWarning
@@ -34,17 +35,6 @@ class Scaled(Noisy):
 
     def step(self, frame: Frame, state: State | None, extras: tuple[str, ...] = ()) -> tuple[Result, State]:
         return Result(frame[self.target] * self.factor), ()
-
-
-@pytest.fixture
-def use(monkeypatch: pytest.MonkeyPatch):
-    """Give denoisers names that `evaluate` knows."""
-
-    def install(**denoisers: Denoiser) -> list[str]:
-        monkeypatch.setattr("nte.evaluation.evaluate.load_denoiser", lambda spec, device="cpu": denoisers[spec])
-        return list(denoisers)
-
-    return install
 
 
 def clean_frame(index: int, **options: tuple[float, float]) -> dict[str, Pixels]:
@@ -114,9 +104,9 @@ def test_scoring_can_begin_where_histories_are_long(clip: Path, tmp_path: Path) 
         evaluate([clip], ["taa"], tmp_path / "c", first=4)
 
 
-def test_a_perfect_output_scores_perfectly_and_a_steady_error_does_not_flicker(tmp_path: Path, use) -> None:
+def test_a_perfect_output_scores_perfectly_and_a_steady_error_does_not_flicker(tmp_path: Path) -> None:
     folder = write_clip(tmp_path / "still", [clean_frame(i, velocity=(0.0, 0.0)) for i in range(4)])
-    specs = use(exact=Scaled(1), dark=Scaled(0.5))
+    specs = {"exact": Scaled(1), "dark": Scaled(0.5)}
     evaluation = evaluate([folder], specs, tmp_path / "out")
     exact, dark = (rows_of(evaluation, denoiser=spec, region="all")[0] for spec in specs)
     assert (exact["psnr"], exact["flip"], exact["temporal_l1"]) == (100.0, 0.0, 0.0)
@@ -128,14 +118,14 @@ def test_a_perfect_output_scores_perfectly_and_a_steady_error_does_not_flicker(t
     assert rows_of(evaluation, denoiser="exact", region="disoccluded")[0]["per_frame"]["ssim"] == [None] * 3
 
 
-def test_a_component_is_compared_with_its_own_reference(tmp_path: Path, use) -> None:
+def test_a_component_is_compared_with_its_own_reference(tmp_path: Path) -> None:
     frames = [clean_frame(i) for i in range(2)]
     for channels in frames:
         channels["indirect"] = channels["reference"] / 4
         channels["reference_indirect"] = channels["reference"] / 4
         channels["visibility"] = channels["reference_visibility"] = channels["albedo"][:1]
     folder = write_clip(tmp_path / "parts", frames)
-    specs = use(indirect=Scaled(1, "indirect"), visibility=Scaled(1, "visibility"), color=Scaled(1))
+    specs = {"indirect": Scaled(1, "indirect"), "visibility": Scaled(1, "visibility"), "color": Scaled(1)}
     evaluation = evaluate([folder], specs, tmp_path / "out")
     assert [row["target"] for row in rows_of(evaluation, region="all")] == specs
     assert all(row["psnr"] == 100 for row in rows_of(evaluation, region="all"))
@@ -154,13 +144,13 @@ class Apart(Noisy):
         return Result(frame["color"], {name: found[name] for name in extras}), ()
 
 
-def test_light_components_are_scored_too_where_the_clip_has_their_reference(tmp_path: Path, use) -> None:
+def test_light_components_are_scored_too_where_the_clip_has_their_reference(tmp_path: Path) -> None:
     frames = [clean_frame(i) for i in range(3)]
     for channels in frames:
         channels["indirect"] = channels["reference_indirect"] = channels["reference"]
         channels["visibility"] = channels["reference_visibility"] = channels["albedo"][:1]
     folder = write_clip(tmp_path / "parts", frames)
-    evaluation = evaluate([folder], use(apart=Apart(), plain=Scaled(1)), tmp_path / "out")
+    evaluation = evaluate([folder], {"apart": Apart(), "plain": Scaled(1)}, tmp_path / "out")
     whole = rows_of(evaluation, region="all")
     assert [(row["denoiser"], row["target"]) for row in whole] == [
         ("apart", "color"), ("apart", "visibility"), ("apart", "indirect"), ("plain", "color"),
@@ -174,7 +164,7 @@ def test_light_components_are_scored_too_where_the_clip_has_their_reference(tmp_
     assert list(evaluation.shown[2].images) == ["noisy input", "reference", "apart"]
 
 
-def test_a_denoiser_sees_only_what_it_asks_for(clip: Path, tmp_path: Path, use) -> None:
+def test_a_denoiser_sees_only_what_it_asks_for(clip: Path, tmp_path: Path) -> None:
     seen: set[str] = set()
 
     class Curious(Noisy):
@@ -184,14 +174,14 @@ def test_a_denoiser_sees_only_what_it_asks_for(clip: Path, tmp_path: Path, use) 
             seen.update(frame.channels)
             return super().step(frame, state, extras)
 
-    evaluate([clip], use(curious=Curious()), tmp_path / "out")
+    evaluate([clip], {"curious": Curious()}, tmp_path / "out")
     assert seen == {"color", "albedo"}
 
 
-def test_time_is_the_median_without_the_first_step(clip: Path, tmp_path: Path, use, monkeypatch) -> None:
+def test_time_is_the_median_without_the_first_step(clip: Path, tmp_path: Path, monkeypatch) -> None:
     ticks = iter([0, 5, 10, 10.001, 20, 20.003, 30, 30.002])
     monkeypatch.setattr("nte.evaluation.score_clip.time.perf_counter", lambda: next(ticks))
-    row = rows_of(evaluate([clip], use(one=Noisy()), tmp_path / "out"), region="all")[0]
+    row = rows_of(evaluate([clip], {"one": Noisy()}, tmp_path / "out"), region="all")[0]
     assert row["ms_per_frame"] == pytest.approx(2)
 
 
@@ -235,26 +225,26 @@ def test_progress_counts_frames(clip: Path, tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize("value", [math.nan, math.inf])
-def test_a_non_finite_output_is_an_error_not_a_score(clip: Path, tmp_path: Path, use, value: float) -> None:
+def test_a_non_finite_output_is_an_error_not_a_score(clip: Path, tmp_path: Path, value: float) -> None:
     with pytest.raises(NteError, match="broken on disc, frame 0: 2240 of 2240 pixels are not finite"):
-        evaluate([clip], use(broken=Scaled(value)), tmp_path / "out")
+        evaluate([clip], {"broken": Scaled(value)}, tmp_path / "out")
     assert not (tmp_path / "out" / "metrics.json").exists()
 
 
-def test_an_output_of_another_size_is_an_error(clip: Path, tmp_path: Path, use) -> None:
+def test_an_output_of_another_size_is_an_error(clip: Path, tmp_path: Path) -> None:
     class Cropping(Noisy):
         def step(self, frame: Frame, state: State | None, extras: tuple[str, ...] = ()) -> tuple[Result, State]:
             return Result(frame["color"][..., 1:]), ()
 
     with pytest.raises(NteError, match=r"frame 0: the image is \(1, 3, 40, 55\), expected \(1, C, 40, 56\)"):
-        evaluate([clip], use(cropping=Cropping()), tmp_path / "out")
+        evaluate([clip], {"cropping": Cropping()}, tmp_path / "out")
 
 
 def without(frames: list[dict], *names: str) -> list[dict]:
     return [{name: values for name, values in f.items() if name not in names} for f in frames]
 
 
-def test_what_is_missing_is_told_before_any_work(clip: Path, tmp_path: Path, use) -> None:
+def test_what_is_missing_is_told_before_any_work(clip: Path, tmp_path: Path) -> None:
     out = tmp_path / "out"
     blind = write_clip(tmp_path / "blind", without(noisy_frames(2), "reference_a", "reference_b"))
     still = write_clip(tmp_path / "still", without(noisy_frames(2), "motion"))

@@ -8,9 +8,9 @@ from typing import Any
 import jinja2
 import numpy as np
 
-from nte.evaluation.evaluate import Evaluation, means_of
 from nte.evaluation.metric_table import METRICS, Metric, best_of, settings_of
 from nte.evaluation.metrics import GLOSSY, MOVING_PX, REGIONS, SHADOWED
+from nte.evaluation.results import Evaluation, means_of
 from nte.evaluation.score_clip import Shown
 from nte.evaluation.targets import BRIGHTENED
 from nte.files import write_whole
