@@ -2,11 +2,13 @@
 
 import re
 from collections.abc import Sequence
+from dataclasses import fields, is_dataclass
+from difflib import get_close_matches
 from pathlib import Path
 from typing import Any, TypeVar
 
 from omegaconf import DictConfig, OmegaConf
-from omegaconf.errors import OmegaConfBaseException
+from omegaconf.errors import ConfigAttributeError, ConfigKeyError, OmegaConfBaseException
 from yaml import MarkedYAMLError, YAMLError
 
 from nte.errors import NteError
@@ -45,8 +47,18 @@ def load_config(schema: type[Schema], path: Path, overrides: Sequence[str] = ())
     except (OmegaConfBaseException, ValueError, TypeError) as error:
         key = getattr(error, "full_key", None)
         where = f"'{key}': " if key else ""
-        raise NteError(f"{source}: {where}{_one_line(error)}") from error
+        raise NteError(f"{source}: {where}{problem_with(error)}") from error
     return made
+
+
+def problem_with(error: Exception) -> str:
+    """What is wrong with a value, or a key that the schema lacks: the keys that there are, the nearest one first."""
+    schema = getattr(error, "object_type", None)
+    if not isinstance(error, ConfigKeyError | ConfigAttributeError) or not is_dataclass(schema):
+        return _one_line(error)
+    known = [field.name for field in fields(schema)]
+    near = get_close_matches(str(error.key), known, 1)
+    return f"unknown key{f', did you mean {near[0]}?' if near else ':'} expected one of {', '.join(known)}"
 
 
 def _read(path: Path) -> DictConfig:

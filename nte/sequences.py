@@ -148,7 +148,7 @@ def _with_forward(
     forward, size = None, None
     for index, (path, read) in enumerate(zip(paths, stored, strict=True)):
         if not read:
-            raise NteError(f"{path}: has no channel of ours (see datasets/README.md), such as color.R")
+            raise NteError(f"{path}: has no channel of ours, such as color.R, albedo.R or depth.Z")
         channels = {name: values[None] for name, values in read.items()}
         shape = next(iter(read.values())).shape[1:]
         if size not in (None, shape):

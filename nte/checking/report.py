@@ -1,4 +1,4 @@
-"""Are a clip's vectors and values plausible? (nte check; the criteria are in datasets/README.md)"""
+"""Are a clip's vectors and values plausible? (nte check; docs/check.md has the criteria)"""
 
 from collections import defaultdict
 from dataclasses import dataclass, field

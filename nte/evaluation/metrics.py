@@ -1,7 +1,7 @@
 """How good is an image? Metrics of one frame, over the whole image or over a region of it.
 
 Images are (N, 3, H, W) after the display transform (nte.color.display), so in [0, 1]; maps and regions are
-(N, 1, H, W). A metric of a region without any pixel is None. Definitions: datasets/README.md.
+(N, 1, H, W). A metric of a region without any pixel is None. Regions are defined in `regions_of`.
 """
 
 from collections.abc import Callable, Mapping

@@ -1,6 +1,6 @@
 """The table of channels: everything that readers, augmentation, checks and the report know of a channel.
 
-Adding a channel is adding a row. What each channel means is defined in datasets/README.md.
+Adding a channel is adding a row. What each channel means is written in docs/clip_format.md.
 """
 
 from dataclasses import dataclass

@@ -1,4 +1,4 @@
-"""A clip on disk: a folder with clip.json and one layered OpenEXR file per frame (datasets/README.md)."""
+"""A clip on disk: a folder with clip.json and one layered OpenEXR file per frame (docs/clip_format.md)."""
 
 import json
 from collections.abc import Iterable, Iterator, Mapping, Sequence

@@ -1,4 +1,4 @@
-"""From a producer's conventions to nte's (datasets/README.md), one frame at a time."""
+"""From a producer's conventions to nte's (docs/conventions.md), one frame at a time."""
 
 from collections.abc import Iterable, Iterator, Mapping
 from itertools import product

@@ -3,7 +3,7 @@
 Schied et al. 2018, «Gradient Estimation for Real-Time Adaptive Temporal Filtering», section 3. Both values are
 shaded with the same random numbers, so they differ by what has changed in the scene and not by noise; where
 nothing has changed they are the same bits. Each light component has a pair of its own, as what changes one (a shadow
-that moves) may leave the others alone. Estimator and expectation: datasets/README.md, «Estimators».
+that moves) may leave the others alone. Estimator and expectation: docs/estimators.md.
 """
 
 from dataclasses import dataclass

@@ -1,7 +1,7 @@
 """Direct light and its one shadow ray: candidates over the pixel and the lights, one of them resampled.
 
 All random numbers are functions of (pixel, seed, candidate), so a chosen candidate is made again from its
-number instead of being stored. Estimators: datasets/README.md.
+number instead of being stored. Estimators: docs/estimators.md.
 """
 
 from collections.abc import Callable

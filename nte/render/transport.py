@@ -1,6 +1,6 @@
 """One light path per lane, separated at its first hit; Dr.Jit arrays.
 
-The estimators and their expectations are written in datasets/README.md, «Estimators». Only the first hit is
+The estimators and their expectations are written in docs/estimators.md. Only the first hit is
 ours; what arrives there along the sampled direction is Mitsuba's own path integrator.
 """
 

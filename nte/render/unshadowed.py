@@ -18,7 +18,7 @@ POINTS = tuple((x, y) for x in (0.25, 0.75) for y in (0.25, 0.75))  # on each li
 def unshadowed_integrator() -> Any:
     """A Mitsuba integrator of emission + albedo · E / π, with E the irradiance as if nothing stood in the way.
 
-    Every surface is taken for a diffuse one of its `albedo` (datasets/README.md): metal and glass too. Vectorised
+    Every surface is taken for a diffuse one of its `albedo` (docs/estimators.md): metal and glass too. Vectorised
     variants only.
     """
     mi, dr = load_mitsuba(), load_drjit()
