@@ -156,7 +156,7 @@ def _device(parser: argparse.ArgumentParser, default: str) -> None:
 
 
 def _render(options: argparse.Namespace) -> None:
-    from nte.render.clips import render_recipe
+    from nte.render.recipes.clips import render_recipe
 
     folders = render_recipe(options.recipe, options.out, options.jobs, options.force, scheduler=options.scheduler)
     print(f"{len(folders)} clips in {options.out}")
@@ -188,7 +188,7 @@ def _evaluate(options: argparse.Namespace) -> None:
 def _compare(options: argparse.Namespace) -> None:
     from nte.evaluation.comparison import read_comparison, run_comparison, summary_table
     from nte.progress import Progress
-    from nte.render.clips import render_recipe
+    from nte.render.recipes.clips import render_recipe
 
     comparison = read_comparison(options.comparison)
     render_recipe(comparison.recipe, options.data)

@@ -10,12 +10,12 @@ from collections.abc import Callable
 
 import numpy as np
 
-from nte.render.backend import load_mitsuba
-from nte.render.components import noisy, references
-from nte.render.integrator import launches, radiance
-from nte.render.scenes import FAMILIES
-from nte.render.seeds import derive_generator
-from nte.render.stage import Stage
+from nte.render.components.frame import noisy, references
+from nte.render.engine.backend import load_mitsuba
+from nte.render.engine.mesh_stage import Stage
+from nte.render.passes.radiance import launches, radiance
+from nte.render.scenes.families import FAMILIES
+from nte.render.world.seeds import derive_generator
 
 SPP, TIMES = 128, 7
 

@@ -24,7 +24,7 @@ from nte.evaluation.table import aligned
 from nte.frames.clip import find_clips
 from nte.motion.correspondence import FewerLevelsWarning
 from nte.motion.search import SEARCHES
-from nte.render.clips import render_recipe
+from nte.render.recipes.clips import render_recipe
 
 MARGIN = 1.1  # nowhere more than this times the best other method's error
 PANS = ((24, 9), (48, 18), (80, 30))

@@ -13,10 +13,10 @@ from pathlib import Path
 
 import trimesh
 
-from nte.render.animation import read_animation
-from nte.render.components import noisy
-from nte.render.integrator import guides, radiance
-from nte.render.own import OwnStage
+from nte.render.components.frame import noisy
+from nte.render.engine.xml.stage import OwnStage
+from nte.render.passes.radiance import guides, radiance
+from nte.render.world.keyframes import read_animation
 
 WIDTH, HEIGHT, TIMES = 160, 120, 3
 

@@ -29,11 +29,11 @@ from nte.frames.scalars import estimate_exposure
 from nte.frames.show import Picture, grid, heat, quantise, write_png
 from nte.motion.geometric import dual_motion
 from nte.motion.warp import fetch_nearest, pixel_centres
-from nte.render.components import references, reflection_samples, shadow_samples
-from nte.render.integrator import guides
-from nte.render.recipe import ClipPlan, Group, make_scene
-from nte.render.seeds import derive_seed
-from nte.render.stage import Stage
+from nte.render.components.frame import references, reflection_samples, shadow_samples
+from nte.render.engine.mesh_stage import Stage
+from nte.render.passes.radiance import guides
+from nte.render.recipes.recipe import ClipPlan, Group, make_scene
+from nte.render.world.seeds import derive_seed
 
 TIME = 4  # frame whose history is fetched from the frame before
 FOOTPRINT = 4  # px: a sample without a vector takes the mean of those around

@@ -6,8 +6,8 @@ import pytest
 
 from nte.checking import check_clip
 from nte.frames.clip import Clip
-from nte.render.clips import render_clip
-from nte.render.recipe import ClipPlan, Group
+from nte.render.recipes.clips import render_clip
+from nte.render.recipes.recipe import ClipPlan, Group
 from tests.benchmarks.check import WRONG, Changed, judge
 
 

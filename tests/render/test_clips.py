@@ -10,12 +10,12 @@ import pytest
 from nte.errors import NteError
 from nte.frames import CHANNELS, Clip
 from nte.frames.exr import read_exr
-from nte.render.clips import render_clip, render_recipe
-from nte.render.integrator import guides, radiance
-from nte.render.recipe import plan, read_recipe
-from nte.render.scenes import FAMILIES
-from nte.render.seeds import derive_generator
-from nte.render.stage import Stage
+from nte.render.engine.mesh_stage import Stage
+from nte.render.passes.radiance import guides, radiance
+from nte.render.recipes.clips import render_clip, render_recipe
+from nte.render.recipes.recipe import plan, read_recipe
+from nte.render.scenes.families import FAMILIES
+from nte.render.world.seeds import derive_generator
 
 CLIP = "train/rooms_000"
 
@@ -78,7 +78,7 @@ def test_a_full_disk_is_one_line(rendered: Path, recipe: Path, tmp_path: Path, m
     def full(path: Path, channels: object) -> None:
         raise NteError(f"{path}: cannot be written: No space left on device")
 
-    monkeypatch.setattr("nte.render.clips.write_frame", full)
+    monkeypatch.setattr("nte.render.recipes.clips.write_frame", full)
     unit = plan(read_recipe(recipe))[1]
     with pytest.raises(NteError, match="No space left"):
         render_clip(unit, tmp_path)

@@ -8,19 +8,20 @@ import pytest
 from nte.errors import NteError
 from nte.frames import CHANNELS, Clip
 from nte.frames.exr import read_exr
-from nte.render import stage
-from nte.render.backend import load_drjit, load_mitsuba
-from nte.render.clips import COMPONENTS, render_clip
-from nte.render.components import noisy, references
-from nte.render.integrator import guides, radiance
-from nte.render.lobes import Lobes
-from nte.render.recipe import plan, read_recipe
-from nte.render.resampling import sample_direct
-from nte.render.scene import Camera, Material, Scene, SceneObject
-from nte.render.scenes import FAMILIES, shapes
-from nte.render.seeds import derive_generator
-from nte.render.stage import Stage
-from nte.render.transforms import look_at, rotation, still, translation
+from nte.render.components.frame import noisy, references
+from nte.render.components.lobes import Lobes
+from nte.render.components.resampling import sample_direct
+from nte.render.engine import mesh_stage
+from nte.render.engine.backend import load_drjit, load_mitsuba
+from nte.render.engine.mesh_stage import Stage
+from nte.render.passes.radiance import guides, radiance
+from nte.render.recipes.clips import COMPONENTS, render_clip
+from nte.render.recipes.recipe import plan, read_recipe
+from nte.render.scenes import shapes
+from nte.render.scenes.families import FAMILIES
+from nte.render.world.scene import Camera, Material, Scene, SceneObject
+from nte.render.world.seeds import derive_generator
+from nte.render.world.transforms import look_at, rotation, still, translation
 
 SIZE = 24
 GREY = np.full((1, 1, 3), 0.6, np.float32)
@@ -122,9 +123,9 @@ def test_the_diffuse_lobe_of_principled_is_what_its_colour_adds():
 @pytest.mark.slow
 @pytest.mark.parametrize("name", ["principled", "roughplastic", "dielectric"])
 def test_references_recombine_to_a_plain_path_trace(name: str, monkeypatch: pytest.MonkeyPatch):
-    ours = stage._bsdf
+    ours = mesh_stage._bsdf
     monkeypatch.setattr(
-        stage, "_bsdf", lambda mi, material: BSDFS[name] if material.surface == "glossy" else ours(mi, material)
+        mesh_stage, "_bsdf", lambda mi, material: BSDFS[name] if material.surface == "glossy" else ours(mi, material)
     )
     check_recombination(staged(table()))
 

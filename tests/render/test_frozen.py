@@ -7,12 +7,12 @@ import signal
 import numpy as np
 import pytest
 
-from nte.render.backend import load_drjit, load_mitsuba
-from nte.render.components import noisy
-from nte.render.scenes import FAMILIES
-from nte.render.seeds import derive_generator
-from nte.render.stage import Stage
-from nte.render.transport import sample_camera_ray, trace_path
+from nte.render.components.first_hit import sample_camera_ray, trace_path
+from nte.render.components.frame import noisy
+from nte.render.engine.backend import load_drjit, load_mitsuba
+from nte.render.engine.mesh_stage import Stage
+from nte.render.scenes.families import FAMILIES
+from nte.render.world.seeds import derive_generator
 
 SIZE = 16
 

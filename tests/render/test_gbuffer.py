@@ -5,12 +5,12 @@ import dataclasses
 import numpy as np
 import pytest
 
-from nte.render.gbuffer import geometry
-from nte.render.integrator import guides, radiance
-from nte.render.scene import Camera, Material, Scene, SceneObject
+from nte.render.engine.mesh_stage import Stage
+from nte.render.passes.gbuffer import geometry
+from nte.render.passes.radiance import guides, radiance
 from nte.render.scenes import shapes
-from nte.render.stage import Stage
-from nte.render.transforms import look_at, moving, rotation, still, translation
+from nte.render.world.scene import Camera, Material, Scene, SceneObject
+from nte.render.world.transforms import look_at, moving, rotation, still, translation
 
 WIDTH, HEIGHT, FOV = 40, 30, 60.0
 FOCAL = WIDTH / 2 / np.tan(np.radians(FOV / 2))

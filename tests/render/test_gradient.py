@@ -10,13 +10,13 @@ from nte.color import REC709
 from nte.denoiser import Session
 from nte.filters.asvgf import Asvgf
 from nte.frames.frame import Frame
-from nte.render.components import noisy, references
-from nte.render.gradient import GRADIENTS, STRATUM, shade_again, shade_before
-from nte.render.integrator import guides
-from nte.render.scene import Camera, Material, Scene, SceneObject
+from nte.render.components.frame import noisy, references
+from nte.render.components.gradient import GRADIENTS, STRATUM, shade_again, shade_before
+from nte.render.engine.mesh_stage import Stage
+from nte.render.passes.radiance import guides
 from nte.render.scenes import shapes
-from nte.render.stage import Stage
-from nte.render.transforms import Track, look_at, moving, still, translation
+from nte.render.world.scene import Camera, Material, Scene, SceneObject
+from nte.render.world.transforms import Track, look_at, moving, still, translation
 
 pytestmark = pytest.mark.slow
 SIZE, UP = 24, (0.0, 1.0, 0.0)

@@ -5,14 +5,15 @@ import dataclasses
 import numpy as np
 import pytest
 
-from nte.render.components import references
-from nte.render.gbuffer import geometry
-from nte.render.integrator import guides, radiance
-from nte.render.scene import Camera, Material, Scene, SceneObject
-from nte.render.scenes import FAMILIES, shapes
-from nte.render.seeds import derive_generator
-from nte.render.stage import Stage
-from nte.render.transforms import look_at, still
+from nte.render.components.frame import references
+from nte.render.engine.mesh_stage import Stage
+from nte.render.passes.gbuffer import geometry
+from nte.render.passes.radiance import guides, radiance
+from nte.render.scenes import shapes
+from nte.render.scenes.families import FAMILIES
+from nte.render.world.scene import Camera, Material, Scene, SceneObject
+from nte.render.world.seeds import derive_generator
+from nte.render.world.transforms import look_at, still
 from tests.render.test_components import direct_light, recombined, staged, table
 
 SIZE, FOV, APERTURE, FOCUS = 64, 40.0, 0.2, 4.0

@@ -6,17 +6,17 @@ import numpy as np
 import pytest
 
 from nte.frames import Clip
-from nte.render import xml
-from nte.render.animation import read_animation
-from nte.render.clips import render_recipe
-from nte.render.components import noisy
-from nte.render.gbuffer import geometry
-from nte.render.levels import Levels
-from nte.render.own import OwnStage
-from nte.render.scene import Camera, Material, Scene, SceneObject
+from nte.render.components.frame import noisy
+from nte.render.engine.mesh_stage import Stage
+from nte.render.engine.xml import loading
+from nte.render.engine.xml.levels import Levels
+from nte.render.engine.xml.stage import OwnStage
+from nte.render.passes.gbuffer import geometry
+from nte.render.recipes.clips import render_recipe
 from nte.render.scenes import shapes
-from nte.render.stage import Stage
-from nte.render.transforms import still
+from nte.render.world.keyframes import read_animation
+from nte.render.world.scene import Camera, Material, Scene, SceneObject
+from nte.render.world.transforms import still
 
 HEIGHT, WIDTH = 40, 56
 LIGHT, PLATE, EYE = np.array([0.5, 4.0, 0.2]), 1.5, (0.4, 6.0, -0.5)
@@ -114,14 +114,14 @@ def test_a_still_scene_is_left_as_it_is(tmp_path: Path):
 
 def test_an_xml_is_loaded_once_to_be_checked_and_rendered(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
     write(tmp_path)
-    loaded, load = [], xml._load
-    monkeypatch.setattr(xml, "_load", lambda animation: loaded.append(animation.xml) or load(animation))
+    loaded, load = [], loading._load
+    monkeypatch.setattr(loading, "_load", lambda animation: loaded.append(animation.xml) or load(animation))
     group = "{scene: moves.yaml, clips: 1, frames: 2, width: 16, height: 12, reference_spp: 2}"
     (tmp_path / "recipe.yaml").write_text(f"name: mine\ntrain: [{group}]")
     (folder,) = render_recipe(tmp_path / "recipe.yaml", tmp_path / "out", progress=False)
     assert Clip(folder).frames == 2
     assert len(loaded) == 1
-    assert not xml._kept
+    assert not loading._kept
 
 
 def write_mirrors(folder: Path) -> Path:
@@ -168,7 +168,7 @@ def test_every_channel_is_that_of_one_level(tmp_path: Path, monkeypatch: pytest.
     two = OwnStage(animation, WIDTH, HEIGHT, 4)
     clean, (sample,) = noisy(two, 4, [5])
     assert two._levels
-    monkeypatch.setattr("nte.render.own.levels", lambda *_: [])
+    monkeypatch.setattr("nte.render.engine.xml.stage.levels", lambda *_: [])
     expected_clean, (expected_sample,) = noisy(OwnStage(animation, WIDTH, HEIGHT, 4), 4, [5])
     for name, expected in (expected_clean | expected_sample).items():
         found = (clean | sample)[name]

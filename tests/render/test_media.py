@@ -5,16 +5,17 @@ import dataclasses
 import numpy as np
 import pytest
 
-from nte.render.gbuffer import geometry, surface
-from nte.render.integrator import guides, radiance
-from nte.render.scene import Camera, Material, Medium, Scene, SceneObject
-from nte.render.scenes import FAMILIES, shapes
-from nte.render.scenes.cloud import _noise, _shift
+from nte.render.engine.mesh_stage import VEIL, Stage
+from nte.render.passes.gbuffer import geometry, surface
+from nte.render.passes.radiance import guides, radiance
+from nte.render.scenes import shapes
+from nte.render.scenes.families import FAMILIES
+from nte.render.scenes.families.outdoors.cloud import _noise, _shift
 from nte.render.scenes.family import Dice
 from nte.render.scenes.solids import block
-from nte.render.seeds import derive_generator
-from nte.render.stage import VEIL, Stage
-from nte.render.transforms import look_at, still, translation
+from nte.render.world.scene import Camera, Material, Medium, Scene, SceneObject
+from nte.render.world.seeds import derive_generator
+from nte.render.world.transforms import look_at, still, translation
 
 SIZE = 12
 WHITE = np.ones((1, 1, 3), np.float32)

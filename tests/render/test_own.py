@@ -10,11 +10,11 @@ from PIL import Image
 
 from nte.errors import NteError
 from nte.motion.warp import fetch_nearest, pixel_centres, warp
-from nte.render.animation import Key, object_track, read_animation
-from nte.render.clips import render_recipe
-from nte.render.gbuffer import geometry, surface
-from nte.render.integrator import radiance
-from nte.render.own import OwnStage
+from nte.render.engine.xml.stage import OwnStage
+from nte.render.passes.gbuffer import geometry, surface
+from nte.render.passes.radiance import radiance
+from nte.render.recipes.clips import render_recipe
+from nte.render.world.keyframes import Key, object_track, read_animation
 
 ROOM = """\
 <scene version="3.0.0">
@@ -134,7 +134,7 @@ def test_guides_of_metal_and_glass(stage: OwnStage) -> None:
 
 
 def test_lights_move_and_defaults_have_values(folder: Path) -> None:
-    from nte.render.integrator import radiance
+    from nte.render.passes.radiance import radiance
 
     def light(text: str, time: float) -> np.ndarray:
         (folder / "light.yaml").write_text(text)

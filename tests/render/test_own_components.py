@@ -6,15 +6,15 @@ import numpy as np
 import pytest
 
 from nte.frames import Clip
-from nte.render.animation import read_animation
-from nte.render.clips import render_recipe
-from nte.render.components import noisy, references
-from nte.render.integrator import radiance
-from nte.render.own import OwnStage
-from nte.render.scene import Camera, Material, Scene, SceneObject
+from nte.render.components.frame import noisy, references
+from nte.render.engine.mesh_stage import Stage
+from nte.render.engine.xml.stage import OwnStage
+from nte.render.passes.radiance import radiance
+from nte.render.recipes.clips import render_recipe
 from nte.render.scenes import shapes
-from nte.render.stage import Stage
-from nte.render.transforms import look_at, rotation, still, translation
+from nte.render.world.keyframes import read_animation
+from nte.render.world.scene import Camera, Material, Scene, SceneObject
+from nte.render.world.transforms import look_at, rotation, still, translation
 from tests.render.test_own import write_room
 
 SIZE, SPP = 40, 256

@@ -9,13 +9,13 @@ from nte.denoiser import Session
 from nte.filters.trmv import Trmv
 from nte.frames import CHANNELS, Frame
 from nte.frames.exr import write_exr
-from nte.render.animation import read_animation
-from nte.render.components import noisy, references
-from nte.render.own import OwnStage
-from nte.render.scene import Camera, Material, Scene, SceneObject
+from nte.render.components.frame import noisy, references
+from nte.render.engine.mesh_stage import Stage
+from nte.render.engine.xml.stage import OwnStage
 from nte.render.scenes import shapes
-from nte.render.stage import Stage
-from nte.render.transforms import look_at, rotation, still
+from nte.render.world.keyframes import read_animation
+from nte.render.world.scene import Camera, Material, Scene, SceneObject
+from nte.render.world.transforms import look_at, rotation, still
 
 HEIGHT, WIDTH = 36, 60
 COLOUR = np.array([0.5, 0.6, 0.2])

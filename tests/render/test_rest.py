@@ -4,10 +4,10 @@ import numpy as np
 import pytest
 import trimesh
 
-from nte.render.animation import read_animation
-from nte.render.film import pixel_positions
-from nte.render.own import OwnStage
-from nte.render.rays import curvatures_at, normals_at, points_at, trace_centres, trace_film
+from nte.render.engine.xml.stage import OwnStage
+from nte.render.passes.projection import pixel_positions
+from nte.render.passes.rays import curvatures_at, normals_at, points_at, trace_centres, trace_film
+from nte.render.world.keyframes import read_animation
 
 SHAPES = """<scene version="3.0.0">
 <sensor type="perspective"><float name="fov" value="40"/><transform name="to_world">

@@ -10,17 +10,17 @@ from nte.errors import NteError
 from nte.frames import Clip
 from nte.frames.clip import find_clips
 from nte.frames.exr import read_exr
-from nte.render import backend
-from nte.render.clips import render_recipe
-from nte.render.gbuffer import geometry
-from nte.render.integrator import radiance
-from nte.render.rays import points_at
-from nte.render.recipe import read_recipe
-from nte.render.scenes import FAMILIES
-from nte.render.seeds import derive_generator
-from nte.render.shutter import SUBFRAMES, _hits, _strata, _times, _trace, blurred, centre_motion
-from nte.render.stage import Stage
-from nte.render.transforms import look_at, moving, rotation, still, translation
+from nte.render.engine import backend
+from nte.render.engine.mesh_stage import Stage
+from nte.render.passes.gbuffer import geometry
+from nte.render.passes.radiance import radiance
+from nte.render.passes.rays import points_at
+from nte.render.passes.shutter import SUBFRAMES, _hits, _strata, _times, _trace, blurred, centre_motion
+from nte.render.recipes.clips import render_recipe
+from nte.render.recipes.recipe import read_recipe
+from nte.render.scenes.families import FAMILIES
+from nte.render.world.seeds import derive_generator
+from nte.render.world.transforms import look_at, moving, rotation, still, translation
 from tests.render.test_clips import contents
 from tests.render.test_gbuffer import FOCAL, HEIGHT, WIDTH, board, staged
 

@@ -3,12 +3,12 @@
 import numpy as np
 import pytest
 
-from nte.render.gbuffer import geometry, surface
-from nte.render.integrator import radiance
-from nte.render.scene import Camera, Material, Scene
+from nte.render.engine.mesh_stage import Stage
+from nte.render.passes.gbuffer import geometry, surface
+from nte.render.passes.radiance import radiance
 from nte.render.scenes import kit, shapes
-from nte.render.stage import Stage
-from nte.render.transforms import look_at, still, translation
+from nte.render.world.scene import Camera, Material, Scene
+from nte.render.world.transforms import look_at, still, translation
 
 
 def staged(environment: object, target: tuple[float, float, float], material: Material | None = None) -> Stage:

@@ -5,14 +5,15 @@ from collections.abc import Callable
 import numpy as np
 import pytest
 
-from nte.render import stage
-from nte.render.components import noisy
-from nte.render.scene import Camera, Material, Scene, SceneObject
-from nte.render.scenes import FAMILIES, shapes
-from nte.render.seeds import derive_generator
-from nte.render.stage import Stage
-from nte.render.transforms import Track, look_at, moving, rotation, still, translation
-from nte.render.vectors import footprint
+from nte.render.components.frame import noisy
+from nte.render.components.reliable_motion import footprint
+from nte.render.engine import mesh_stage
+from nte.render.engine.mesh_stage import Stage
+from nte.render.scenes import shapes
+from nte.render.scenes.families import FAMILIES
+from nte.render.world.scene import Camera, Material, Scene, SceneObject
+from nte.render.world.seeds import derive_generator
+from nte.render.world.transforms import Track, look_at, moving, rotation, still, translation
 
 SIZE, FOV = 48, 50.0
 GREY = np.full((1, 1, 3), 0.6, np.float32)
@@ -158,8 +159,10 @@ def mirror_scene(ball, camera: Track, floor=STILL) -> Scene:
 )
 def test_reflection_in_a_plane_mirror(wall, camera, floor, monkeypatch: pytest.MonkeyPatch):
     """The mirror image of a wall moves like a wall behind the mirror."""
-    ours = stage._bsdf
-    monkeypatch.setattr(stage, "_bsdf", lambda mi, m: {"type": "conductor"} if m.surface == "metal" else ours(mi, m))
+    ours = mesh_stage._bsdf
+    monkeypatch.setattr(
+        mesh_stage, "_bsdf", lambda mi, m: {"type": "conductor"} if m.surface == "metal" else ours(mi, m)
+    )
     scene = mirror_scene(wall, camera, floor)
     found = vectors(scene)
     motion, covariance = found["reflection_motion"], found["reflection_covariance"]
