@@ -16,12 +16,14 @@ import numpy as np
 from nte.render.engine import backend
 if {scalar}:
     backend.choose_llvm = lambda given: None
-from nte.render.passes.radiance import guides, radiance
+from nte.render.passes.gbuffer import guides
+from nte.render.passes.radiance import radiance
 from nte.render.scenes.families import FAMILIES
 from nte.render.world.seeds import derive_generator
-from nte.render.engine.mesh_stage import Stage
-stage = Stage(FAMILIES["rooms"](derive_generator("twin")), 16, 12, 3)
-channels = guides(stage, 1) | {{"color": radiance(stage, 64, 3)}}
+from nte.render.engine.mesh_stage import MeshStage
+stage = MeshStage(FAMILIES["rooms"](derive_generator("twin")), 16, 12, 3)
+with stage.at(1) as moment:
+    channels = guides(moment) | {{"color": radiance(moment, 64, 3)}}
 np.savez({path!r}, variant=backend.load_mitsuba().variant(), **channels)
 """
 

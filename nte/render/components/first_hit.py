@@ -5,71 +5,53 @@ ours; what arrives there along the sampled direction is Mitsuba's own path integ
 """
 
 from dataclasses import dataclass
-from typing import Any
 
 from nte.render.components.lobes import Lobes
 from nte.render.engine.backend import load_drjit, load_mitsuba
-from nte.render.engine.mesh_stage import Stage
+from nte.render.engine.stage import Scenery
+from nte.render.engine.types import Hit, Interaction, Lanes, MitsubaScene, Ray, Sampler, Struct
 
 
 @dataclass(frozen=True)
 class Light:
     """A light point seen from surface interactions, not tested for blockers. Dr.Jit arrays, a lane each."""
 
-    sample: Any  # DirectionSample3f
-    weight: Any  # (3,) radiance / density on the solid angle; 0 = no light there
-    wo: Any  # direction to it, local
+    sample: Struct  # DirectionSample3f
+    weight: Lanes  # (3,) radiance / density on the solid angle; 0 = no light there
+    wo: Lanes  # direction to it, local
 
 
 @dataclass(frozen=True)
 class Path:
     """One path per lane: radiance (3,) of each component before any mean over the pixel, and where it went."""
 
-    emission: Any  # L_e at the first hit
-    unshadowed: Any  # F: the diffuse lobe's answer to one light point
-    shadowed: Any  # F · V
-    glossy: Any
-    indirect: Any
-    indirect_radiance: Any  # 0 where the direction was not chosen by the diffuse lobe
-    indirect_direction: Any
-    is_reflection: Any  # whether it was chosen by another lobe, on the side that o is on
-    first: Any  # what Stage.met says of the first hit
-    second: Any  # of the hit along the direction
-    direction: Any  # the direction, world
+    emission: Lanes  # L_e at the first hit
+    unshadowed: Lanes  # F: the diffuse lobe's answer to one light point
+    shadowed: Lanes  # F · V
+    glossy: Lanes
+    indirect: Lanes
+    indirect_radiance: Lanes  # 0 where the direction was not chosen by the diffuse lobe
+    indirect_direction: Lanes
+    is_reflection: Lanes  # whether it was chosen by another lobe, on the side that o is on
+    first: list[Lanes]  # what Scenery.met says of the first hit
+    second: list[Lanes]  # of the hit along the direction
+    direction: Lanes  # the direction, world
 
 
-def sample_light(scene: Any, si: Any, active: Any, sample: Any) -> Light:
-    """The light point that two random numbers choose, out of all lights."""
+def sample_light(scene: MitsubaScene, si: Interaction, active: Lanes, sample: Lanes) -> Light:
+    """Choose a light point, out of all lights, by two random numbers, `sample` (2,) in [0, 1)²."""
     chosen, weight = scene.sample_emitter_direction(si, sample, False, active)
     return Light(chosen, weight, si.to_local(chosen.d))
 
 
-def sample_camera_ray(stage: Stage, pixel: Any, sampler: Any) -> Any:
-    """Rays through a random place in each of the pixels numbered row by row, and of the lens if there is one."""
-    offset = sampler.next_2d()
-    return camera_ray(stage, pixel, offset, sampler.next_2d() if stage.scene.camera.aperture else None)
-
-
-def camera_ray(stage: Stage, pixel: Any, offset: Any, lens: Any = None) -> Any:
-    """Rays through `offset` (2,) in [0, 1)² of the pixels numbered row by row; lens: the same on it, or its middle."""
-    mi = load_mitsuba()
-    dr = load_drjit()
-    width = dr.opaque(mi.UInt32, stage.width)  # not a literal: one kernel for every size
-    row = pixel // width
-    corner = mi.Point2f(mi.Float(pixel - row * width), mi.Float(row))
-    size = mi.Vector2f(dr.opaque(mi.Float, stage.width), dr.opaque(mi.Float, stage.height))
-    ray, _ = stage.sensor.sample_ray(0.0, 0.5, (corner + offset) / size, mi.Point2f(0.5) if lens is None else lens)
-    return ray
-
-
-def trace_path(stage: Stage, ray: Any, sampler: Any) -> Path:
+def trace_path(scenery: Scenery, ray: Ray, sampler: Sampler) -> Path:
     """Follow camera rays into the scene: `follow` from what they meet."""
-    return follow(stage, ray, stage.mi_scene.ray_intersect_preliminary(ray, coherent=True), sampler)
+    return follow(scenery, ray, scenery.mi_scene.ray_intersect_preliminary(ray, coherent=True), sampler)
 
 
-def follow(stage: Stage, ray: Any, first: Any, sampler: Any) -> Path:
-    """One light point and one direction at the first hit, a PreliminaryIntersection3f; then Mitsuba's integrator."""
-    mi, dr, scene = load_mitsuba(), load_drjit(), stage.mi_scene
+def follow(scenery: Scenery, ray: Ray, first: Hit, sampler: Sampler) -> Path:
+    """Trace a path from its first hit: one light point and one direction there, then Mitsuba's integrator."""
+    mi, dr, scene = load_mitsuba(), load_drjit(), scenery.mi_scene
     si = first.compute_surface_interaction(ray)
     hit = si.is_valid()
     lobes = Lobes(si, hit)
@@ -94,7 +76,7 @@ def follow(stage: Stage, ray: Any, first: Any, sampler: Any) -> Path:
     emitter = there.emitter(scene, on)
     emitted = dr.select(on, emitter.eval(there, on), 0)
     density = scene.pdf_emitter_direction(si, mi.DirectionSample3f(scene, there, si), on & ~delta)
-    arriving, _, _ = stage.beyond.sample(scene, sampler, mi.RayDifferential3f(onward), None, on)
+    arriving, _, _ = scenery.beyond.sample(scene, sampler, mi.RayDifferential3f(onward), None, on)
     reflected = dr.select(on, dr.maximum(arriving - emitted, 0), 0)
 
     is_diffuse = on & mi.has_flag(chosen.sampled_type, mi.BSDFFlags.DiffuseReflection)
@@ -107,13 +89,13 @@ def follow(stage: Stage, ray: Any, first: Any, sampler: Any) -> Path:
         indirect_radiance=dr.select(is_diffuse, reflected, 0),
         indirect_direction=dr.select(is_diffuse, onward.d, 0),
         is_reflection=on & ~is_diffuse & (chosen.wo.z * si.wi.z > 0),
-        first=stage.met(first, ray),
-        second=stage.met(second, onward),
+        first=scenery.met(first, ray),
+        second=scenery.met(second, onward),
         direction=onward.d,
     )
 
 
-def _balance(mine: Any, other: Any) -> Any:
+def _balance(mine: Lanes, other: Lanes) -> Lanes:
     """The balance heuristic: mine / (mine + other), 0 where both are 0."""
     dr = load_drjit()
     total = mine + other

@@ -4,15 +4,19 @@ Every BSDF of Mitsuba can be asked for its diffuse reflection alone by a type ma
 ignores the mask; its diffuse lobe is written out here. Whatever is not the diffuse lobe counts as «others».
 """
 
-from typing import Any
-
 from nte.render.engine.backend import load_drjit, load_mitsuba
+from nte.render.engine.types import Interaction, Lanes, Sampler, Struct
+
+
+def diffuse_albedo(si: Interaction, active: Lanes, *, random: Lanes) -> Lanes:
+    """Estimate the albedo (3,) of the diffuse lobe at surface interactions: see Lobes.diffuse_albedo."""
+    return Lobes(si, active).diffuse_albedo(random)
 
 
 class Lobes:
     """The two parts at surface interactions `si`, for the lanes in `active`; directions are local."""
 
-    def __init__(self, si: Any, active: Any) -> None:
+    def __init__(self, si: Interaction, active: Lanes) -> None:
         mi = load_mitsuba()
         self.si, self.active, self.bsdf = si, active, si.bsdf()
         self._whole, self._masked = mi.BSDFContext(), mi.BSDFContext()
@@ -20,20 +24,20 @@ class Lobes:
         self._principled = active & self.bsdf.has_attribute("metallic", active)
         self._colour, self._roughness = self._principled_diffuse()
 
-    def split(self, wo: Any) -> tuple[Any, Any]:
-        """(diffuse, others): BSDF times |cos| towards wo, each (3,) per steradian, ≥ 0; delta lobes are 0."""
+    def split(self, wo: Lanes) -> tuple[Lanes, Lanes]:
+        """Return (diffuse, others): BSDF times |cos| towards wo, each (3,) per steradian, ≥ 0; delta lobes are 0."""
         dr = load_drjit()
         whole = self.bsdf.eval(self._whole, self.si, wo, self.active)
         diffuse = self.diffuse(wo)
         return diffuse, dr.maximum(whole - diffuse, 0)
 
-    def diffuse(self, wo: Any) -> Any:
-        """The diffuse lobe alone, as in `split`."""
+    def diffuse(self, wo: Lanes) -> Lanes:
+        """Return the diffuse lobe times |cos| towards wo, (3,) per steradian, ≥ 0."""
         dr = load_drjit()
         masked = self.bsdf.eval(self._masked, self.si, wo, self.active & ~self._principled)
         return dr.select(self._principled, self._disney(wo), masked)
 
-    def diffuse_albedo(self, random: Any) -> Any:
+    def diffuse_albedo(self, random: Lanes) -> Lanes:
         """Estimate ∫ f_d cos θ dω, (3,), on the side that si.wi is on; exact for a Lambertian lobe.
 
         random: two numbers that choose one direction, of density cos θ / π: its sin² θ in [0, 1), and its turn,
@@ -45,16 +49,16 @@ class Lobes:
         wo = mi.Vector3f(sine * dr.cos(turn), sine * dr.sin(turn), dr.mulsign(cosine, self.si.wi.z))
         return self.diffuse(wo) * (dr.pi / cosine)
 
-    def pdf(self, wo: Any) -> Any:
-        """Density per steradian with which `sample` chooses wo, over all lobes."""
+    def pdf(self, wo: Lanes) -> Lanes:
+        """Return the density per steradian with which `sample` chooses wo, over all lobes."""
         return self.bsdf.pdf(self._whole, self.si, wo, self.active)
 
-    def sample(self, sampler: Any) -> tuple[Any, Any]:
-        """One direction of the BSDF's own choice: (BSDFSample3f, whole BSDF · |cos| / pdf)."""
+    def sample(self, sampler: Sampler) -> tuple[Struct, Lanes]:
+        """Choose one direction as the BSDF does: (BSDFSample3f, whole BSDF · |cos| / pdf)."""
         chosen, weight = self.bsdf.sample(self._whole, self.si, sampler.next_1d(), sampler.next_2d(), self.active)
         return chosen, weight
 
-    def _principled_diffuse(self) -> tuple[Any, Any]:
+    def _principled_diffuse(self) -> tuple[Lanes, Lanes]:
         """Colour and roughness of the diffuse lobe of `principled`; its flat and sheen parts are «others»."""
         mask, si = self._principled, self.si
         share = 1.0
@@ -63,7 +67,7 @@ class Lobes:
         colour = self.bsdf.eval_attribute_3("base_color", si, mask) * share
         return colour, self.bsdf.eval_attribute_1("roughness", si, mask)
 
-    def _disney(self, wo: Any) -> Any:
+    def _disney(self, wo: Lanes) -> Lanes:
         """Burley's diffuse and retro-reflection (Disney 2015, Eq. 4), as in Mitsuba's principled.cpp."""
         mi, dr = load_mitsuba(), load_drjit()
         wi = self.si.wi

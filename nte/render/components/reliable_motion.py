@@ -12,9 +12,10 @@ import torch
 from torch import Tensor
 
 from nte.motion.reliable import mirror_image, reflection_covariance, reflection_motion, shadow_motion
-from nte.render.engine.mesh_stage import Stage
+from nte.render.engine.places import Indices
+from nte.render.engine.stage import Moment, Timeless
 from nte.render.passes.projection import eye, pixel_positions
-from nte.render.passes.rays import Hits, Indices, curvatures_at, normals_at, points_at, trace_film
+from nte.render.passes.rays import Hits, curvatures_at, normals_at, points_at, trace_film
 from nte.render.world.scene import Pixels
 from nte.render.world.transforms import Floats
 
@@ -49,8 +50,11 @@ class Mirrored:
     image: Floats  # (P, 3) world, at the time before; NaN where nothing is shown or no path was reflected
 
 
-def shadow_vectors(stage: Stage, shadow: Shadow, time: float) -> Pixels:
-    """shadow_motion (2, H, W), pixels, to where the same shadow was at time − 1; NaN where there is none."""
+def shadow_vectors(stage: Timeless, shadow: Shadow, time: float) -> Pixels:
+    """Compute shadow_motion (2, H, W), pixels, to where the same shadow was at time − 1; NaN where there is none.
+
+    shadow: what the shadow rays of `time`, in frames, have met. Needs no rays.
+    """
     light = stage.places.moved(shadow.light, shadow.light_point, time, time - 1)
     blocker, point = (points_at(stage, hits, time - 1) for hits in (shadow.blocker, shadow.receiver))
     light, blocker, point = (_only(shadow.blocked, points) for points in (light, blocker, point))
@@ -60,8 +64,8 @@ def shadow_vectors(stage: Stage, shadow: Shadow, time: float) -> Pixels:
     return _pixels(shadow_motion(source, b, s, n, view, projection, _position(stage, shadow.receiver, time)))
 
 
-def mirror_images(stage: Stage, bounce: Bounce, time: float) -> Mirrored:
-    """Where the reflectors show, at time − 1, what the paths of `time` have met: `mirror_image`. Needs no rays."""
+def mirror_images(stage: Timeless, bounce: Bounce, time: float) -> Mirrored:
+    """Find where the reflectors show, at time − 1, what the paths of `time` have met: `mirror_image`. Needs no rays."""
     first, second = bounce.first, bounce.second
     point, target = points_at(stage, first, time - 1), points_at(stage, second, time - 1)
     distant = second.instance == 0
@@ -76,54 +80,55 @@ def mirror_images(stage: Stage, bounce: Bounce, time: float) -> Mirrored:
     return Mirrored(first, _spread(rows, _to_rows(image)))
 
 
-def reflection_vectors(stage: Stage, mirrored: Mirrored, time: float) -> tuple[Pixels, Pixels]:
-    """reflection_motion (2, H, W) px, and reflection_covariance (3, H, W) px².
+def reflection_vectors(before: Moment, mirrored: Mirrored, time: float) -> tuple[Pixels, Pixels]:
+    """Compute reflection_motion (2, H, W) px, and reflection_covariance (3, H, W) px², of the frame at `time`.
 
-    NaN where no lobe but the diffuse one has reflected the path, where the mirrored point is behind the camera, and
-    where no surface is seen there at time − 1. `stage` must be set to time − 1.
+    before: the moment a frame earlier, at time − 1. NaN where no lobe but the diffuse one has reflected the path, where
+    the mirrored point is behind the camera, and where no surface is seen there at time − 1.
     """
-    covariance = footprint(stage, mirrored.image, time - 1)
+    covariance = footprint(before, mirrored.image)
     seen = np.asarray(~np.isnan(covariance).any(1))
     image = _only(seen, mirrored.image)
-    position = _position(stage, mirrored.first, time)
-    motion = reflection_motion(_image(stage, image), *_camera(stage, time - 1), position)
-    return _pixels(motion), _pixels(_image(stage, covariance))
+    position = _position(before, mirrored.first, time)
+    motion = reflection_motion(_image(before, image), *_camera(before, before.time), position)
+    return _pixels(motion), _pixels(_image(before, covariance))
 
 
-def footprint(stage: Stage, image: Floats, time: float) -> Floats:
-    """Covariance (P, 3), XX XY YY, px², of where the mirror images (P, 3) of points can be seen at `time`.
+def footprint(moment: Moment, image: Floats) -> Floats:
+    """Compute the covariance (P, 3), XX XY YY, px², of where the mirror images (P, 3) of points can be seen.
 
-    By the surface that is seen there (`reflection_covariance`), at which rays look: `stage` must be set to `time`.
+    By the surface that is seen there (`reflection_covariance`), at which rays look.
     """
-    pixel = pixel_positions(stage, image, time)
+    time = moment.time
+    pixel = pixel_positions(moment, image, time)
     usable = np.asarray(np.isfinite(pixel).all(1))
     if not usable.any():
         return np.full((len(image), 3), np.nan)
-    seen = trace_film(stage, pixel[usable])
-    curvature = curvatures_at(stage, seen.hits, time)
+    seen = trace_film(moment, pixel[usable])
+    curvature = curvatures_at(moment, seen.hits, time)
     of_seen = image[usable], seen.point, seen.normal, seen.roughness[:, None], curvature.reshape(-1, 9)
     *surface, bend = (_line(values) for values in of_seen)
-    view, projection = _camera(stage, time)
+    view, projection = _camera(moment, time)
     place, point, normal, roughness = surface
-    bend, size = bend.view(1, 3, 3, 1, -1), (stage.height, stage.width)
+    bend, size = bend.view(1, 3, 3, 1, -1), (moment.height, moment.width)
     found = reflection_covariance(place, point, normal, roughness, view, projection, bend, size)
     return _spread(usable, _only(seen.hit, _to_rows(found)))
 
 
-def _position(stage: Stage, hits: Hits, time: float) -> Tensor:
+def _position(stage: Timeless, hits: Hits, time: float) -> Tensor:
     """Where hits are seen, (1, 2, H, W) pixels."""
     return _image(stage, pixel_positions(stage, points_at(stage, hits, time), time))
 
 
-def _camera(stage: Stage, time: float) -> tuple[Tensor, Tensor]:
+def _camera(stage: Timeless, time: float) -> tuple[Tensor, Tensor]:
     """View and projection (1, 4, 4)."""
-    camera = stage.scene.camera
+    camera = stage.camera
     matrices = camera.view(time), camera.projection(stage.width, stage.height)
     view, projection = (torch.from_numpy(np.ascontiguousarray(matrix))[None] for matrix in matrices)
     return view, projection
 
 
-def _image(stage: Stage, rows: Floats) -> Tensor:
+def _image(stage: Timeless, rows: Floats) -> Tensor:
     """(P, C) → (1, C, H, W)."""
     return torch.from_numpy(np.ascontiguousarray(rows.T)).view(1, -1, stage.height, stage.width)
 

@@ -18,10 +18,10 @@ from collections.abc import Iterable, Iterator
 from contextlib import contextmanager, nullcontext
 from functools import cache
 from pathlib import Path
-from typing import Any
 
 from nte.errors import NteError, needs_extra
 from nte.interrupt import InterruptFlag
+from nte.render.engine.types import Module
 
 OLDEST_LLVM = 17
 _VARIABLE = "DRJIT_LIBLLVM_PATH"
@@ -55,8 +55,8 @@ def undisturbed() -> Iterator[None]:
 
 @cache
 @undisturbed()  # an interrupted import looks like a missing package
-def load_mitsuba() -> Any:
-    """The mitsuba module with its variant set: llvm_ad_rgb, or scalar_rgb where no usable LLVM is found.
+def load_mitsuba() -> Module:
+    """Load the mitsuba module and set its variant: llvm_ad_rgb, or scalar_rgb where no usable LLVM is found.
 
     Says so in one line on stderr in the second case, which is many times slower. Raises NteError where Mitsuba
     is not installed, and where an LLVM that crashes is wanted (DRJIT_LIBLLVM_PATH) or already loaded.
@@ -90,14 +90,14 @@ def _check_loaded(version: tuple[int, int, int], library: Path) -> None:
         )
 
 
-def load_drjit() -> Any:
-    """The drjit module, after load_mitsuba has chosen its LLVM."""
+def load_drjit() -> Module:
+    """Load the drjit module, after load_mitsuba has chosen its LLVM."""
     load_mitsuba()
     return importlib.import_module("drjit")
 
 
 def is_scalar() -> bool:
-    """Whether Mitsuba handles one ray at a time instead of whole arrays of them."""
+    """Say whether Mitsuba handles one ray at a time instead of whole arrays of them."""
     return str(load_mitsuba().variant()).startswith("scalar")
 
 
@@ -114,7 +114,7 @@ def share_cores(jobs: int) -> None:
 
 
 def choose_llvm(given: str | None) -> Path | None:
-    """The LLVM library to use: the user's own, else the wheel's, else the newest usable one of the system.
+    """Choose the LLVM library to use: the user's own, else the wheel's, else the newest usable one of the system.
 
     given: the value of DRJIT_LIBLLVM_PATH, or None. Returns None if there is no usable library. Raises
     NteError if the given one does not exist or is too old: a wish is refused, never silently replaced.
@@ -134,14 +134,14 @@ def choose_llvm(given: str | None) -> Path | None:
 
 
 def newest_usable(candidates: Iterable[Path]) -> Path | None:
-    """The candidate with the highest LLVM version of at least OLDEST_LLVM; unknown versions do not count."""
+    """Return the candidate with the highest LLVM version of at least OLDEST_LLVM; unknown versions do not count."""
     versions = {path: llvm_version(path) for path in sorted(candidates)}
     usable = {path: version for path, version in versions.items() if version and version >= OLDEST_LLVM}
     return max(usable, key=lambda path: usable[path], default=None)
 
 
 def llvm_version(path: Path) -> int | None:
-    """Major version of an LLVM library, from its name, else from its symbol table; None if neither tells.
+    """Read the major version of an LLVM library, from its name, else from its symbol table; None if neither tells.
 
     Names are libLLVM-15.so.1, libLLVM.so.19.1 or, behind a link, libLLVM.so. The library is not loaded.
     """

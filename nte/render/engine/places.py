@@ -1,15 +1,16 @@
 """Places on surfaces: how a kernel names the place that a ray meets, and where that is at any time.
 
 A family's objects may deform, so a place is on a triangle; somebody else's shapes need not have triangles, so there
-it is a point of the object at rest (nte.render.engine.xml.stage).
+it is a point of the object at rest (nte.render.engine.xml.rest).
 """
 
 from itertools import pairwise
-from typing import Any, Protocol
+from typing import Protocol
 
 import numpy as np
 import numpy.typing as npt
 
+from nte.render.engine.types import Hit, Lanes, Ray
 from nte.render.world.scene import Scene
 from nte.render.world.transforms import Floats
 
@@ -18,30 +19,30 @@ _TIMES = 4  # whose vertices are kept: a frame asks for those of three again and
 
 
 class Places(Protocol):
-    """Instances (P,) are the numbers of objects, 0 for a miss, of which any place is as good; places (P, width)."""
+    """Places (P, width) on objects; instances (P,) are the objects' numbers. 0 marks a miss; its place is ignored."""
 
     width: int
 
-    def columns(self, hit: Any, ray: Any) -> list[Any]:
-        """Place of a PreliminaryIntersection3f, in the kernel: `width` Dr.Jit arrays."""
+    def columns(self, hit: Hit, ray: Ray) -> list[Lanes]:
+        """Return the place that a ray meets, in the kernel: `width` Dr.Jit arrays."""
 
-    def stored(self, instance: Indices, columns: Floats) -> Floats:
-        """Places of those columns (P, width), at the time that the stage is set to."""
+    def stored(self, instance: Indices, columns: Floats, time: float) -> Floats:
+        """Return places for those columns (P, width), which a kernel gave at a time in frames."""
 
     def points(self, instance: Indices, place: Floats, time: float) -> Floats:
-        """World points (P, 3) of places at a time in frames."""
+        """Return world points (P, 3) of places at a time in frames."""
 
     def normals(self, instance: Indices, place: Floats, time: float) -> Floats:
-        """Shading normals (P, 3), world, not of unit length."""
+        """Return shading normals (P, 3) of places at a time in frames: world, not of unit length."""
 
     def curvatures(self, instance: Indices, place: Floats, time: float) -> Floats:
-        """Change of the unit shading normal with a step along the surface (P, 3, 3), per scene unit.
+        """Return the change of the unit shading normal with a step along the surface (P, 3, 3), per scene unit.
 
         Positive where the surface bulges to the side of its normal; zero where it is flat, faceted or missed.
         """
 
     def moved(self, instance: Indices, points: Floats, time: float, other: float) -> Floats:
-        """World points (P, 3) that go with objects, from where they are at `time` to `other`; of 0, they stay."""
+        """Carry world points (P, 3) along with objects, from where they are at `time` to `other`; of 0, they stay."""
 
 
 class Triangles:
@@ -72,10 +73,10 @@ class Triangles:
         positions, normals = self.vertices(time)
         return positions[self._rows[instance - 1]], normals[self._rows[instance - 1]]
 
-    def columns(self, hit: Any, ray: Any) -> list[Any]:
+    def columns(self, hit: Hit, ray: Ray) -> list[Lanes]:
         return [hit.prim_index, *hit.prim_uv]
 
-    def stored(self, instance: Indices, columns: Floats) -> Floats:
+    def stored(self, instance: Indices, columns: Floats, time: float) -> Floats:
         return columns
 
     def points(self, instance: Indices, place: Floats, time: float) -> Floats:

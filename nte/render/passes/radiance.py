@@ -1,35 +1,28 @@
-"""All channels of one frame: radiance by Mitsuba's path tracer, and the G-buffer."""
+"""Radiance of one frame, by the stage's integrator."""
 
 from collections.abc import Iterator
 
 import numpy as np
 
 from nte.render.engine.backend import load_mitsuba
-from nte.render.engine.mesh_stage import Stage
-from nte.render.passes.gbuffer import geometry, surface
+from nte.render.engine.stage import Moment
 from nte.render.world.scene import Pixels
 from nte.render.world.seeds import derive_seed
 
 _SAMPLES = 1 << 26  # per launch: 64 M paths in flight take less than 1 GB (measured: 15 M take 0.1)
 
 
-def guides(stage: Stage, time: float) -> dict[str, Pixels]:
-    """The noise-free channels (C, H, W) of the frame at a time; leaves `stage` set to it."""
-    stage.set_time(time)
-    return {**surface(stage), **geometry(stage, time)}
-
-
-def radiance(stage: Stage, spp: int, seed: int) -> Pixels:
-    """Radiance (3, H, W) of `spp` jittered samples per pixel, box filter, at the time `stage` is set to.
+def radiance(moment: Moment, spp: int, seed: int) -> Pixels:
+    """Render radiance (3, H, W), linear: the mean of `spp` jittered samples per pixel, box filter.
 
     The same seed gives the same bytes, for any number of threads.
     """
-    mi = load_mitsuba()
-    total = np.zeros((stage.height, stage.width, 3))
-    for number, count in enumerate(launches(spp, stage.width * stage.height)):
+    mi, scenery = load_mitsuba(), moment.scenery
+    total = np.zeros((moment.height, moment.width, 3))
+    for number, count in enumerate(launches(spp, moment.width * moment.height)):
         try:
-            how = {"sensor": stage.sensor, "integrator": stage.integrator, "spp": count}
-            image = mi.render(stage.mi_scene, seed=derive_seed(seed, number), **how)
+            how = {"sensor": scenery.sensor, "integrator": scenery.integrator, "spp": count}
+            image = mi.render(scenery.mi_scene, seed=derive_seed(seed, number), **how)
         except RuntimeError as error:  # how Dr.Jit hands on Ctrl-C
             if isinstance(error.__cause__, KeyboardInterrupt):
                 raise error.__cause__ from None

@@ -13,12 +13,13 @@ from collections.abc import Sequence
 import numpy as np
 import numpy.typing as npt
 
-from nte.render.components.first_hit import sample_camera_ray
 from nte.render.engine.backend import load_drjit, load_mitsuba
-from nte.render.engine.mesh_stage import Stage
+from nte.render.engine.camera_rays import past_containers, sample_camera_ray
+from nte.render.engine.stage import Moment, Stage, Timeless
+from nte.render.engine.types import Sampler
 from nte.render.passes.gbuffer import project_rows, to_image
 from nte.render.passes.radiance import radiance
-from nte.render.passes.rays import Hits, past_containers, points_at, to_hits, trace_centres
+from nte.render.passes.rays import Hits, points_at, to_hits, trace_centres
 from nte.render.world.scene import Pixels
 from nte.render.world.seeds import derive_generator, derive_seed
 from nte.render.world.transforms import Floats
@@ -32,13 +33,14 @@ _LEVELS = 3  # of blocks of 2×2, 4×4 and 8×8 pixels
 def blurred(
     stage: Stage, time: float, shutter: float, reference_spp: int, keys: Sequence[int], halves: Sequence[int]
 ) -> tuple[list[dict[str, Pixels]], list[Pixels]]:
-    """The noisy channels of each seed, and the halves (3, H, W) of the reference, of the frame at a time in frames.
+    """Render the noisy channels of each seed, and the halves (3, H, W) of the reference, at a time in frames.
 
     color (3, H, W): one path per pixel at its own time. time (1, H, W): that time, in [0, 1] over the open shutter,
     exact in half floats. shutter_motion (2, H, W): from where the surface that this very sample hit is seen when the
     shutter opens, to where when it closes, pixels. shutter_depth (1, H, W): of the hit along the view axis, as the
     camera stands at the sample's time; 0 = miss. The halves share the sub-frames with the seeds: reference_spp /
-    (2 · SUBFRAMES) samples of each in every one. Vectorised variants only; leaves `stage` at the last sub-frame.
+    (2 · SUBFRAMES) samples of each in every one. shutter: the open share of the frame, in [0, 1]. Vectorised
+    variants only.
     """
     size = stage.height, stage.width
     times = _times(derive_generator("shutter times", *keys))
@@ -47,13 +49,13 @@ def blurred(
     sums = np.zeros((len(halves), 3, *size))
     for number, now in enumerate(times):
         here = time + shutter * (now - 0.5)
-        stage.set_time(here)
-        for row, mine, key in zip(rows, order, keys, strict=True):
-            pixels = np.flatnonzero(mine == number)
-            if len(pixels):
-                row[pixels] = _trace(stage, pixels, here, derive_seed(key, number))
-        for total, key in zip(sums, halves, strict=True):
-            total += radiance(stage, reference_spp // (2 * SUBFRAMES), derive_seed(key, number))
+        with stage.at(here) as moment:
+            for row, mine, key in zip(rows, order, keys, strict=True):
+                pixels = np.flatnonzero(mine == number)
+                if len(pixels):
+                    row[pixels] = _trace(moment, pixels, derive_seed(key, number))
+            for total, key in zip(sums, halves, strict=True):
+                total += radiance(moment, reference_spp // (2 * SUBFRAMES), derive_seed(key, number))
     noisy = [
         {
             "color": to_image(stage, row[:, :3]),
@@ -66,12 +68,12 @@ def blurred(
     return noisy, [np.asarray(total / SUBFRAMES, np.float32) for total in sums]
 
 
-def centre_motion(stage: Stage, time: float, shutter: float) -> Pixels:
-    """shutter_motion (2, H, W) of the sharp frame: of the surface at the pixel's centre at mid-shutter.
+def centre_motion(moment: Moment, shutter: float) -> Pixels:
+    """Render shutter_motion (2, H, W), pixels, of the sharp frame: of the surface at the pixel's centre at mid-shutter.
 
-    `stage` must be set to `time`.
+    shutter: the open share of the frame, in [0, 1].
     """
-    return _over_shutter(stage, trace_centres(stage), time, shutter)
+    return _over_shutter(moment, trace_centres(moment), moment.time, shutter)
 
 
 def _times(rng: np.random.Generator) -> Floats:
@@ -98,22 +100,22 @@ def _strata(height: int, width: int, rng: np.random.Generator) -> npt.NDArray[np
     return stratum
 
 
-def _trace(stage: Stage, pixels: npt.NDArray[np.int64], time: float, seed: int) -> Floats:
-    """One path through a random point of each of `pixels` (P,), at the time in frames that `stage` is set to.
+def _trace(moment: Moment, pixels: npt.NDArray[np.int64], seed: int) -> Floats:
+    """Trace one path through a random point of each of `pixels` (P,).
 
     Rows (P, 8 + W): radiance (3), depth along the view axis, and the first hit as `_hits` reads it.
     """
-    mi, dr = load_mitsuba(), load_drjit()
-    sampler = mi.load_dict({"type": "independent"})
+    mi, dr, scenery = load_mitsuba(), load_drjit(), moment.scenery
+    sampler: Sampler = mi.load_dict({"type": "independent"})
     sampler.seed(dr.opaque(mi.UInt32, seed), len(pixels))
-    ray = sample_camera_ray(stage, mi.UInt32(pixels.astype(np.uint32)), sampler)
-    seen = past_containers(stage, mi.Ray3f(ray))  # a copy, which it moves
-    first = stage.mi_scene.ray_intersect_preliminary(seen, coherent=True)
-    colour, *_ = stage.integrator.sample(stage.mi_scene, sampler, mi.RayDifferential3f(ray))
+    ray = sample_camera_ray(scenery, mi.UInt32(pixels.astype(np.uint32)), sampler)
+    seen = past_containers(scenery, mi.Ray3f(ray))  # a copy, which it moves
+    first = scenery.mi_scene.ray_intersect_preliminary(seen, coherent=True)
+    colour, *_ = scenery.integrator.sample(scenery.mi_scene, sampler, mi.RayDifferential3f(ray))
     point = dr.select(first.is_valid(), seen(first.t), 0)
-    met = stage.met(first, seen)
+    met = scenery.met(first, seen)
     dr.eval(colour, point, met, ray.d)
-    hits, view = to_hits(stage, met, ray.d), stage.scene.camera.view(time)
+    hits, view = to_hits(moment, met, ray.d), moment.camera.view(moment.time)
     depth = np.where(hits.instance > 0, np.array(point, float).T @ view[2, :3] + view[2, 3], 0)
     columns = [np.array(colour, float).T, depth, hits.instance, hits.place, hits.direction]
     return np.column_stack(columns)
@@ -124,9 +126,9 @@ def _hits(rows: Floats) -> Hits:
     return Hits(rows[:, 4].astype(np.int64), rows[:, 5:-3], rows[:, -3:])
 
 
-def _over_shutter(stage: Stage, hits: Hits, time: float, shutter: float) -> Pixels:
+def _over_shutter(timeless: Timeless, hits: Hits, time: float, shutter: float) -> Pixels:
     """Vectors (2, H, W) of `hits`, one per pixel, from their place in the image at opening to that at closing."""
     ends = time - shutter / 2, time + shutter / 2
-    points = np.stack([points_at(stage, hits, end) for end in ends])
-    opening, closing = project_rows(stage, hits.instance > 0, points, ends)
-    return to_image(stage, closing - opening)
+    points = np.stack([points_at(timeless, hits, end) for end in ends])
+    opening, closing = project_rows(timeless, hits.instance > 0, points, ends)
+    return to_image(timeless, closing - opening)

@@ -7,16 +7,16 @@ reference needs a third of the samples.
 
 from functools import cache
 from itertools import product
-from typing import Any
 
 from nte.render.engine.backend import load_drjit, load_mitsuba
+from nte.render.engine.types import Integrator, Lanes, MitsubaScene, Ray, Sampler, Struct
 
 POINTS = tuple((x, y) for x in (0.25, 0.75) for y in (0.25, 0.75))  # on each light, the same for every pixel
 
 
 @cache
-def unshadowed_integrator() -> Any:
-    """A Mitsuba integrator of emission + albedo · E / π, with E the irradiance as if nothing stood in the way.
+def unshadowed_integrator() -> Integrator:
+    """Return a Mitsuba integrator of emission + albedo · E / π, with E the irradiance as if nothing stood in the way.
 
     Every surface is taken for a diffuse one of its `albedo` (datasets/README.md): metal and glass too. Vectorised
     variants only.
@@ -24,7 +24,9 @@ def unshadowed_integrator() -> Any:
     mi, dr = load_mitsuba(), load_drjit()
 
     class Unshadowed(mi.SamplingIntegrator):  # type: ignore[misc, name-defined]
-        def sample(self, scene: Any, sampler: Any, ray: Any, medium: Any = None, active: Any = True) -> Any:
+        def sample(
+            self, scene: MitsubaScene, sampler: Sampler, ray: Ray, medium: Struct = None, active: Lanes = True
+        ) -> tuple[Lanes, Lanes, list[Lanes]]:
             si = scene.ray_intersect(ray, mi.RayFlags.All, True, active)
             hit = si.is_valid()
             normal = si.sh_frame.n * dr.select(si.wi.z >= 0, 1, -1)
@@ -36,4 +38,5 @@ def unshadowed_integrator() -> Any:
             reflected = si.bsdf().eval_diffuse_reflectance(si, hit) * irradiance / dr.pi
             return dr.select(active, si.emitter(scene).eval(si), 0) + dr.select(hit, reflected, 0), active, []
 
-    return Unshadowed(mi.Properties())
+    made: Integrator = Unshadowed(mi.Properties())
+    return made

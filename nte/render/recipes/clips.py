@@ -2,7 +2,6 @@
 
 from collections.abc import Callable
 from pathlib import Path
-from typing import Any
 
 import nte
 from nte.files import make_folder, only_writer, remove
@@ -11,8 +10,9 @@ from nte.frames.clip import write_clip_info, write_frame
 from nte.progress import Progress
 from nte.render.components.frame import noisy, references
 from nte.render.engine.backend import check_arrays, load_mitsuba
-from nte.render.engine.mesh_stage import Stage
-from nte.render.passes.radiance import guides, radiance
+from nte.render.engine.stage import Stage
+from nte.render.passes.gbuffer import guides
+from nte.render.passes.radiance import radiance
 from nte.render.passes.shutter import blurred, centre_motion
 from nte.render.recipes.jobs import in_processes, on_cluster
 from nte.render.recipes.output import claim, files_of, is_whole, remove_leftovers
@@ -99,20 +99,23 @@ def _render_frame(unit: ClipPlan, stage: Stage, folder: Path, index: int) -> Non
 
 def _colour_only(unit: ClipPlan, stage: Stage, index: int) -> tuple[Channels, list[Channels]]:
     """Guides and references, and the noisy channels of each seed."""
-    group, channels = unit.group, guides(stage, index)
+    group = unit.group
+    with stage.at(index) as moment:
 
-    def render(channel: str, spp: int, seed: int = 0) -> Pixels:
-        return radiance(stage, spp, _seed(unit, index, channel, seed))
+        def render(channel: str, spp: int, seed: int = 0) -> Pixels:
+            return radiance(moment, spp, _seed(unit, index, channel, seed))
 
-    motion = {"shutter_motion": centre_motion(stage, index, group.shutter)} if unit.sharp else {}
-    seeds = [{"color": render("color", group.spp, seed), **motion} for seed in range(group.seeds)]
-    channels.update({half: render(half, group.reference_spp // 2) for half in REFERENCES})
+        channels = guides(moment)
+        motion = {"shutter_motion": centre_motion(moment, group.shutter)} if unit.sharp else {}
+        seeds = [{"color": render("color", group.spp, seed), **motion} for seed in range(group.seeds)]
+        channels.update({half: render(half, group.reference_spp // 2) for half in REFERENCES})
     return channels, seeds
 
 
 def _blurred(unit: ClipPlan, stage: Stage, index: int) -> tuple[Channels, list[Channels]]:
-    """The same with the samples of a pixel spread over the shutter."""
-    channels = guides(stage, index)
+    """Guides, references and noisy channels, with the samples of a pixel spread over the shutter."""
+    with stage.at(index) as moment:
+        channels = guides(moment)
     keys = [_seed(unit, index, "color", seed) for seed in range(unit.group.seeds)]
     halves = [_seed(unit, index, half, 0) for half in REFERENCES]
     seeds, references = blurred(stage, index, unit.group.shutter, unit.group.reference_spp, keys, halves)
@@ -121,11 +124,12 @@ def _blurred(unit: ClipPlan, stage: Stage, index: int) -> tuple[Channels, list[C
 
 
 def _with_components(unit: ClipPlan, stage: Stage, index: int) -> tuple[Channels, list[Channels]]:
-    """The same with the light components and their references, and `direct`."""
+    """Guides, references and noisy channels, with the light components and their references, and `direct`."""
     keys = [_seed(unit, index, "color", seed) for seed in range(unit.group.seeds)]
     channels, seeds = noisy(stage, index, keys)
     first, second = (_seed(unit, index, half, 0) for half in REFERENCES)
-    channels.update(references(stage, unit.group.reference_spp, (first, second)))
+    with stage.at(index) as moment:
+        channels.update(references(moment, unit.group.reference_spp, (first, second)))
     return channels, seeds
 
 
@@ -142,9 +146,9 @@ def _is_done(unit: ClipPlan, folder: Path, index: int) -> bool:
     return is_whole(main, (*once, *per_seed), unit) and all(is_whole(path, per_seed, unit) for path in others)
 
 
-def _info(unit: ClipPlan, stage: Stage) -> dict[str, Any]:
+def _info(unit: ClipPlan, stage: Stage) -> dict[str, object]:
     """What clip.json says. No time, host or path: the same recipe gives the same bytes."""
-    group, camera = unit.group, stage.scene.camera
+    group, camera = unit.group, stage.camera
     projection = camera.projection(group.width, group.height).tolist()
     return {
         "width": group.width, "height": group.height, "frames": group.frames, "fps": FPS,

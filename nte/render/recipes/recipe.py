@@ -12,9 +12,11 @@ import nte
 from nte.config import load_config, to_yaml
 from nte.errors import NteError
 from nte.render.engine.backend import check_arrays
-from nte.render.engine.mesh_stage import Stage
-from nte.render.engine.xml.stage import OwnStage, check_scene
+from nte.render.engine.mesh_stage import MeshStage
+from nte.render.engine.stage import Stage
+from nte.render.engine.xml.stage import XmlStage, check_scene
 from nte.render.passes.shutter import SUBFRAMES
+from nte.render.passes.unshadowed import unshadowed_integrator
 from nte.render.scenes.families import FAMILIES
 from nte.render.world.keyframes import read_animation
 from nte.render.world.scene import Scene
@@ -89,16 +91,16 @@ class ClipPlan:
 
 
 def make_stage(unit: ClipPlan) -> Stage:
-    """The scene of a clip in Mitsuba's hands: the same whenever and wherever it is asked for."""
+    """Build the scene of a clip in Mitsuba: the same whenever and wherever it is asked for."""
     group = unit.group
+    how = group.width, group.height, group.max_depth, unshadowed_integrator() if group.unshadowed else None
     if unit.animation is not None:
-        how = group.width, group.height, group.max_depth, group.unshadowed
-        return OwnStage(read_animation(unit.animation), *how, unit.start)
-    return Stage(make_scene(unit), group.width, group.height, group.max_depth, group.unshadowed)
+        return XmlStage(read_animation(unit.animation), *how, unit.start)
+    return MeshStage(make_scene(unit), *how)
 
 
 def make_scene(unit: ClipPlan) -> Scene:
-    """The scene of a clip of a family."""
+    """Make the scene of a clip of a family."""
     rng = derive_generator(unit.seed, unit.name, "scene")
     return FAMILIES[unit.group.scene](rng, unit.split, unit.group.parameters)
 

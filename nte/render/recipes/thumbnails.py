@@ -46,8 +46,8 @@ def strip(unit: ClipPlan, size: int, spp: int) -> Pixels:
     stage = make_stage(replace(unit, group=group))
     frames = []
     for time in np.linspace(0, unit.group.frames - 1, PICTURES).round():
-        stage.set_time(time)
-        frames.append(radiance(stage, spp, seed=int(time)))
+        with stage.at(time) as moment:
+            frames.append(radiance(moment, spp, seed=int(time)))
     image = torch.from_numpy(np.concatenate(frames, axis=2))[None]
     # The middle of the scene's own brightness, not the mean: a lamp in view must not darken the rest.
     exposure = 0.18 / torch.exp(torch.log(image.mean(1).clamp(min=1e-4)).mean())

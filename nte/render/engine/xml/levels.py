@@ -7,9 +7,9 @@ can share all shapes: one for the time of a frame, and one for the time before, 
 
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
-from typing import Any
 
 from nte.render.engine.backend import load_mitsuba
+from nte.render.engine.types import MitsubaScene, Parameters, Plugin, Shape
 from nte.render.world.transforms import Floats
 
 _SOLIDS = ("Sphere", "Cylinder", "Disk", "Rectangle")
@@ -20,14 +20,14 @@ _STILL, _MOVING = "nte_still", "nte_moving"
 class Levels:
     """One Mitsuba scene over shared shapes, as it is at one time."""
 
-    scene: Any
-    still: Any  # the instance of all that stands still, a shape; None if there is nothing
-    moving: Mapping[str, Any]  # the instances of what moves, by the names of their shapes
-    parameters: Any  # mi.traverse of the scene
+    scene: MitsubaScene
+    still: Shape | None  # the instance of all that stands still, a shape; None if there is nothing
+    moving: Mapping[str, Shape]  # the instances of what moves, by the names of their shapes
+    parameters: Parameters  # mi.traverse of the scene
     time: float | None = None
 
-    def instances(self) -> list[Any]:
-        """All of them, in an order that is the same in every scene over the same shapes."""
+    def instances(self) -> list[Shape]:
+        """Return all instances, in an order that is the same in every scene over the same shapes."""
         return [*self.moving.values(), *([] if self.still is None else [self.still])]
 
     def move(self, transforms: Mapping[str, Floats], time: float) -> None:
@@ -41,14 +41,14 @@ class Levels:
         self.time = time
 
 
-def can_be_grouped(shape: Any) -> bool:
-    """Whether a shape may be part of a shapegroup: no light, sensor, border of a medium or instance."""
+def can_be_grouped(shape: Shape) -> bool:
+    """Say whether a shape may be part of a shapegroup: no light, sensor, border of a medium or instance."""
     usual = shape.is_mesh() or shape.class_name() in _SOLIDS
     media = shape.interior_medium() is not None or shape.exterior_medium() is not None
     return usual and not media and not shape.is_emitter() and not shape.is_sensor()
 
 
-def levels(scene: Any, shapes: Sequence[Any], moving: Iterable[str], count: int) -> list[Levels]:
+def levels(scene: MitsubaScene, shapes: Sequence[Shape], moving: Iterable[str], count: int) -> list[Levels]:
     """Make `count` scenes of two levels out of one; nothing if what moves cannot be grouped, or an instance is there.
 
     shapes: of the scene. moving: names of shapes. Shapes that cannot be grouped but stand still, and lights, remain
@@ -61,11 +61,11 @@ def levels(scene: Any, shapes: Sequence[Any], moving: Iterable[str], count: int)
     return [_levels(scene, shapes, moving) for _ in range(count)]
 
 
-def _levels(scene: Any, shapes: Sequence[Any], moving: set[str]) -> Levels:
+def _levels(scene: MitsubaScene, shapes: Sequence[Shape], moving: set[str]) -> Levels:
     mi = load_mitsuba()
     names = [shape.id() for shape in shapes]
     still = [shape for shape in shapes if can_be_grouped(shape) and shape.id() not in moving]
-    parts: dict[str, Any] = {"type": "scene", "integrator": {"type": "path"}}
+    parts: Plugin = {"type": "scene", "integrator": {"type": "path"}}
     parts |= {f"sensor_{i}": sensor for i, sensor in enumerate(scene.sensors())}
     parts |= {f"light_{i}": light for i, light in enumerate(scene.emitters()) if light.get_shape() is None}
     parts |= {f"free_{i}": shape for i, shape in enumerate(shapes) if not can_be_grouped(shape)}

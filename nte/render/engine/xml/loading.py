@@ -3,15 +3,15 @@
 import os
 from itertools import chain, count
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
 from nte.errors import NteError
 from nte.render.engine.backend import load_mitsuba
+from nte.render.engine.types import MitsubaScene, Struct
 from nte.render.world.keyframes import Animation
 
-_Loaded = tuple[Any, bool]
+_Loaded = tuple[MitsubaScene, bool]
 _kept: dict[str, _Loaded] = {}  # at most one: the scene that was loaded to be checked, until it is rendered
 
 
@@ -67,7 +67,7 @@ def _load(animation: Animation) -> _Loaded:
     return scene, media
 
 
-def _drop_unused(state: Any) -> None:
+def _drop_unused(state: Struct) -> None:
     """Take out of the parsed XML what nte does not use: plugins that this Mitsuba has not, or has no more, are no
     obstacle there.
 
@@ -91,16 +91,16 @@ def _drop_unused(state: Any) -> None:
                 _plain_film(child)
 
 
-def _plain_film(film: Any) -> None:
+def _plain_film(film: Struct) -> None:
     """Make a film of any kind a plugin that there is, of the same size."""
     film.props.set_plugin_name("hdrfilm")
     for key in [key for key in film.props.keys() if key not in ("width", "height")]:  # noqa: SIM118
         del film.props[key]
 
 
-def _used(state: Any) -> list[Any]:
+def _used(state: Struct) -> list[Struct]:
     """The nodes that the scene still refers to, through others or by itself."""
-    found: dict[int, Any] = {}
+    found: dict[int, Struct] = {}
     ahead = [state.root]
     while ahead:
         fresh = {id(child): child for _, child in _children(state, ahead.pop()) if id(child) not in found}
@@ -109,7 +109,7 @@ def _used(state: Any) -> list[Any]:
     return list(found.values())
 
 
-def _name_all(state: Any) -> None:
+def _name_all(state: Struct) -> None:
     """Give shapes and lights of the scene that have no id one: the name of its file, else its kind; the second of
     a name gets _2. So the XML needs no editing."""
     mi = load_mitsuba()
@@ -124,7 +124,7 @@ def _name_all(state: Any) -> None:
             taken.add(chosen)
 
 
-def _check_transforms(xml: str, state: Any) -> None:
+def _check_transforms(xml: str, state: Struct) -> None:
     """Raise NteError for a shape or camera that is flattened to nothing, of which Mitsuba would make NaN."""
     mi = load_mitsuba()
     for node in state.nodes:
@@ -135,7 +135,7 @@ def _check_transforms(xml: str, state: Any) -> None:
                 raise NteError(f"{xml}: the to_world of '{name}' is singular: expected no scale of 0")
 
 
-def _children(state: Any, node: Any) -> list[tuple[str, Any]]:
+def _children(state: Struct, node: Struct) -> list[tuple[str, Struct]]:
     """The nodes that a node of the parsed XML refers to, by the names of its properties.
 
     Only those are read: Mitsuba takes a property that was read for one that is known, and would not name one that is

@@ -5,12 +5,13 @@ XML, and from there to any other time.
 """
 
 from collections.abc import Sequence
-from typing import Any
 
 import numpy as np
+import numpy.typing as npt
 
 from nte.render.engine.backend import load_drjit, load_mitsuba
 from nte.render.engine.places import Indices
+from nte.render.engine.types import Hit, Interaction, Lanes, Ray
 from nte.render.world.transforms import Floats, Track, transform_points
 
 _POINT, _NORMAL, _CURVATURE = slice(0, 3), slice(3, 6), slice(6, 15)
@@ -24,29 +25,28 @@ class Rest:
     def __init__(self, tracks: Sequence[Track | None]) -> None:
         """tracks: what is added to the place in the XML, of each instance; None: it stays there."""
         self._tracks = tracks
-        self.time = 0.0  # that the stage is set to
 
-    def columns(self, hit: Any, ray: Any) -> list[Any]:
+    def columns(self, hit: Hit, ray: Ray) -> list[Lanes]:
         return self.columns_of(hit, ray, self.interaction(hit, ray))
 
     @staticmethod
-    def interaction(hit: Any, ray: Any) -> Any:
-        """What `columns_of` has to know of a PreliminaryIntersection3f."""
+    def interaction(hit: Hit, ray: Ray) -> Interaction:
+        """Return what `columns_of` has to know of a hit."""
         mi = load_mitsuba()
         return hit.compute_surface_interaction(ray, mi.RayFlags.All | mi.RayFlags.dNSdUV)
 
-    def columns_of(self, hit: Any, ray: Any, si: Any) -> list[Any]:
-        """`columns`, of an interaction that is known already: it is dear where there are many shapes."""
+    def columns_of(self, hit: Hit, ray: Ray, si: Interaction) -> list[Lanes]:
+        """Return `columns` of an interaction that is known already: to compute it costs much where shapes are many."""
         dr = load_drjit()
         met = hit.is_valid()
         curvature = dr.select(si.shape.is_mesh(), _of_triangle(hit, ray, si), _of_solid(si))
         bent = met & dr.all(dr.isfinite(curvature))
         return [*dr.select(met, si.p, 0), *dr.select(met, si.sh_frame.n, 0), *dr.select(bent, curvature, 0)]
 
-    def stored(self, instance: Indices, columns: Floats) -> Floats:
+    def stored(self, instance: Indices, columns: Floats, time: float) -> Floats:
         rest = columns.copy()
         for mine, track in self._moving(instance):
-            rest[mine] = _carried(np.asarray(np.linalg.inv(track(self.time)), float), columns[mine])
+            rest[mine] = _carried(np.asarray(np.linalg.inv(track(time)), float), columns[mine])
         return rest
 
     def points(self, instance: Indices, place: Floats, time: float) -> Floats:
@@ -73,7 +73,7 @@ class Rest:
             there[mine] = _carried(track(time), place[mine])
         return there
 
-    def _moving(self, instance: Indices) -> list[tuple[Any, Track]]:
+    def _moving(self, instance: Indices) -> list[tuple[npt.NDArray[np.bool_], Track]]:
         """The rows of each object that moves, and its track."""
         numbers = np.unique(instance[instance > 0])
         tracks = [(number, self._tracks[number - 1]) for number in numbers]
@@ -91,7 +91,7 @@ def _carried(matrix: Floats, place: Floats) -> Floats:
     return np.concatenate([transform_points(matrix, place[:, _POINT]), normal, change.reshape(-1, 9)], axis=1)
 
 
-def _of_triangle(hit: Any, ray: Any, si: Any) -> Any:
+def _of_triangle(hit: Hit, ray: Ray, si: Interaction) -> Lanes:
     """Curvature (9,) of a triangle's shading normals; 0 without them.
 
     From its corners, which a hit with their barycentrics gives, in instances too. Mitsuba's own derivatives do not go
@@ -99,8 +99,8 @@ def _of_triangle(hit: Any, ray: Any, si: Any) -> Any:
     """
     mi, dr = load_mitsuba(), load_drjit()
 
-    def corner(u: float, v: float) -> Any:
-        there = mi.PreliminaryIntersection3f(hit)
+    def corner(u: float, v: float) -> Interaction:
+        there: Hit = mi.PreliminaryIntersection3f(hit)
         there.prim_uv = mi.Point2f(u, v)
         return there.compute_surface_interaction(ray)
 
@@ -111,12 +111,12 @@ def _of_triangle(hit: Any, ray: Any, si: Any) -> Any:
     return _change(turns, (b.p - a.p, c.p - a.p), si.sh_frame.n)
 
 
-def _of_solid(si: Any) -> Any:
+def _of_solid(si: Interaction) -> Lanes:
     """Curvature (9,) of a sphere, a cylinder or a plane, of which Mitsuba knows how point and normal change."""
     return _change((si.dn_du, si.dn_dv), (si.dp_du, si.dp_dv), si.sh_frame.n)
 
 
-def _change(turns: tuple[Any, Any], steps: tuple[Any, Any], normal: Any) -> Any:
+def _change(turns: tuple[Lanes, Lanes], steps: tuple[Lanes, Lanes], normal: Lanes) -> Lanes:
     """The matrix (9,) that takes two steps along a surface to two turns of its normal, which stays a unit vector."""
     mi, dr = load_mitsuba(), load_drjit()
     first, second = (mi.Vector3f(step) for step in steps)
