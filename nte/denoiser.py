@@ -121,7 +121,14 @@ def check_size(frame: Frame, history: Array) -> None:
 
 
 def denoise(denoiser: Denoiser, frames: Iterable[Frame], extras: tuple[str, ...] = ()) -> Iterator[Result]:
-    """Denoise a sequence lazily, one result per frame; bad pixels are reported once (BadPixelWarning)."""
+    """Denoise a sequence lazily, one result per frame; bad pixels are reported once (BadPixelWarning).
+
+    >>> clip = nte.Clip("data/clips/disc_000")
+    >>> for result in nte.denoise(nte.load_denoiser("taa"), clip):
+    ...     image = result.image  # (1, 3, H, W), linear, in the input's units
+    >>> image.shape == (1, 3, clip.height, clip.width)
+    True
+    """
     session = Session(denoiser)
     return (session.step(frame, extras) for frame in frames)
 
@@ -132,6 +139,10 @@ class Session:
     Frames are counted: one whose `index` is that of the frame given before it, as all are that never set one, gets the
     number after that frame's, since what a denoiser draws at random must differ from frame to frame. Any other index
     is taken as it is.
+
+    >>> session = nte.Session(nte.load_denoiser("taa"))
+    >>> images = [session.denoise(frame) for frame in nte.Clip("data/clips/disc_000")]
+    >>> session.reset()  # the next frame starts a sequence
     """
 
     def __init__(self, denoiser: Denoiser) -> None:

@@ -33,6 +33,9 @@ def load_denoiser(spec: str, device: str = "cpu") -> Denoiser:
     estimated from the images (nte.filters.estimated; noise, guides, known). Option `target=components`, of those that
     have `target`: a denoiser for each light component, put together. Raises NteError for anything unknown, listing
     what there is.
+
+    >>> nte.load_denoiser("taa:alpha=0.2,clamp=clip").needs
+    ('color', 'motion')
     """
     wrapper, plus, inner = spec.partition("+")
     if plus and wrapper.partition(":")[0] == "estimate":

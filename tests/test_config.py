@@ -6,7 +6,7 @@ import pytest
 
 from nte.config import load_config, to_yaml
 from nte.errors import NteError
-from nte.evaluation.comparison import read_comparison
+from nte.evaluation.paper_comparison import read_comparison
 from nte.importing.channel_map import load_channel_map
 from nte.registry import load_denoiser
 from nte.render.recipes.recipe import Recipe, read_recipe

@@ -9,8 +9,8 @@ import pytest
 import torch
 
 import nte
-from nte import Denoiser, Frame, Noisy, NteError, Result, Session, denoise
-from nte.denoiser import check_needs
+from nte import Denoiser, Frame, NteError, Result, Session, denoise
+from nte.denoiser import Noisy, check_needs
 from nte.frames.bad import BadPixelWarning
 from tests.synthetic import random_channels
 

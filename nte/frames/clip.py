@@ -97,6 +97,14 @@ class Clip:
     """A sequence of frames on disk, read lazily.
 
     Raises NteError if the folder has no clip.json, if that is not ours, or if a frame is missing.
+
+    >>> clip = nte.Clip("data/clips/disc_000")
+    >>> len(clip), clip.height, clip.width
+    (4, 40, 56)
+    >>> clip.frame(1, ["color", "motion"])["motion"].shape
+    (1, 2, 40, 56)
+    >>> len([frame for frame in clip])
+    4
     """
 
     def __init__(self, folder: Path | str) -> None:

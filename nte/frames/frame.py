@@ -25,6 +25,10 @@ class Frame:
     first frame». shutter is the open share of the frame that `shutter_motion` spans, in (0, 1]; None means 1.
     reset marks batch elements that start a new sequence. clean_guides: whether albedo and normal are free of noise
     and antialiased, the mean over each pixel; None where nobody said so, and then they count as noisy.
+
+    >>> frame = nte.Frame({"color": np.zeros((1, 3, 24, 32), np.float32)}, index=7)
+    >>> frame.size, "depth" in frame
+    ((24, 32), False)
     """
 
     channels: Mapping[str, Array]

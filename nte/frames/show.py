@@ -16,6 +16,7 @@ from PIL import Image, ImageDraw, ImageFont
 from nte.errors import NteError
 from nte.files import write_whole
 from nte.frames.channels import CHANNELS, Channel
+from nte.frames.srgb import encode_srgb
 
 RGB = npt.NDArray[np.uint8]  # (H, W, 3)
 Pixels = npt.NDArray[np.floating]  # (C, H, W)
@@ -75,8 +76,7 @@ def display(radiance: Pixels, exposure: float = 1.0) -> Pixels:
     """Display transform of radiance (C, H, W) to [0, 1]: exposure, x/(1+x), then the sRGB curve."""
     exposed = np.maximum(radiance, 0) * np.float32(exposure)
     tonemapped = exposed / (1 + exposed)
-    curve = 1.055 * np.maximum(tonemapped, 0.0031308) ** (1 / 2.4) - 0.055
-    return np.where(tonemapped <= 0.0031308, 12.92 * tonemapped, curve).astype(np.float32)
+    return encode_srgb(tonemapped).astype(np.float32)
 
 
 def heat(values: Pixels, table: str = "viridis") -> Pixels:

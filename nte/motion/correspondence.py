@@ -72,8 +72,12 @@ def find_motion(
     motion overwrites what is found on every level, and so guides the search around it. search: one for all images, or
     one for each; without it the noise of each image of `current` chooses one of SEARCHES. An image of a batch is
     searched as it would be alone. Small images get fewer levels (FewerLevelsWarning). The same input gives the same
-    output. docs/correspondence.md tells its time beside that of optical flow; no gradients. Raises NteError for images
-    that differ in size.
+    output. Without gradients. Raises NteError for images that differ in size.
+
+    >>> previous = torch.rand(1, 1, 64, 64, generator=torch.Generator().manual_seed(0))
+    >>> current = previous.roll((2, 3), (2, 3))  # two pixels down, three to the right
+    >>> nte.find_motion(current, previous)[0, :, 32, 32].round().tolist()
+    [-3.0, -2.0]
     """
     _check_sizes(current, previous)
     searches = _for_each(search or searches_for(current), current)

@@ -37,6 +37,14 @@ def warp(image: Tensor, motion: Tensor) -> Warped:
 
     Outside the image the border repeats and `valid` is false; so it is where the motion is not finite.
     Costs one grid_sample; differentiable in the image.
+
+    >>> previous = torch.arange(4.0).view(1, 1, 1, 4)
+    >>> motion = torch.tensor([1.0, 0.0]).view(1, 2, 1, 1).expand(1, 2, 1, 4)  # everything was one pixel to the right
+    >>> found = nte.warp(previous, motion)
+    >>> found.image.flatten().tolist()
+    [1.0, 2.0, 3.0, 3.0]
+    >>> found.valid.flatten().tolist()
+    [True, True, True, False]
     """
     position = pixel_centres(image) + motion
     return Warped(fetch_bilinear(image, position), inside(position))

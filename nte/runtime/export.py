@@ -10,13 +10,13 @@ import numpy as np
 import onnx
 import torch
 
-from nte import __version__
 from nte.errors import NteError
-from nte.files import make_folder, write_whole
+from nte.files import make_folder, only_writer_of, write_whole
 from nte.frames.frame import Frame
 from nte.models.temporal import TemporalDenoiser
 from nte.runtime.description import FORMAT, METADATA_KEY, STATE, UNSEALED, seal
 from nte.runtime.session import OnnxDenoiser
+from nte.version import __version__
 
 IMAGES = {
     "color": 3, "albedo": 3, "normal": 3, "depth": 1, "motion": 2, "previous_forward_motion": 2,
@@ -29,6 +29,25 @@ SMALLEST = 16
 CHECK_SIZES = ((64, 96), (45, 77), (16, 16))
 CHECK_FRAMES = 20
 TYPICAL, WORST = 1e-4, 0.05  # of |a − b| / (|b| + 0.01): the 99.9th percentile, and the maximum
+
+
+def export(run: Path | str, out: Path | str, force: bool = False, progress: Callable[[str], None] = print) -> Path:
+    """Export a trained run as one ONNX file, checked against PyTorch, and return its path.
+
+    run: a run folder, which stands for its last checkpoint, or a .safetensors file in one. out: the file to write.
+    progress: called with a line for each size at which both agree. Raises NteError where the results differ, and where
+    `out` exists, unless `force`.
+
+    >>> model = nte.export("runs/mine", "mine.onnx", progress=lambda line: None)
+    >>> nte.load_denoiser("mine.onnx").target
+    'color'
+    """
+    from nte.training.run import load_run
+
+    out = Path(out)
+    with only_writer_of(out, force):
+        export_onnx(load_run(Path(run)), out, progress)
+    return out
 
 
 def export_onnx(denoiser: TemporalDenoiser, path: Path, progress: Callable[[str], None] = print) -> None:

@@ -20,7 +20,7 @@ from nte.frames.clip import Clip
 from nte.interrupt import InterruptFlag
 from nte.models.temporal import TemporalDenoiser
 from nte.training.checkpoint import CHECKPOINT, load_module, load_optimiser, module_state, optimiser_state
-from nte.training.config import OptimiserConfig, TrainConfig
+from nte.training.config import OptimiserConfig, TrainConfig, load_train_config
 from nte.training.data import TrainingSteps, open_clips, training_loader
 from nte.training.losses import SequenceLoss
 from nte.training.meter import Meter
@@ -30,13 +30,25 @@ from nte.training.tiles import REFERENCE
 from nte.training.validation import ValidationSet, spread, validate
 
 
-def train(config: TrainConfig, force: bool = False, device: str = "auto") -> Path:
+def train(
+    config: TrainConfig | Path | str, force: bool = False, device: str = "auto", overrides: Sequence[str] = ()
+) -> Path:
     """Train as configured and return the run folder.
 
-    Ends after the steps that the phases have, never by the clock; stops after the current step on Ctrl-C.
-    Raises NteError for wrong data or configuration, where another process trains in the run's folder, and where the
-    loss is no longer finite.
+    config: the configuration, or the YAML file that has it. force: replace a run that exists. overrides: `key=value`
+    for the file, such as `resume=true`. Ends after the steps that the phases have, never by the clock; stops after the
+    current step on Ctrl-C. Raises NteError for wrong data or configuration, where another process trains in the run's
+    folder, and where the loss is no longer finite.
+
+    >>> run = nte.train("config.yaml", device="cpu", overrides=["name=mine"])
+    step 1: loss ...
+    >>> str(run)
+    'runs/mine'
     """
+    if not isinstance(config, TrainConfig):
+        config = load_train_config(Path(config), list(overrides))
+    elif overrides:
+        raise NteError("overrides are for a configuration's file: set the values of a TrainConfig itself")
     fabric = _launch(device)
     torch.use_deterministic_algorithms(fabric.device.type == "cpu")
     fabric.seed_everything(config.seed, verbose=False)

@@ -206,7 +206,7 @@ def test_an_xml_without_names_needs_no_editing(folder: Path) -> None:
 
 @pytest.mark.slow
 def test_clips_follow_each_other_and_pass_the_check(folder: Path, tmp_path: Path) -> None:
-    from nte.checking import check_clip
+    from nte.checking import check
     from nte.frames.clip import Clip
 
     (folder / "recipe.yaml").write_text(
@@ -215,7 +215,7 @@ def test_clips_follow_each_other_and_pass_the_check(folder: Path, tmp_path: Path
     )
     render_recipe(folder / "recipe.yaml", tmp_path / "out", progress=False)
     first, second = (Clip(tmp_path / "out" / "train" / f"moves_00{number}") for number in (0, 1))
-    assert check_clip(first).verdict == "plausible"
+    assert check(first).verdict == "plausible"
     step = np.subtract(second.info["cameras"][0]["view"], first.info["cameras"][2]["view"])
     assert 0 < np.abs(step).max() < 0.2  # the next frame of the same way
     blurred = Clip(tmp_path / "out" / "test" / "moves_000").frame(0)

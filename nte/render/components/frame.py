@@ -10,7 +10,13 @@ import numpy as np
 from nte.render.components.first_hit import Path, trace_path
 from nte.render.components.gradient import shade_again, shade_before
 from nte.render.components.lobes import diffuse_albedo
-from nte.render.components.reliable_motion import Bounce, Shadow, mirror_images, reflection_vectors, shadow_vectors
+from nte.render.components.reliable_motion import (
+    Bounce,
+    Shadow,
+    mirror_images,
+    reflection_vectors,
+    shadow_vectors,
+)
 from nte.render.components.resampling import Direct, ShadowRay, sample_direct, trace_shadow
 from nte.render.engine.arrays import to_rows
 from nte.render.engine.backend import load_drjit, load_mitsuba

@@ -3,7 +3,6 @@
 from collections.abc import Callable
 from pathlib import Path
 
-import nte
 from nte.files import make_folder, only_writer, remove
 from nte.frames.channels import CHANNELS, LIGHT, SHUTTER
 from nte.frames.clip import write_clip_info, write_frame
@@ -19,6 +18,7 @@ from nte.render.recipes.output import claim, files_of, is_whole, remove_leftover
 from nte.render.recipes.recipe import ClipPlan, make_stage, plan, read_recipe
 from nte.render.world.scene import Pixels
 from nte.render.world.seeds import derive_seed
+from nte.version import __version__
 
 FPS = 24
 Channels = dict[str, Pixels]
@@ -156,6 +156,6 @@ def _info(unit: ClipPlan, stage: Stage) -> dict[str, object]:
         "clean_guides": True,
         **({"shutter": group.shutter} if group.shutter else {}),
         "cameras": [{"view": camera.view(i).tolist(), "projection": projection} for i in range(group.frames)],
-        "origin": {"generator": "nte render", "version": nte.__version__, "recipe": unit.recipe,
+        "origin": {"generator": "nte render", "version": __version__, "recipe": unit.recipe,
                    "seed": unit.seed, "clip": unit.name},
     }  # fmt: skip

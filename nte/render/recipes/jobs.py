@@ -15,11 +15,11 @@ from pathlib import Path
 from secrets import token_hex
 from typing import Any
 
-import nte
 from nte.errors import NteError, needs_extra
 from nte.interrupt import end_when_told, ending_workers
 from nte.render.engine.backend import load_mitsuba, share_cores
 from nte.render.recipes.recipe import ClipPlan
+from nte.version import __version__
 
 Work = Callable[[ClipPlan, Path], None]  # renders a clip below a folder
 Done = Callable[[ClipPlan], None]
@@ -125,7 +125,7 @@ def _neighbours(client: Any) -> dict[str, int]:
 
 def _versions() -> dict[str, str]:
     packages = {name: version(name) for name in _PACKAGES}
-    return {"nte": nte.__version__, **packages, "Mitsuba's variant": str(load_mitsuba().variant())}
+    return {"nte": __version__, **packages, "Mitsuba's variant": str(load_mitsuba().variant())}
 
 
 def _fault(terms: _Terms, dask_worker: Any) -> str | None:

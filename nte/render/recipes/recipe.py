@@ -8,7 +8,6 @@ from typing import Any
 
 from omegaconf import MISSING
 
-import nte
 from nte.config import load_config, to_yaml
 from nte.errors import NteError
 from nte.render.engine.backend import check_arrays
@@ -21,6 +20,7 @@ from nte.render.scenes.families import FAMILIES
 from nte.render.world.keyframes import read_animation
 from nte.render.world.scene import Scene
 from nte.render.world.seeds import derive_generator
+from nte.version import __version__
 
 SPLITS = ("train", "test")
 START = "start"  # the one parameter of somebody's own scene: the animation's frame to begin with
@@ -122,7 +122,7 @@ def recipe_text(recipe: Recipe, folder: Path = Path()) -> str:
     folder: of the recipe's file. Of somebody's own scene there is the digest of its XML and its keyframes; meshes and
     textures are not looked into.
     """
-    lines = [f"# Rendered by nte {nte.__version__} with these settings."]
+    lines = [f"# Rendered by nte {__version__} with these settings."]
     for scene in sorted({group.scene for split in SPLITS for group in getattr(recipe, split) if is_own(group)}):
         animation = read_animation(folder / scene)
         content = (folder / scene).read_bytes() + Path(animation.xml).read_bytes()
