@@ -35,26 +35,29 @@ def noisy(stage: Stage, time: float, seeds: Sequence[int]) -> tuple[dict[str, Pi
     channels: color, visibility, indirect, indirect_radiance, indirect_direction, glossy, shadow_motion,
     reflection_motion, reflection_covariance, and the gradients.
 
-    Kernels are queued as early as they can be: what NumPy does in between, it does while they run.
+    Kernels are queued as early as they can be: what NumPy does in between, it does while they run. Whoever reads one
+    array waits for all that is queued, so what is at hand is read first, then the next kernel queued.
     """
     stage.set_time(time)
     centres = trace_centres(stage)
     surfaces = queue_surfaces(stage, pattern(stage), lobes=True)
     paths = [_path(stage, seed) for seed in seeds]
-    channels = geometry(stage, time, centres) | surface_of(stage, Surfaces.of(to_rows(surfaces)))
-    bounces = [_bounce(stage, path) for path in paths]
+    channels = geometry(stage, time, centres)
+    bounces, seen = [_bounce(stage, path) for path in paths], Surfaces.of(to_rows(surfaces))
     directs, shadow_rays = zip(*(_shadow_ray(stage, seed) for seed in seeds), strict=True)
+    channels |= surface_of(stage, seen)
     mirrored = [mirror_images(stage, bounce, time) for bounce in bounces]
     channels["direct"] = np.mean([_image(stage, direct.mean) for direct in directs], axis=0, dtype=np.float32)
 
     samples = [_light_of(stage, path, ray) for path, ray in zip(paths, shadow_rays, strict=True)]
-    for sample, ray in zip(samples, shadow_rays, strict=True):
+    shadows = [_shadow(stage, ray) for ray in shadow_rays]
+    stage.set_time(time - 1)
+    replays = [shade_before(stage, time, seed) for seed in seeds]
+    for sample, shadow in zip(samples, shadows, strict=True):
         sample["visibility"][:, ~channels["direct"].any(0)] = 1
         shadowed = channels["direct"] * sample["visibility"]
         sample["color"] = channels["emission"] + shadowed + sample["glossy"] + sample["indirect"]
-        sample["shadow_motion"] = shadow_vectors(stage, _shadow(stage, ray), time)
-    stage.set_time(time - 1)
-    replays = [shade_before(stage, time, seed) for seed in seeds]
+        sample["shadow_motion"] = shadow_vectors(stage, shadow, time)
     for sample, images in zip(samples, mirrored, strict=True):
         sample["reflection_motion"], sample["reflection_covariance"] = reflection_vectors(stage, images, time)
     stage.set_time(time)
