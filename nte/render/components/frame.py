@@ -40,26 +40,28 @@ def noisy(stage: Stage, time: float, seeds: Sequence[int]) -> tuple[dict[str, Pi
     over the candidates of all seeds. The noisy channels: color, visibility, indirect, indirect_radiance,
     indirect_direction, glossy, shadow_motion, reflection_motion, reflection_covariance, and the gradients.
 
-    Kernels are queued as early as they can be: what NumPy does in between, it does while they run.
+    Kernels are queued as early as they can be: what NumPy does in between, it does while they run. Whoever reads one
+    array waits for all that is queued, so what is at hand is read first, then the next kernel queued.
     """
     with stage.at(time) as moment:
         centres = trace_centres(moment)
         surfaces = queue_surfaces(moment, pattern(moment), diffuse_albedo)
         paths = [_path(moment, seed) for seed in seeds]
-        channels = geometry(moment, centres) | surface_of(moment, Surfaces.of(to_rows(surfaces)))
-        bounces = [_bounce(moment, path) for path in paths]
+        channels = geometry(moment, centres)
+        bounces, seen = [_bounce(moment, path) for path in paths], Surfaces.of(to_rows(surfaces))
         directs, shadow_rays = zip(*(_shadow_ray(moment, seed) for seed in seeds), strict=True)
+        channels |= surface_of(moment, seen)
         mirrored = [mirror_images(moment, bounce, time) for bounce in bounces]
         channels["direct"] = np.mean([_image(moment, direct.mean) for direct in directs], axis=0, dtype=np.float32)
-
         samples = [_light_of(moment, path, ray) for path, ray in zip(paths, shadow_rays, strict=True)]
-        for sample, ray in zip(samples, shadow_rays, strict=True):
+        shadows = [_shadow(moment, ray) for ray in shadow_rays]
+    with stage.at(time - 1) as before:
+        replays = [shade_before(before, time, seed) for seed in seeds]
+        for sample, shadow in zip(samples, shadows, strict=True):
             sample["visibility"][:, ~channels["direct"].any(0)] = 1
             shadowed = channels["direct"] * sample["visibility"]
             sample["color"] = channels["emission"] + shadowed + sample["glossy"] + sample["indirect"]
-            sample["shadow_motion"] = shadow_vectors(moment, _shadow(moment, ray), time)
-    with stage.at(time - 1) as before:
-        replays = [shade_before(before, time, seed) for seed in seeds]
+            sample["shadow_motion"] = shadow_vectors(before, shadow, time)
         for sample, images in zip(samples, mirrored, strict=True):
             sample["reflection_motion"], sample["reflection_covariance"] = reflection_vectors(before, images, time)
     with stage.at(time) as moment:

@@ -11,9 +11,11 @@ import numpy.typing as npt
 import torch
 from torch import Tensor
 
-from nte.motion.reliable import mirror_image, reflection_covariance, reflection_motion, shadow_motion
+from nte.filters.threads import own_threads
+from nte.motion.reliable import mirror_image, reflection_covariance, shadow_point
 from nte.render.engine.places import Indices
 from nte.render.engine.stage import Moment, Timeless
+from nte.render.passes.gbuffer import to_image
 from nte.render.passes.projection import eye, pixel_positions
 from nte.render.passes.rays import Hits, curvatures_at, normals_at, points_at, trace_film
 from nte.render.world.scene import Pixels
@@ -46,40 +48,43 @@ class Bounce:
 class Mirrored:
     """Where mirrors show what the reflected paths met."""
 
-    first: Hits  # the reflectors, one row per pixel
-    image: Floats  # (P, 3) world, at the time before; NaN where nothing is shown or no path was reflected
+    first: Hits  # the reflectors, one row per reflected path
+    image: Floats  # (R, 3) world, at the time before; NaN where nothing is shown
+    reflected: Rows  # (P,) the pixels whose paths these are
 
 
+@own_threads()
 def shadow_vectors(stage: Timeless, shadow: Shadow, time: float) -> Pixels:
     """Compute shadow_motion (2, H, W), pixels, to where the same shadow was at time − 1; NaN where there is none.
 
     shadow: what the shadow rays of `time`, in frames, have met. Needs no rays.
     """
-    light = stage.places.moved(shadow.light, shadow.light_point, time, time - 1)
-    blocker, point = (points_at(stage, hits, time - 1) for hits in (shadow.blocker, shadow.receiver))
-    light, blocker, point = (_only(shadow.blocked, points) for points in (light, blocker, point))
-    normal = normals_at(stage, shadow.receiver, time - 1)
-    source, b, s, n = (_image(stage, values) for values in (light, blocker, point, normal))
-    view, projection = _camera(stage, time - 1)
-    return _pixels(shadow_motion(source, b, s, n, view, projection, _position(stage, shadow.receiver, time)))
+    rows = shadow.blocked
+    receiver = shadow.receiver.of(rows)
+    light = stage.places.moved(shadow.light[rows], shadow.light_point[rows], time, time - 1)
+    blocker, point = (points_at(stage, hits, time - 1) for hits in (shadow.blocker.of(rows), receiver))
+    normal = normals_at(stage, receiver, time - 1)
+    before = shadow_point(*(_line(values) for values in (light, blocker, point, normal)))
+    return to_image(stage, _spread(rows, _motion(stage, receiver, _to_rows(before), time)))
 
 
+@own_threads()
 def mirror_images(stage: Timeless, bounce: Bounce, time: float) -> Mirrored:
     """Find where the reflectors show, at time − 1, what the paths of `time` have met: `mirror_image`. Needs no rays."""
-    first, second = bounce.first, bounce.second
+    rows = bounce.reflected
+    first, second = bounce.first.of(rows), bounce.second.of(rows)
     point, target = points_at(stage, first, time - 1), points_at(stage, second, time - 1)
     distant = second.instance == 0
     target[distant] = point[distant] + stage.distant * target[distant]
     normal = normals_at(stage, first, time - 1)
+    bend = _line(curvatures_at(stage, first, time - 1).reshape(-1, 9)).view(1, 3, 3, 1, -1)
     camera = torch.from_numpy(eye(stage, time - 1).copy())[None]
-    rows = np.asarray(bounce.reflected)  # few pixels reflect: only those are computed
-    h, s, n, bend = (
-        _line(values[rows]) for values in (target, point, normal, curvatures_at(stage, first, time - 1).reshape(-1, 9))
-    )
-    image = mirror_image(h, s, n, camera, bend.view(1, 3, 3, 1, -1))
-    return Mirrored(first, _spread(rows, _to_rows(image)))
+    h, s, n = (_line(values) for values in (target, point, normal))
+    image = mirror_image(h, s, n, camera, bend)
+    return Mirrored(first, _to_rows(image), rows)
 
 
+@own_threads()
 def reflection_vectors(before: Moment, mirrored: Mirrored, time: float) -> tuple[Pixels, Pixels]:
     """Compute reflection_motion (2, H, W) px, and reflection_covariance (3, H, W) px², of the frame at `time`.
 
@@ -87,11 +92,10 @@ def reflection_vectors(before: Moment, mirrored: Mirrored, time: float) -> tuple
     the mirrored point is behind the camera, and where no surface is seen there at time − 1.
     """
     covariance = footprint(before, mirrored.image)
-    seen = np.asarray(~np.isnan(covariance).any(1))
-    image = _only(seen, mirrored.image)
-    position = _position(before, mirrored.first, time)
-    motion = reflection_motion(_image(before, image), *_camera(before, before.time), position)
-    return _pixels(motion), _pixels(_image(before, covariance))
+    motion = _motion(before, mirrored.first, mirrored.image, time)
+    motion[np.isnan(covariance).any(1)] = np.nan
+    images = (to_image(before, _spread(mirrored.reflected, values)) for values in (motion, covariance))
+    return next(images), next(images)
 
 
 def footprint(moment: Moment, image: Floats) -> Floats:
@@ -115,9 +119,10 @@ def footprint(moment: Moment, image: Floats) -> Floats:
     return _spread(usable, _only(seen.hit, _to_rows(found)))
 
 
-def _position(stage: Timeless, hits: Hits, time: float) -> Tensor:
-    """Where hits are seen, (1, 2, H, W) pixels."""
-    return _image(stage, pixel_positions(stage, points_at(stage, hits, time), time))
+def _motion(stage: Timeless, hits: Hits, before: Floats, time: float) -> Floats:
+    """Vectors (R, 2), pixels, from where hits are seen at a time to where the camera of time − 1 sees points (R, 3)."""
+    here = pixel_positions(stage, points_at(stage, hits, time), time)
+    return pixel_positions(stage, before, time - 1) - here
 
 
 def _camera(stage: Timeless, time: float) -> tuple[Tensor, Tensor]:
@@ -128,11 +133,6 @@ def _camera(stage: Timeless, time: float) -> tuple[Tensor, Tensor]:
     return view, projection
 
 
-def _image(stage: Timeless, rows: Floats) -> Tensor:
-    """(P, C) → (1, C, H, W)."""
-    return torch.from_numpy(np.ascontiguousarray(rows.T)).view(1, -1, stage.height, stage.width)
-
-
 def _line(rows: Floats) -> Tensor:
     """(P, C) → (1, C, 1, P): points of some pixels, as an image of one line."""
     return torch.from_numpy(np.ascontiguousarray(rows.T))[None, :, None]
@@ -141,11 +141,6 @@ def _line(rows: Floats) -> Tensor:
 def _to_rows(image: Tensor) -> Floats:
     """(1, C, H, W) → (P, C)."""
     return np.ascontiguousarray(image[0].flatten(1).T.numpy())
-
-
-def _pixels(image: Tensor) -> Pixels:
-    """(1, C, H, W) → (C, H, W) float32."""
-    return np.ascontiguousarray(image[0].numpy(), np.float32)
 
 
 def _only(rows: Rows, values: Floats) -> Floats:

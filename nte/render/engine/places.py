@@ -119,10 +119,14 @@ class Triangles:
     def _corners(self, instance: Indices, place: Floats) -> Indices:
         """The vertices (P, 3), rows of `vertices`, of the triangles that places are on."""
         triangle = np.where(instance > 0, place[:, 0], 0).astype(np.int64)
-        return np.asarray(self._faces[np.where(instance > 0, self._first_face[instance] + triangle, 0)])
+        triangle += self._first_face[instance]  # of a miss, row 0
+        return np.asarray(self._faces.take(triangle, axis=0))
 
     def _interpolated(self, instance: Indices, place: Floats, vertices: Floats) -> Floats:
-        a, b, c = vertices[self._corners(instance, place).T]
-        u, v = place[:, 1:2], place[:, 2:3]
+        a, b, c = self._corners(instance, place).T
+        u, v = place[:, 1], place[:, 2]
         with np.errstate(invalid="ignore", over="ignore"):  # of a miss, whose weights are whatever was in memory
-            return np.asarray((1 - u - v) * a + u * b + v * c)
+            w = 1 - u - v
+            # Coordinate by coordinate: rows of three are gathered and blended at half the speed.
+            columns = [w * column.take(a) + u * column.take(b) + v * column.take(c) for column in vertices.T]
+        return np.stack(columns, axis=1)
