@@ -23,7 +23,7 @@ from benchmarks.flows import FLOWS, Find, candidates, ours, zero
 from nte.frames.clip import find_clips
 from nte.motion.correspondence import FewerLevelsWarning
 from nte.motion.search import SEARCHES
-from nte.render.clips import render_recipe
+from nte.render.recipes.clips import render_recipe
 from nte.text_table import aligned
 
 MARGIN = 1.1  # nowhere more than this times the best other method's error

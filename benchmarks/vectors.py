@@ -28,11 +28,11 @@ from nte.frames.scalars import estimate_exposure
 from nte.frames.show import Picture, grid, heat, quantise, write_png
 from nte.motion.geometric import dual_motion
 from nte.motion.warp import fetch_nearest, pixel_centres
-from nte.render.components import references, reflection_samples, shadow_samples
-from nte.render.integrator import guides
-from nte.render.recipe import ClipPlan, Group, make_scene
-from nte.render.seeds import derive_seed
-from nte.render.stage import Stage
+from nte.render.components.frame import references, reflection_samples, shadow_samples
+from nte.render.engine.mesh_stage import MeshStage
+from nte.render.passes.gbuffer import guides
+from nte.render.recipes.recipe import ClipPlan, Group, make_scene
+from nte.render.world.seeds import derive_seed
 from nte.text_table import aligned
 
 TIME = 4  # frame whose history is fetched from the frame before
@@ -97,24 +97,24 @@ def render(
     """The clean frames before and now of a clip; now has the vectors' samples too, (S, C, H, W)."""
     group = Group(scene=situation.scene, parameters=situation.parameters, clips=1, width=size, height=size)
     unit = ClipPlan("vectors", 0, split, number, group)
-    stage = Stage(make_scene(unit), size, size, group.max_depth)
+    stage = MeshStage(make_scene(unit), size, size, group.max_depth)
     frames = []
     for when in (TIME - 1, TIME):
-        channels = guides(stage, when)
-        a, b = (
-            references(stage, spp // 2, (derive_seed(unit.name, when, half), derive_seed(unit.name, when, half + 2)))
-            for half in (0, 1)
-        )
+        seeds = ((derive_seed(unit.name, when, half), derive_seed(unit.name, when, half + 2)) for half in (0, 1))
+        with stage.at(when) as moment:
+            channels = guides(moment)
+            a, b = (references(moment, spp // 2, pair) for pair in seeds)
         channels |= {name: (a[name] + b[name]) / 2 for name in a} | {f"{name} noise": a[name] - b[name] for name in a}
         frames.append({name: torch.from_numpy(np.array(values))[None] for name, values in channels.items()})
     frames[1] |= vector_samples(stage, situation.light, [derive_seed(unit.name, "sample", n) for n in range(samples)])
     return frames[0], frames[1]
 
 
-def vector_samples(stage: Stage, light: str, seeds: list[int]) -> Channels:
+def vector_samples(stage: MeshStage, light: str, seeds: list[int]) -> Channels:
     """The random vectors of a component, (S, C, H, W); indirect light's are not random."""
     if light == "visibility":
-        return {"shadow_motion": torch.from_numpy(np.stack(shadow_samples(stage, TIME, seeds)))}
+        with stage.at(TIME) as moment:
+            return {"shadow_motion": torch.from_numpy(np.stack(shadow_samples(moment, seeds)))}
     if light == "glossy":
         motion, covariance = (np.stack(values) for values in zip(*reflection_samples(stage, TIME, seeds), strict=True))
         return {"reflection_motion": torch.from_numpy(motion), "reflection_covariance": torch.from_numpy(covariance)}

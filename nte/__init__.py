@@ -51,7 +51,7 @@ if TYPE_CHECKING:
         shadow_point,
     )  # fmt: skip
     from nte.motion.warp import warp
-    from nte.render.clips import render_recipe as render
+    from nte.render.recipes.clips import render_recipe as render
     from nte.runtime.export import export
     from nte.training.loop import train
 

@@ -9,8 +9,8 @@ from nte.errors import NteError
 from nte.evaluation.paper_comparison import read_comparison
 from nte.importing.channel_map import load_channel_map
 from nte.registry import load_denoiser
-from nte.render.animation import read_animation
-from nte.render.recipe import Recipe, read_recipe
+from nte.render.recipes.recipe import Recipe, read_recipe
+from nte.render.world.keyframes import read_animation
 from nte.training.config import TrainConfig, load_train_config
 
 GOOD = "name: x\ndata:\n  clips: [a]\nphases:\n  - {steps: 3}\n"

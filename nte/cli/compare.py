@@ -22,7 +22,7 @@ def add(commands: Any) -> None:
 def _compare(options: argparse.Namespace) -> None:
     from nte.evaluation.paper_comparison import read_comparison, run_comparison, summary_table
     from nte.progress import Progress
-    from nte.render.clips import render_recipe
+    from nte.render.recipes.clips import render_recipe
 
     comparison = read_comparison(options.comparison)
     render_recipe(comparison.recipe, options.data)

@@ -21,7 +21,7 @@ def add(commands: Any) -> None:
 
 
 def _render(options: argparse.Namespace) -> None:
-    from nte.render.clips import render_recipe
+    from nte.render.recipes.clips import render_recipe
 
     folders = render_recipe(options.recipe, options.out, options.jobs, options.force, scheduler=options.scheduler)
     print(f"{len(folders)} clips in {options.out}")

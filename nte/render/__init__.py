@@ -1,9 +1,9 @@
 """Rendering training and test clips with Mitsuba: `nte render RECIPE.yaml --out DIR`.
 
-recipe.py says what to render, clips.py renders it into the folder that output.py looks after. A scene
-(scene.py, made by scenes/) is NumPy only; stage.py puts it into Mitsuba at a time; integrator.py renders the
-radiance and gbuffer.py, with rays.py, the channels without noise. backend.py is the only place that may import
-Mitsuba, because it has to choose the LLVM first.
+Six layers, each of which knows only those before it. `world` says what there is to render and when, in NumPy alone;
+`scenes` makes worlds of it. `engine` puts a world, or a Mitsuba XML file, into Mitsuba; `engine.backend` is the only
+place that may import Mitsuba, because it has to choose the LLVM first. `passes` render radiance and the channels
+without noise, `components` the light components with their vectors, and `recipes` make folders of clips of them all.
 """
 
 import sys
@@ -29,7 +29,7 @@ class _Package(ModuleType):
         >>> nte.Clip(folder).frame(0)["reference"].shape
         (1, 3, 16, 16)
         """
-        from nte.render.clips import render_recipe
+        from nte.render.recipes.clips import render_recipe
 
         return render_recipe(recipe, out, jobs, force, progress, scheduler)
 

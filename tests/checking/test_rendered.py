@@ -7,8 +7,8 @@ import pytest
 from benchmarks.check import WRONG, Changed, judge
 from nte.checking import check
 from nte.frames.clip import Clip
-from nte.render.clips import render_clip
-from nte.render.recipe import ClipPlan, Group
+from nte.render.recipes.clips import render_clip
+from nte.render.recipes.recipe import ClipPlan, Group
 
 
 @pytest.fixture(scope="module")

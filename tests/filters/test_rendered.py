@@ -18,8 +18,8 @@ OTHERS = (
 @pytest.fixture(scope="module")
 def temple(tmp_path_factory: pytest.TempPathFactory) -> Clip:
     """Three frames with light components of a glossy floor, columns and a curved statue."""
-    from nte.render.clips import render_clip
-    from nte.render.recipe import ClipPlan, Group
+    from nte.render.recipes.clips import render_clip
+    from nte.render.recipes.recipe import ClipPlan, Group
 
     group = Group(scene="temple", clips=1, width=48, height=32, frames=3, reference_spp=4, components=True)
     unit = ClipPlan("rendered", 1, "train", 0, group)

@@ -7,9 +7,9 @@ import pytest
 
 from nte.checking import check
 from nte.frames import Clip
-from nte.render.clips import render_clip
-from nte.render.recipe import ClipPlan, Group
-from nte.render.scenes import FAMILIES
+from nte.render.recipes.clips import render_clip
+from nte.render.recipes.recipe import ClipPlan, Group
+from nte.render.scenes.families import FAMILIES
 
 # Texture moves by several pixels in this clip. Elsewhere too little does at this size, or only light moves: no verdict.
 MOVING = {"limits", "motion_blur", "ocean", "pica", "restaurant", "robot", "rooms", "temple"}

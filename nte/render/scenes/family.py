@@ -7,7 +7,7 @@ from typing import Any, Generic, TypeVar
 import numpy as np
 
 from nte.errors import NteError
-from nte.render.scene import Scene
+from nte.render.world.scene import Scene
 
 Parameters = TypeVar("Parameters")
 _HELD_OUT = (0.4, 0.6)  # the share of every split range that belongs to the test clips
