@@ -21,6 +21,7 @@ from nte.filters.motion_blur.first_stage import (
     first_stage,
     normalise,
 )
+from nte.filters.motion_blur.history import Reprojection, add_history
 from nte.filters.motion_blur.prefilter import prefilter
 from nte.filters.motion_blur.samples import (
     COLOR,
@@ -34,7 +35,6 @@ from nte.filters.motion_blur.samples import (
     read_samples,
 )
 from nte.filters.motion_blur.second_stage import second_stage
-from nte.filters.motion_blur.temporal import Reprojection, add_history
 from nte.filters.motion_blur.variance import Estimate, estimate_variance
 from nte.frames.frame import Frame
 

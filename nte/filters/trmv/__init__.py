@@ -14,13 +14,13 @@ from torch.profiler import record_function
 from nte.denoiser import Denoiser, Result, check_size, sanitised
 from nte.errors import NteError
 from nte.filters.composition import COMPONENTS
+from nte.filters.trmv.accumulation import Effect, Settings, Track
 from nte.filters.trmv.cones import EQ_11, HALF_ANGLE, WEIGHTS
 from nte.filters.trmv.glossy import denoise_glossy
 from nte.filters.trmv.gradient import unchanged
 from nte.filters.trmv.indirect import Cones, denoise_indirect
-from nte.filters.trmv.scene import Scene, Surface, prepare
+from nte.filters.trmv.inputs import Scene, Surface, prepare
 from nte.filters.trmv.shadows import denoise_shadows
-from nte.filters.trmv.temporal import Effect, Settings, Track
 from nte.frames.frame import Frame
 
 CHOICES = {
