@@ -20,6 +20,7 @@ from nte.filters.motion_blur.first_stage import (
     first_stage,
     normalise,
 )
+from nte.filters.motion_blur.history import Reprojection, find
 from nte.filters.motion_blur.prefilter import SLOWEST, prefilter
 from nte.filters.motion_blur.samples import (
     COLOR,
@@ -27,15 +28,14 @@ from nte.filters.motion_blur.samples import (
     MOTION,
     MOVING,
     TIME,
-    Pixels,
+    PixelList,
     Size,
     near_moving,
     read_samples,
     square,
 )
 from nte.filters.motion_blur.second_stage import fixed_steps, scaled_steps, second_stage
-from nte.filters.motion_blur.temporal import Reprojection, find
-from nte.filters.motion_blur.variance import Estimate, estimate_variance
+from nte.filters.motion_blur.variance import MotionStatistics, estimate_variance
 from nte.filters.motion_blur.weight import B3, kernel, motion_weight, segment_distance
 from nte.filters.noise import uniform_noise
 from tests.filters.blurred import blurred_disc
@@ -50,13 +50,13 @@ def samples(velocity=(6.0, 3.0), radius=6.0) -> tuple[Tensor, Size]:
     return read_samples(frame.with_channels(shutter_motion=frame["shutter_motion"] + noise.astype(np.float32)).torch())
 
 
-def everywhere(size: Size) -> Pixels:
-    return Pixels.at(torch.arange(size.batch * size.height * size.width), size)
+def everywhere(size: Size) -> PixelList:
+    return PixelList.at(torch.arange(size.batch * size.height * size.width), size)
 
 
-def estimated(count: int, length: float, angle: float = 0.0, variance: float = 0.0) -> Estimate:
+def estimated(count: int, length: float, angle: float = 0.0, variance: float = 0.0) -> MotionStatistics:
     columns = [torch.full((count,), value) for value in (length, 0.0, angle, variance)]
-    return Estimate(*columns, torch.tensor([[length, 0.0]]).expand(count, 2))
+    return MotionStatistics(*columns, torch.tensor([[length, 0.0]]).expand(count, 2))
 
 
 def slow_distance(p, q, v, t) -> float:
@@ -97,7 +97,7 @@ def test_weight_falls_linearly_and_ends():
 
 
 def test_reach_is_limited_to_four():
-    estimate = Estimate(*(torch.tensor([1.0, 1.0]) for _ in range(4)), torch.zeros(2, 2))
+    estimate = MotionStatistics(*(torch.tensor([1.0, 1.0]) for _ in range(4)), torch.zeros(2, 2))
     estimate = estimate._replace(length_variance=torch.tensor([0.05, 9.0]), angle_variance=torch.tensor([0.5, 1.0]))
     assert estimate.reach(1.0, 10.0).tolist() == pytest.approx([1.5 * 1.5, 4.0])
     assert estimate.reach(0.0, 0.0).tolist() == [1, 1]
@@ -208,7 +208,7 @@ def history(motion: Tensor) -> Tensor:
     return rows
 
 
-def opened(pixels: Pixels) -> Tensor:
+def opened(pixels: PixelList) -> Tensor:
     """A shutter that is open all the time."""
     return torch.ones(len(pixels.index))
 

@@ -5,7 +5,7 @@ from typing import NamedTuple
 import torch
 from torch import Tensor
 
-from nte.filters.trmv.scene import Scene
+from nte.filters.trmv.inputs import FrameInputs
 from nte.motion.geometric import Reprojection
 from nte.motion.warp import fetch_bilinear, inside, nearest_index, pixel_centres
 
@@ -48,20 +48,20 @@ def fetch_from_anything(vectors: Reprojection) -> Fetcher:
     return Fetcher(vectors.motion, vectors.valid & inside(pixel_centres(vectors.motion) + vectors.motion))
 
 
-def fetch_from_surface(vectors: Reprojection, scene: Scene) -> Fetcher:
+def fetch_from_surface(vectors: Reprojection, inputs: FrameInputs) -> Fetcher:
     """Fetching from pixels whose depth is that of the surface; where it was hidden, and so history is taken from
     beside the occluder, that of the nearest pixel there. A miss matches a miss.
 
     Depths are compared as 1/z, which is linear in the image on a plane, however steep.
     """
     plain = fetch_from_anything(vectors)
-    if scene.before is None:
+    if inputs.before is None:
         return plain
     width = vectors.motion.shape[3]
     end = pixel_centres(vectors.motion) + vectors.motion
     corner = end - 0.5
     x, y = (corner - corner.floor()).chunk(2, 1)
-    before = torch.where(scene.before.depth > 0, 1 / scene.before.depth, 0.0).flatten(2)
+    before = torch.where(inputs.before.depth > 0, 1 / inputs.before.depth, 0.0).flatten(2)
 
     def at(position: Tensor) -> tuple[Tensor, Tensor]:
         index = nearest_index(position)
@@ -69,9 +69,9 @@ def fetch_from_surface(vectors: Reprojection, scene: Scene) -> Fetcher:
 
     _, beside = at(end)
     # A dual vector that leaves the image is not used: the traditional one ends on what hid the surface.
-    dual = vectors.disoccluded & (vectors.motion != scene.traditional.motion).any(1, keepdim=True)
-    expected = torch.where(dual, beside, scene.guide.disparity)
-    room = expected * DEEPER + scene.guide.slope.abs().sum(1, keepdim=True)
+    dual = vectors.disoccluded & (vectors.motion != inputs.traditional.motion).any(1, keepdim=True)
+    expected = torch.where(dual, beside, inputs.guide.disparity)
+    room = expected * DEEPER + inputs.guide.slope.abs().sum(1, keepdim=True)
     sources, weights, whole = [], [], torch.ones_like(plain.valid)
     for right, down in CORNERS:
         index, seen = at(corner.floor() + corner.new_tensor([right + 0.5, down + 0.5]).view(1, 2, 1, 1))

@@ -1,6 +1,6 @@
 """The light components of a frame: one noisy sample of each, and the references that they are estimates of.
 
-The estimators and their expectations are written in datasets/README.md, «Estimators».
+The estimators and their expectations are written in docs/estimators.md.
 """
 
 from collections.abc import Iterable, Sequence
