@@ -105,8 +105,8 @@ def check_needs(denoiser: Denoiser, available: Iterable[str], where: object) -> 
     missing = [name for name in denoiser.needs if name not in have]
     if missing:
         name = type(denoiser).__name__
-        keys = sorted({CHANNELS[channel].rendered_with for channel in missing if channel in CHANNELS} - {""})
-        way = f"; nte render writes it in groups with {' and '.join(keys)}" if keys else ""
+        groups = sorted({CHANNELS[channel].group for channel in missing if channel in CHANNELS} - {"every clip"})
+        way = f"; nte render writes it in groups that set {' and '.join(groups)}" if groups else ""
         raise NteError(f"{where}: {name} needs {', '.join(missing)}, which is missing; there is {', '.join(have)}{way}")
 
 
