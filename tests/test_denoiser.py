@@ -15,12 +15,10 @@ from nte.frames.bad import BadPixelWarning
 from tests.synthetic import random_channels
 
 
-class Counting:
+class Counting(Denoiser):
     """A denoiser whose image says how many frames its state has seen."""
 
-    needs: tuple[str, ...] = ("color",)
-    optional: tuple[str, ...] = ()
-    target = "color"
+    needs = ("color",)
 
     def step(self, frame: Frame, state: Any, extras: tuple[str, ...] = ()) -> tuple[Result, Any]:
         seen = (state or 0) + 1
@@ -85,12 +83,10 @@ def test_bad_pixels_are_reported_once_a_sequence() -> None:
     assert [w.category for w in caught] == [BadPixelWarning] * 2
 
 
-class Told:
+class Told(Denoiser):
     """A denoiser that remembers the indices of the frames it was given."""
 
-    needs: tuple[str, ...] = ("color",)
-    optional: tuple[str, ...] = ()
-    target = "color"
+    needs = ("color",)
 
     def __init__(self) -> None:
         self.indices: list[int] = []

@@ -131,8 +131,7 @@ class _Run:
         self.spec, self.denoiser = spec, denoiser
         self.timed = _Timed(denoiser, device)
         self.session = Session(self.timed)
-        offered: tuple[str, ...] = getattr(denoiser, "components", ())
-        self.components = tuple(name for name in offered if reference_of(name) in channels)
+        self.components = tuple(name for name in denoiser.components if reference_of(name) in channels)
         self.tracks = {target: _Track() for target in (denoiser.target, *self.components)}
         self.settings = ""  # what a denoiser that adapts to its input says of its options on this clip
 
@@ -140,8 +139,7 @@ class _Run:
         """Target → output. The denoiser sees what it asks for and nothing else: above all no reference."""
         wanted = (*self.denoiser.needs, *self.denoiser.optional)
         visible = replace(frame, channels={name: frame[name] for name in wanted if name in frame})
-        if hasattr(self.denoiser, "settings"):
-            self.settings = self.denoiser.settings(visible)
+        self.settings = self.denoiser.settings(visible)
         result = self.session.step(visible, self.components)
         return {self.denoiser.target: result.image, **{name: result.extras[name] for name in self.components}}
 
@@ -194,13 +192,14 @@ class _Track:
         }
 
 
-class _Timed:
+class _Timed(Denoiser):
     """A denoiser with a stop-watch around its step, without what surrounds it."""
 
     def __init__(self, denoiser: Denoiser, device: str) -> None:
         self.denoiser = denoiser
         self.needs, self.optional, self.target = denoiser.needs, denoiser.optional, denoiser.target
-        self.device = torch.device(device)
+        self.extras = denoiser.extras
+        self.clock = torch.device(device)
         self.seconds: list[float] = []
 
     def step(self, frame: Frame, state: State | None, extras: tuple[str, ...] = ()) -> tuple[Result, State]:
@@ -212,8 +211,8 @@ class _Timed:
         return result
 
     def _wait(self) -> None:
-        if self.device.type != "cpu":
-            torch.accelerator.synchronize(self.device)
+        if self.clock.type != "cpu":
+            torch.accelerator.synchronize(self.clock)
 
 
 def mean(values: Iterable[float | None]) -> float | None:

@@ -9,7 +9,7 @@ import torch
 from torch import Tensor
 
 from nte.color import demodulate, remodulate
-from nte.denoiser import Result, check_size, sanitised
+from nte.denoiser import Denoiser, Result, check_size, sanitised
 from nte.errors import NteError
 from nte.filters.align import align, check_motion, check_range, chooser
 from nte.filters.blocks import fetch_history, keep_where_bad, remembered, restarts
@@ -31,7 +31,7 @@ class _State(NamedTuple):
     exposure: Tensor  # (N,)
 
 
-class AlignAccumulate:
+class AlignAccumulate(Denoiser):
     """An exponential mean of `color` or `indirect` along correspondences, without any clipping of history.
 
     motion: `estimate` (the paper), `zero`, or `geometric` (the channel), with the same rejection each. noise: of
@@ -41,6 +41,8 @@ class AlignAccumulate:
     not longer than 1/alpha. demodulate: search and merge light without albedo, which is multiplied back. Extras:
     `motion`, `mask` (m) and `history_length`.
     """
+
+    extras: tuple[str, ...] = EXTRAS
 
     optional: tuple[str, ...] = ()
 
@@ -66,9 +68,6 @@ class AlignAccumulate:
     @sanitised
     def step(self, frame: Frame, state: Any, extras: tuple[str, ...] = ()) -> tuple[Result, Any]:
         """Merge the frame into the history; the state is the merged image and what was searched."""
-        unknown = [name for name in extras if name not in EXTRAS]
-        if unknown:
-            raise NteError(f"align_accumulate: no extra '{unknown[0]}'; there are {', '.join(EXTRAS)}")
         tensors = frame.torch(self.device)
         albedo = tensors["albedo"] if self.demodulate else None
         current = tensors[self.target]

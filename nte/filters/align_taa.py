@@ -8,7 +8,7 @@ from typing import Any, NamedTuple
 import torch
 from torch import Tensor
 
-from nte.denoiser import Result, check_size, sanitised
+from nte.denoiser import Denoiser, Result, check_size, sanitised
 from nte.errors import NteError
 from nte.filters.align import Aligned, align, check_motion, check_range, chooser
 from nte.filters.blocks import clamp_history, keep_where_bad, neighbourhood_moments, remembered, restarts
@@ -32,7 +32,7 @@ class _State(NamedTuple):
     exposure: Tensor  # (N,)
 
 
-class AlignTaa:
+class AlignTaa(Denoiser):
     """TAA without motion vectors: history is fetched with Catmull–Rom and clamped to μ ± σ of 3×3 pixels.
 
     The mask m = κ ε − η of the patch distance is used inverted: history counts where m is large, at edges and where
@@ -41,6 +41,8 @@ class AlignTaa:
     down to 0.5 σ where the albedo or normal that history lies on differs. alpha: weight of the current frame where
     m is 1. noise, radii: of the search, as in align_accumulate. Extras: `motion` and `mask`.
     """
+
+    extras: tuple[str, ...] = EXTRAS
 
     optional: tuple[str, ...] = ()
     target = "color"
@@ -61,9 +63,6 @@ class AlignTaa:
     @sanitised
     def step(self, frame: Frame, state: Any, extras: tuple[str, ...] = ()) -> tuple[Result, Any]:
         """Blend the frame with its history, the previous output, which is the state with what was searched."""
-        unknown = [name for name in extras if name not in EXTRAS]
-        if unknown:
-            raise NteError(f"align_taa: no extra '{unknown[0]}'; there are {', '.join(EXTRAS)}")
         tensors = frame.torch(self.device)
         current = tensors["color"]
         carried = None if state is None else state.exposure

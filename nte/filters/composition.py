@@ -16,12 +16,14 @@ def check_target(name: str, target: str) -> None:
         raise NteError(f"{name}: target is '{target}', expected one of color, {', '.join(COMPONENTS)}, components")
 
 
-class Composition:
+class Composition(Denoiser):
     """color = emission + direct·visibility + glossy + indirect, each noisy one from its own denoiser.
 
     denoisers: component → a denoiser whose target it is. Extras: the components by their names. A frame
     without `emission` counts as having none.
     """
+
+    extras: tuple[str, ...] = COMPONENTS
 
     target = "color"
     components = COMPONENTS
@@ -41,9 +43,6 @@ class Composition:
         self, frame: Frame, state: Mapping[str, Any] | None, extras: tuple[str, ...] = ()
     ) -> tuple[Result, Mapping[str, Any]]:
         """Denoise every component; the state is one of each."""
-        unknown = [name for name in extras if name not in self.denoisers]
-        if unknown:
-            raise NteError(f"extra '{unknown[0]}' is unknown; there are {', '.join(self.denoisers)}")
         tensors = frame.torch()
         images, states = {}, {}
         for name, denoiser in self.denoisers.items():

@@ -124,7 +124,7 @@ class Estimator:
         return Known(torch.where(finite, frame["motion"], 0.0), finite)
 
 
-class EstimatedMotion:
+class EstimatedMotion(Denoiser):
     """A denoiser that gets `motion` from the images: `color` of this frame, searched in that of the frame before.
 
     denoiser: any; it sees the estimated vectors in place of given ones, and no others. noise, guides, known, device: of
@@ -136,7 +136,7 @@ class EstimatedMotion:
     ) -> None:
         self.denoiser, self.estimator = denoiser, Estimator(noise, guides, known, device)
         self.target = denoiser.target
-        self.components: tuple[str, ...] = getattr(denoiser, "components", ())
+        self.extras, self.components = denoiser.extras, denoiser.components
         wanted = (name for name in denoiser.needs if name not in _TOLD_BY_OTHERS)
         self.needs: tuple[str, ...] = tuple(dict.fromkeys([*self.estimator.needs, *wanted]))
         self.optional: tuple[str, ...] = tuple(name for name in denoiser.optional if name not in _TOLD_BY_OTHERS)

@@ -11,7 +11,7 @@ import torch
 import torch.nn.functional as F
 from torch import Tensor
 
-from nte.denoiser import Result, sanitised
+from nte.denoiser import Denoiser, Result, sanitised
 from nte.errors import NteError
 from nte.filters.noise import uniform_noise
 from nte.frames.frame import Frame
@@ -20,7 +20,7 @@ from nte.motion.warp import fetch_nearest, inside, pixel_centres
 STILL_PX = 0.5  # a dominant half vector no longer than this leaves the pixel as it is
 
 
-class McGuire:
+class McGuire(Denoiser):
     """The filter with `samples` fetches (S) along the dominant vector of tiles of `tile`×`tile` pixels (K).
 
     Half vectors are as long as `tile` at most, and half a pixel at least in the comparisons. extent: depth over which

@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from nte.denoiser import Result, State, sanitised
+from nte.denoiser import Denoiser, Result, State, sanitised
 from nte.errors import NteError, needs_extra
 from nte.frames.frame import Frame
 
@@ -20,7 +20,7 @@ GUIDES = ("albedo", "normal")
 Pixels = npt.NDArray[np.float32]
 
 
-class Oidn:
+class Oidn(Denoiser):
     """Frame by frame, on HDR radiance; albedo and normal guide it where the frame has them.
 
     prefilter: denoise the guides first, each by itself, as OIDN's documentation recommends for noisy ones.

@@ -8,13 +8,13 @@ from typing import Any
 
 import torch
 
-from nte.denoiser import Result, sanitised
+from nte.denoiser import Denoiser, Result, sanitised
 from nte.errors import NteError
 from nte.frames.frame import Frame
 from nte.motion.warp import warp
 
 
-class PostBlur:
+class PostBlur(Denoiser):
     """The mean of `samples` bilinear fetches of `color`, spread evenly over the vector, which the pixel halves.
 
     Reads sharp frames (`sharp/` of a recipe with a shutter); `shutter_motion` is px over the open shutter. Fetches

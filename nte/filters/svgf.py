@@ -13,7 +13,7 @@ from torch import Tensor
 from torch.profiler import record_function
 
 from nte.color import demodulate, remodulate
-from nte.denoiser import Result, check_size, sanitised
+from nte.denoiser import Denoiser, Result, check_size, sanitised
 from nte.errors import NteError
 from nte.filters.atrous import Edge, atrous_step
 from nte.filters.composition import check_target
@@ -42,7 +42,7 @@ class Weights(NamedTuple):
     moments: Tensor  # and of its moments
 
 
-class Svgf:
+class Svgf(Denoiser):
     """SVGF of `color`, or of one light component (`target`): the light without its texture is what is filtered.
 
     alpha, moments_alpha: least weights of the current frame; history: its greatest length in frames; iterations of the
@@ -52,6 +52,8 @@ class Svgf:
     divisor of demodulation; depth_floor: tolerance of depths, in scene units. Extras: history_length, alpha,
     variance (of the filtered luminance). Target `components` filters each component apart (Composition).
     """
+
+    extras: tuple[str, ...] = ("history_length", "alpha", "variance")
 
     def __init__(
         self,
@@ -117,9 +119,6 @@ class Svgf:
                 if level + 1 == self.feedback:
                     history = light
         available = {"history_length": length, "alpha": alpha, "variance": variance}
-        unknown = [name for name in extras if name not in available]
-        if unknown:
-            raise NteError(f"extra '{unknown[0]}' is unknown; there are {', '.join(available)}")
         result = Result(self._remodulated(light, tensors), {name: available[name] for name in extras}).like(frame)
         return result, SvgfState(torch.cat([history, moments, length - (1 - usable)], 1), surface, tensors.view)
 

@@ -8,7 +8,7 @@ from typing import Any
 
 import torch
 
-from nte.denoiser import Result, check_size, sanitised
+from nte.denoiser import Denoiser, Result, check_size, sanitised
 from nte.errors import NteError
 from nte.filters.blocks import (
     accumulate,
@@ -26,7 +26,7 @@ from nte.motion.geometric import traditional_motion
 CLAMPS = ("none", "clamp", "clip")
 
 
-class Taa:
+class Taa(Denoiser):
     """Temporal accumulation of `color`, or of one light component (`target`), with bilinear history.
 
     target `components`: each component by itself (Composition).

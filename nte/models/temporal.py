@@ -12,7 +12,7 @@ import torch.nn.functional as F
 from torch import Tensor, nn
 
 from nte.color import compress, divisor, per_sequence
-from nte.denoiser import Result, check_size
+from nte.denoiser import Denoiser, Result, check_extras, check_size
 from nte.errors import NteError
 from nte.frames.frame import Frame
 from nte.frames.scalars import known_scalars
@@ -120,17 +120,17 @@ class KernelHeads(nn.Module):
         return predicted
 
 
-class TemporalDenoiser(nn.Module):
+class TemporalDenoiser(nn.Module, Denoiser):
     """Kernel-predicting recurrent denoiser of `color`; a Denoiser, and the module that is trained and exported."""
 
-    target = "color"
+    extras = Denoised._fields
 
     def __init__(self, config: NetworkConfig) -> None:
         super().__init__()
         config.check()
         self.config = config
-        self.needs = ("color", "albedo", "normal", "depth", "motion")
-        self.optional = ("previous_forward_motion",) if config.motion == "dual" else ()
+        self.needs: tuple[str, ...] = ("color", "albedo", "normal", "depth", "motion")
+        self.optional: tuple[str, ...] = ("previous_forward_motion",) if config.motion == "dual" else ()
         inputs = 3 + 3 + 3 + 1 + (3 if config.feed_warped and config.temporal else 0) + (2 if config.feed_masks else 0)
         self.unet = UNet(inputs * config.front**2, config.channels)
         self.heads = KernelHeads(config)
@@ -146,6 +146,7 @@ class TemporalDenoiser(nn.Module):
         self, frame: Frame, state: TemporalState | None, extras: tuple[str, ...] = ()
     ) -> tuple[Result, TemporalState]:
         """Denoise one frame. extras: history, disoccluded, valid, alpha."""
+        check_extras(self, extras)
         tensors = frame.torch(next(self.parameters()).device)
         color, depth = tensors["color"], tensors["depth"]
         reset = torch.zeros(frame.batch, device=color.device) if tensors.reset is None else tensors.reset
@@ -161,11 +162,7 @@ class TemporalDenoiser(nn.Module):
             color, tensors["albedo"], tensors["normal"], depth, tensors["motion"], forward,
             reset, state.exposure.nan_to_num(1), state.depth_scale.nan_to_num(1), state.history, state.depth,
         )  # fmt: skip
-        available = denoised._asdict()
-        unknown = [name for name in extras if name not in available]
-        if unknown:
-            raise NteError(f"extra '{unknown[0]}' is unknown; there are {', '.join(available)}")
-        result = Result(denoised.image, {name: available[name] for name in extras}).like(frame)
+        result = Result(denoised.image, {name: getattr(denoised, name) for name in extras}).like(frame)
         return result, TemporalState(denoised.history, depth, state.exposure, state.depth_scale)
 
     def forward(

@@ -8,7 +8,7 @@ import numpy as np
 import numpy.typing as npt
 import onnxruntime
 
-from nte.denoiser import Result, check_size
+from nte.denoiser import Denoiser, Result, check_extras, check_size
 from nte.errors import NteError
 from nte.frames.channels import CHANNELS
 from nte.frames.frame import Frame
@@ -35,7 +35,7 @@ class OnnxState(NamedTuple):
         return OnnxState(self.tensors, *(np.where(start, scalar, carried) for start, scalar, carried in own))
 
 
-class OnnxDenoiser:
+class OnnxDenoiser(Denoiser):
     """An exported model with its state handling. Takes and returns NumPy (or what the frame has).
 
     providers: ONNX Runtime execution providers, best first, by name or as (name, options); None: the CPU. threads: 0
@@ -62,12 +62,12 @@ class OnnxDenoiser:
         except Exception as error:  # ONNX Runtime raises classes of its own that share no public base
             raise NteError(f"{path}: not a readable ONNX model: {str(error).splitlines()[0]}") from error
         self._inputs = {i.name: i for i in self._session.get_inputs()}
-        self._outputs = [o.name for o in self._session.get_outputs()]
+        self.extras = tuple(o.name for o in self._session.get_outputs())
         text = self._session.get_modelmeta().custom_metadata_map.get(METADATA_KEY)
-        self.info = read_description(self.path, text, self._outputs)
+        self.info = read_description(self.path, text, self.extras)
         self.needs: tuple[str, ...] = tuple(self.info["needs"])
-        self.optional: tuple[str, ...] = tuple(self.info["optional"])
-        self.target: str = self.info["target"]
+        self.optional = tuple(self.info["optional"])
+        self.target = self.info["target"]
 
     def step(self, frame: Frame, state: OnnxState | None, extras: tuple[str, ...] = ()) -> tuple[Result, OnnxState]:
         """Denoise one frame; None starts a sequence. extras: further outputs of the graph.
@@ -75,9 +75,7 @@ class OnnxDenoiser:
         Raises NteError for a channel that is missing or has the wrong type or shape, and for a size that
         changes within a sequence.
         """
-        unknown = [name for name in extras if name not in self._outputs]
-        if unknown:
-            raise NteError(f"{self.path}: no output '{unknown[0]}'; there are {', '.join(self._outputs)}")
+        check_extras(self, extras, self.path)
         arrays = frame.numpy()
         feed = {name: self._checked(arrays, name) for name in self.needs}
         if "previous_forward_motion" in self._inputs:
@@ -94,7 +92,7 @@ class OnnxDenoiser:
         scalars = {name: np.nan_to_num(getattr(state, name), nan=1.0) for name in ("exposure", "depth_scale")}
         feed |= {"reset": reset, **scalars, **state.tensors}
         kept: dict[str, str] = self.info["state"]
-        wanted = list(dict.fromkeys(["image", *(n for n in kept.values() if n in self._outputs), *extras]))
+        wanted = list(dict.fromkeys(["image", *(n for n in kept.values() if n in self.extras), *extras]))
         outputs = dict(zip(wanted, self._session.run(wanted, self._only_inputs(feed)), strict=True))
         following = {name: outputs[source] if source in outputs else feed[source] for name, source in kept.items()}
         result = Result(outputs["image"], {name: outputs[name] for name in extras}).like(frame)

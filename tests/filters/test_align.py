@@ -9,7 +9,7 @@ import pytest
 import torch
 
 from nte.cli import main
-from nte.denoiser import Result, Session
+from nte.denoiser import Denoiser, Result, Session
 from nte.errors import NteError
 from nte.filters.align import align
 from nte.filters.align_accumulate import AlignAccumulate
@@ -213,12 +213,11 @@ def test_the_adaptive_tolerance_is_looser_where_albedo_and_normal_agree() -> Non
     assert distances["same"] > 1.5 * distances["other"]
 
 
-class Recorder:
+class Recorder(Denoiser):
     """A denoiser that keeps the frames it was given."""
 
     needs: tuple[str, ...] = ("color", "motion")
     optional: tuple[str, ...] = ("previous_forward_motion",)
-    target = "color"
 
     def __init__(self) -> None:
         self.frames: list[Frame] = []

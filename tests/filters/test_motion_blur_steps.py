@@ -20,6 +20,7 @@ from nte.filters.motion_blur.first_stage import (
     first_stage,
     normalise,
 )
+from nte.filters.motion_blur.history import Reprojection, find
 from nte.filters.motion_blur.prefilter import SLOWEST, prefilter
 from nte.filters.motion_blur.samples import (
     COLOR,
@@ -34,7 +35,6 @@ from nte.filters.motion_blur.samples import (
     square,
 )
 from nte.filters.motion_blur.second_stage import fixed_steps, scaled_steps, second_stage
-from nte.filters.motion_blur.temporal import Reprojection, find
 from nte.filters.motion_blur.variance import Estimate, estimate_variance
 from nte.filters.motion_blur.weight import B3, kernel, motion_weight, segment_distance
 from nte.filters.noise import uniform_noise

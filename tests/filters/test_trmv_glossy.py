@@ -14,7 +14,7 @@ from nte.filters.trmv.glossy import (
     limit_spread,
     spread_of,
 )
-from nte.filters.trmv.scene import Scene, prepare
+from nte.filters.trmv.inputs import Scene, prepare
 from tests.filters.trmv_frames import plane
 
 CPU = torch.device("cpu")

@@ -10,8 +10,8 @@ from torch import Tensor
 from nte.denoiser import Session
 from nte.filters.bilateral import Edges, joint_bilateral
 from nte.filters.trmv import Trmv
+from nte.filters.trmv.inputs import RADIUS, Surface, prepare
 from nte.filters.trmv.samples import believable
-from nte.filters.trmv.scene import RADIUS, Surface, prepare
 from nte.filters.trmv.shadows import FALLOFF, deviation_for, geometric_normal, planarity, shadow_reprojection, splat
 from nte.frames.frame import Frame
 from nte.motion.geometric import Reprojection, traditional_motion

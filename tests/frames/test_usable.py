@@ -9,7 +9,7 @@ import torch
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from nte.denoiser import Noisy, sanitised
+from nte.denoiser import Denoiser, Noisy, sanitised
 from nte.filters.taa import Taa
 from nte.frames.channels import CHANNELS
 from nte.frames.frame import Frame
@@ -115,8 +115,8 @@ def test_a_fade_from_black_keeps_its_highlights() -> None:
 
 
 def test_the_state_of_another_batch_does_not_stand_in_the_way() -> None:
-    class Mean:
-        needs, optional, target = ("color",), (), "color"
+    class Mean(Denoiser):
+        needs = ("color",)
 
         @sanitised
         def step(self, frame: Frame, state: object, extras: tuple[str, ...] = ()) -> tuple[object, object]:

@@ -290,7 +290,7 @@ def test_what_does_not_fit_is_an_error() -> None:
     _, state = network.step(small, None)
     with pytest.raises(NteError, match=r"frame 0: .* \(1, 24, 40\) after \(1, 24, 36\): start a new sequence"):
         network.step(large, state)
-    with pytest.raises(NteError, match="'kernels' is unknown; there are image, history, disoccluded"):
+    with pytest.raises(NteError, match="TemporalDenoiser has no extra 'kernels'; it has image, history, disoccluded"):
         network.step(small, None, ("kernels",))
     with pytest.raises(NteError, match="channel 'depth' is missing"):
         network.step(Frame({"color": small["color"], "motion": small["motion"]}), None)

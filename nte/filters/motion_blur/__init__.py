@@ -10,7 +10,7 @@ import torch
 from torch import Tensor
 from torch.profiler import record_function
 
-from nte.denoiser import Result, check_size, sanitised
+from nte.denoiser import Denoiser, Result, check_size, sanitised
 from nte.errors import NteError
 from nte.filters.motion_blur.composition import Cover, balanced, compose, plain_share, weighted_share
 from nte.filters.motion_blur.first_stage import (
@@ -21,6 +21,7 @@ from nte.filters.motion_blur.first_stage import (
     first_stage,
     normalise,
 )
+from nte.filters.motion_blur.history import Reprojection, add_history
 from nte.filters.motion_blur.prefilter import prefilter
 from nte.filters.motion_blur.samples import (
     COLOR,
@@ -34,7 +35,6 @@ from nte.filters.motion_blur.samples import (
     read_samples,
 )
 from nte.filters.motion_blur.second_stage import second_stage
-from nte.filters.motion_blur.temporal import Reprojection, add_history
 from nte.filters.motion_blur.variance import Estimate, estimate_variance
 from nte.frames.frame import Frame
 
@@ -66,7 +66,7 @@ class State:
         return rows
 
 
-class MotionBlur:
+class MotionBlur(Denoiser):
     """The whole filter; the state is the first stage's output.
 
     prefilter, history: whether those steps run. steps: of the second stage, `fixed` as in the original à-trous
@@ -79,6 +79,8 @@ class MotionBlur:
     frame says (`Frame.shutter`, which clips have), 1 where it says nothing. PAPER: the paper's values.
     Raises NteError for what is not a choice or out of range.
     """
+
+    extras: tuple[str, ...] = EXTRAS
 
     needs: tuple[str, ...] = ("color", "time", "shutter_motion", "shutter_depth")
     optional: tuple[str, ...] = ("motion",)
@@ -133,9 +135,6 @@ class MotionBlur:
             active = near_moving(rows[:, MOVING].view(size.batch, 1, size.height, size.width))
             pixels = Pixels.at(active.flatten().nonzero()[:, 0], size)
         maps = {name: rows.new_zeros(len(rows), 1) for name in extras}
-        for name in maps:
-            if name not in EXTRAS:
-                raise NteError(f"motion_blur has no extra '{name}'; it has {', '.join(EXTRAS)}")
         means = rows.new_zeros(0, COLUMNS)
         if len(pixels.index):
             estimate, cover, means, accepted = self._buffers(rows, pixels, state, tensors, shutter)

@@ -11,16 +11,16 @@ import torch
 from torch import Tensor
 from torch.profiler import record_function
 
-from nte.denoiser import Result, check_size, sanitised
+from nte.denoiser import Denoiser, Result, check_size, sanitised
 from nte.errors import NteError
 from nte.filters.composition import COMPONENTS
+from nte.filters.trmv.accumulation import Effect, Settings, Track
 from nte.filters.trmv.cones import EQ_11, HALF_ANGLE, WEIGHTS
 from nte.filters.trmv.glossy import denoise_glossy
 from nte.filters.trmv.gradient import unchanged
 from nte.filters.trmv.indirect import Cones, denoise_indirect
-from nte.filters.trmv.scene import Scene, Surface, prepare
+from nte.filters.trmv.inputs import Scene, Surface, prepare
 from nte.filters.trmv.shadows import denoise_shadows
-from nte.filters.trmv.temporal import Effect, Settings, Track
 from nte.frames.frame import Frame
 
 CHOICES = {
@@ -44,7 +44,7 @@ class State(NamedTuple):
     tracks: dict[str, Track]
 
 
-class Trmv:
+class Trmv(Denoiser):
     """The whole system; every option is one of the paper's comparisons (docs/trmv.md).
 
     target: `color`, or one component, whose channels alone are then needed. shadow, glossy, occlusion: which
@@ -70,8 +70,10 @@ class Trmv:
                 raise NteError(f"trmv: {key} is {number}, expected a number above 0, at most {most}")
         self.target, self.device, self.chosen = target, device, chosen
         self.cones = Cones(math.radians(half_angle), WEIGHTS if reshading == "cosine" else EQ_11)
-        self.settings = Settings(alpha, warm_up, clamp, cleanup, history == "cleaned", neighbourhood == "adjacent")
+        self.how = Settings(alpha, warm_up, clamp, cleanup, history == "cleaned", neighbourhood == "adjacent")
         self.components = COMPONENTS if target == "color" else ()
+        shown = self.components or (target,)
+        self.extras = ("disoccluded", *(f"{name}{what}" for name in shown for what in ("", "_alpha", "_vector")))
         self.needs, self.optional = self._channels()
 
     @sanitised
@@ -103,11 +105,11 @@ class Trmv:
                 sample = "indirect_radiance" if name == "indirect" and cones else name
                 vectors, trust = "traditional", unchanged(scene.frame, name, scene.frame[sample])
             if name == "visibility":
-                found[name] = denoise_shadows(scene, track, vectors, self.settings, trust)
+                found[name] = denoise_shadows(scene, track, vectors, self.how, trust)
             elif name == "glossy":
-                found[name] = denoise_glossy(scene, track, vectors, self.settings, trust)
+                found[name] = denoise_glossy(scene, track, vectors, self.how, trust)
             else:
-                found[name] = denoise_indirect(scene, track, vectors, cones, self.settings, trust)
+                found[name] = denoise_indirect(scene, track, vectors, cones, self.how, trust)
         return found
 
     def _extras(self, names: tuple[str, ...], effects: dict[str, Effect], scene: Scene) -> dict[str, Tensor]:
@@ -116,9 +118,6 @@ class Trmv:
             motion = scene.traditional.motion if effect.vectors is None else effect.vectors.motion
             vector = torch.where(effect.alpha < 1, motion, float("nan"))
             offered |= {name: effect.image, f"{name}_alpha": effect.alpha, f"{name}_vector": vector}
-        unknown = [name for name in names if name not in offered]
-        if unknown:
-            raise NteError(f"trmv has no extra '{unknown[0]}'; it has {', '.join(offered)}")
         return {name: offered[name] for name in names}
 
     def _channels(self) -> tuple[tuple[str, ...], tuple[str, ...]]:

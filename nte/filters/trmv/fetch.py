@@ -5,7 +5,7 @@ from typing import NamedTuple
 import torch
 from torch import Tensor
 
-from nte.filters.trmv.scene import Scene
+from nte.filters.trmv.inputs import Scene
 from nte.motion.geometric import Reprojection
 from nte.motion.warp import fetch_bilinear, inside, nearest_index, pixel_centres
 

@@ -13,9 +13,9 @@ from torch.profiler import record_function
 
 from nte.filters.bilateral import ROUGHNESS, Edges, joint_bilateral
 from nte.filters.noise import gaussian_noise
+from nte.filters.trmv.accumulation import Effect, Settings, Track, accumulate
+from nte.filters.trmv.inputs import RADIUS, Scene
 from nte.filters.trmv.samples import TINY, believable, of_usable
-from nte.filters.trmv.scene import RADIUS, Scene
-from nte.filters.trmv.temporal import Effect, Settings, Track, accumulate
 from nte.frames.usable import mask_of
 from nte.motion.geometric import Reprojection, traditional_motion
 from nte.motion.warp import fetch_nearest, pixel_centres

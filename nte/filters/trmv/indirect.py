@@ -12,12 +12,12 @@ from torch.profiler import record_function
 from nte.color import demodulate, remodulate
 from nte.filters.bilateral import Edges, atrous_bilateral
 from nte.filters.threads import side_by_side, threads_for
+from nte.filters.trmv import accumulation
 from nte.filters.trmv import cones as hemisphere
-from nte.filters.trmv import temporal
+from nte.filters.trmv.accumulation import Blended, Effect, Settings, Track, Weight
 from nte.filters.trmv.fetch import Fetcher, fetch_from_anything, fetch_from_surface
+from nte.filters.trmv.inputs import Scene
 from nte.filters.trmv.samples import of_usable
-from nte.filters.trmv.scene import Scene
-from nte.filters.trmv.temporal import Blended, Effect, Settings, Track, Weight
 from nte.frames.frame import Frame
 from nte.frames.usable import mask_of
 
@@ -55,7 +55,7 @@ class Cones:
     def blend(
         self, current: Tensor, track: Track, fetcher: Fetcher, trust: Tensor | None, scene: Scene, settings: Settings
     ) -> Blended:
-        """`temporal.accumulate`, cone by cone, each with the weight of what its history holds; in place of `current`.
+        """`accumulation.accumulate`, cone by cone, each with the weight of what its history holds; in place of `current`.
 
         Cones of the current frame that no sample of the history falls into are made of this frame alone, and what
         has turned below the horizon is dropped.
@@ -63,10 +63,10 @@ class Cones:
         assert scene.before is not None
         with record_function("trmv/indirect/temporal"):
             before = scene.before.normal
-            variance, may = temporal.fetch_convergence(track, fetcher, scene.frame.reset)
-            weight = temporal.weigh(variance, may, settings, trust)
+            variance, may = accumulation.fetch_convergence(track, fetcher, scene.frame.reset)
+            weight = accumulation.weigh(variance, may, settings, trust)
             deviation = torch.empty_like(weight.used)
-            beside = _margins(current, temporal.NEIGHBOURHOOD // 2 * temporal.spacing(REACH))
+            beside = _margins(current, accumulation.NEIGHBOURHOOD // 2 * accumulation.spacing(REACH))
 
             def blend(first: int) -> None:
                 """A strip of rows, in the place of the current frame."""
@@ -82,10 +82,10 @@ class Cones:
                 light, kept = self._limit(history, torch.cat([above, now, below], 2), inner, settings)
                 now.copy_(torch.where(valid, torch.lerp(history, now, cut(weight.used)), now))
                 doubts = Weight(cut(weight.default), cut(weight.used))
-                cut(deviation).copy_(temporal.clean_up_deviation(doubts, light, kept, valid, settings))
+                cut(deviation).copy_(accumulation.clean_up_deviation(doubts, light, kept, valid, settings))
 
             _by_strips(blend, current)
-            return Blended(current, temporal.blended_variance(weight, variance), weight.used, deviation)
+            return Blended(current, accumulation.blended_variance(weight, variance), weight.used, deviation)
 
     def _limit(self, history: Tensor, around: Tensor, inner: slice, settings: Settings) -> tuple[Tensor, Tensor]:
         """Clamp the radiance in each cone, in place; (the light that history and clamped history make, (N, 3, h, W)).
@@ -97,7 +97,7 @@ class Cones:
         kept = torch.zeros_like(light)
         for k, share in enumerate(self.weights):
             before, now = (hemisphere.cone_radiance(c, k, m) for c, m in zip((history, around), means, strict=True))
-            clamped = temporal.limit(before, now, REACH, settings, inner)
+            clamped = accumulation.limit(before, now, REACH, settings, inner)
             history[:, 4 * k : 4 * k + 3] = clamped * history[:, 4 * k + 3 : 4 * k + 4]
             light.add_(before, alpha=share)
             kept.add_(clamped, alpha=share)
@@ -154,7 +154,7 @@ def denoise_indirect(
         with record_function("trmv/indirect/filter"):
             light, usable = demodulate(frame["indirect"], reflectance), frame.get(mask_of("indirect"))
             current, known = of_usable(partial(filter_indirect, edges=scene.edges), light, usable)
-        effect = temporal.accumulate(
+        effect = accumulation.accumulate(
             "indirect", current, track, reprojection, scene, settings, REACH, trust, fetcher, known
         )
         return effect._replace(image=remodulate(effect.image, reflectance))
@@ -163,9 +163,9 @@ def denoise_indirect(
         usable = frame.get(mask_of("indirect_radiance"))
         direction = direction if usable is None else direction * usable  # without a direction it is no sample
         current = cones.gather(light, direction, scene.surface.normal, scene.edges)
-    blended = temporal.start(current, settings)
+    blended = accumulation.start(current, settings)
     if fetcher is not None and track is not None:
         blended = cones.blend(current, track, fetcher, trust, scene, settings)
-    effect = temporal.finish("indirect", blended, reprojection, scene, settings)
+    effect = accumulation.finish("indirect", blended, reprojection, scene, settings)
     with record_function("trmv/indirect/shade"):
         return effect._replace(image=cones.shade(effect.image, reflectance))

@@ -7,9 +7,9 @@ from torch import Tensor
 from torch.profiler import record_function
 
 from nte.filters.bilateral import Edges, joint_bilateral
+from nte.filters.trmv.accumulation import Effect, Settings, Track, accumulate
+from nte.filters.trmv.inputs import RADIUS, Scene, Surface
 from nte.filters.trmv.samples import TINY, believable
-from nte.filters.trmv.scene import RADIUS, Scene, Surface
-from nte.filters.trmv.temporal import Effect, Settings, Track, accumulate
 from nte.frames.usable import mask_of
 from nte.motion.geometric import Reprojection, traditional_motion
 from nte.motion.neighbours import pairs

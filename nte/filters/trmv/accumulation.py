@@ -11,7 +11,7 @@ from nte.color import luminance
 from nte.filters.bilateral import clean_up
 from nte.filters.blocks import Moments, clamp_history, neighbourhood_moments
 from nte.filters.trmv.fetch import Fetcher, fetch_from_anything
-from nte.filters.trmv.scene import Scene
+from nte.filters.trmv.inputs import Scene
 from nte.motion.geometric import Reprojection
 
 NEIGHBOURHOOD = 5  # pixels across, of the clamp
