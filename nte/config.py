@@ -1,12 +1,13 @@
 """YAML files against a typed schema: unknown keys, wrong types and resolvers are refused in one line."""
 
 import re
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
+from dataclasses import fields, is_dataclass
 from pathlib import Path
-from typing import Any, TypeVar
+from typing import Any, TypeVar, cast
 
 from omegaconf import DictConfig, OmegaConf
-from omegaconf.errors import OmegaConfBaseException
+from omegaconf.errors import ConfigKeyError, OmegaConfBaseException
 from yaml import MarkedYAMLError, YAMLError
 
 from nte.errors import NteError
@@ -16,11 +17,15 @@ Schema = TypeVar("Schema")
 _RESOLVER = re.compile(r"\$\{[^}]*[:$]")
 
 
-def load_config(schema: type[Schema], path: Path, overrides: Sequence[str] = ()) -> Schema:
+def load_config(
+    schema: type[Schema], path: Path, overrides: Sequence[str] = (),
+    choose: Callable[[dict[str, Any]], Schema] | None = None,
+) -> Schema:  # fmt: skip
     """An instance of the dataclass `schema` from a YAML file and `key=value` overrides.
 
-    Raises NteError that names the file and the key. ${name} may refer to another key; resolvers such as
-    ${oc.env:…} are refused: a configuration must mean the same on every machine.
+    choose: makes the instance with the defaults from what file and overrides say, for schemas in which a key decides
+    which others there are. Raises NteError that names the file and the key. ${name} may refer to another key; resolvers
+    such as ${oc.env:…} are refused: a configuration must mean the same on every machine.
     """
     for override in overrides:
         if "=" not in override:
@@ -29,7 +34,8 @@ def load_config(schema: type[Schema], path: Path, overrides: Sequence[str] = ())
     try:
         loaded = _read(path)
         refuse_resolvers(source, OmegaConf.to_container(loaded, resolve=False))
-        config = OmegaConf.merge(OmegaConf.structured(schema), loaded)
+        defaults = schema if choose is None else _chosen(choose, loaded, overrides, source)
+        config = OmegaConf.merge(OmegaConf.structured(defaults), loaded)
         source = "command line"
         refuse_resolvers(source, OmegaConf.to_container(OmegaConf.from_dotlist(list(overrides)), resolve=False))
         config.merge_with_dotlist(list(overrides))
@@ -45,8 +51,27 @@ def load_config(schema: type[Schema], path: Path, overrides: Sequence[str] = ())
     except (OmegaConfBaseException, ValueError, TypeError) as error:
         key = getattr(error, "full_key", None)
         where = f"'{key}': " if key else ""
-        raise NteError(f"{source}: {where}{_one_line(error)}") from error
+        raise NteError(f"{source}: {where}{_one_line(error)}{_keys_instead(error)}") from error
     return made
+
+
+def _chosen(
+    choose: Callable[[dict[str, Any]], Schema], loaded: DictConfig, overrides: Sequence[str], source: str
+) -> Schema:
+    """The defaults for what file and overrides say; `choose` sees it as it is written."""
+    said = OmegaConf.to_container(OmegaConf.merge(loaded, OmegaConf.from_dotlist(list(overrides))), resolve=False)
+    try:
+        return choose(cast(dict[str, Any], said))
+    except NteError as error:
+        raise NteError(f"{source}: {error}") from error
+
+
+def _keys_instead(error: Exception) -> str:
+    """The keys that there are, where the error is about one that there is not."""
+    schema = getattr(error, "object_type", None)
+    if not isinstance(error, ConfigKeyError) or not is_dataclass(schema):
+        return ""
+    return f"; it has {', '.join(field.name for field in fields(schema))}"
 
 
 def _read(path: Path) -> DictConfig:

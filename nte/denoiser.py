@@ -155,8 +155,13 @@ def check_extras(denoiser: Denoiser, asked: Iterable[str], where: object = "") -
 
 def check_size(frame: Frame, history: Array) -> None:
     """Raise NteError where a frame has another batch or size than the sequence's history (N, C, H, W)."""
-    was, now = (history.shape[0], *history.shape[2:]), (frame.batch, *frame.size)
-    if was != now:
+    refuse_other_size(frame, (history.shape[0], *history.shape[2:]))
+
+
+def refuse_other_size(frame: Frame, was: tuple[int, ...]) -> None:
+    """Raise NteError where a frame's (batch, height, width) is not what it was in the frames before."""
+    now = frame.batch, *frame.size
+    if now != was:
         raise NteError(
             f"frame {frame.index}: (batch, height, width) is {now} after {was}: start a new sequence (state None) "
             "for another size"

@@ -138,6 +138,9 @@ def reference_of(target: str) -> str:
     return "reference" if target == "color" else f"reference_{target}"
 
 
+REFERENCES = tuple(reference_of(target) for target in TARGETS)
+
+
 def width_of(channel: str) -> int:
     """How many components a channel has."""
     return len(CHANNELS[channel].components)
