@@ -10,6 +10,7 @@ from nte.frames.srgb import DARK, GAIN, OFFSET, POWER, SLOPE
 
 REC709 = (0.2126, 0.7152, 0.0722)
 ALBEDO_FLOOR = 1e-2  # least divisor of demodulation: darker surfaces would amplify noise without bound
+PSNR_MAX = 100.0  # dB, also that of identical images: below it lies the rounding of a display value
 BLACK = 1e-3  # an albedo below in all components tells nothing: a metal elsewhere, an emitter, the sky, a bad pixel
 
 
@@ -30,6 +31,11 @@ def display(radiance: Tensor, exposure: Tensor) -> Tensor:
     tonemapped = exposed / (1 + exposed)
     curve = GAIN * tonemapped.clamp(min=DARK) ** (1 / POWER) - OFFSET
     return torch.where(tonemapped <= DARK, SLOPE * tonemapped, curve)
+
+
+def psnr(squared_error: Tensor) -> Tensor:
+    """Peak signal-to-noise ratio in dB, at most PSNR_MAX, of a mean squared error of images in [0, 1]."""
+    return (-10 * squared_error.log10()).clamp(max=PSNR_MAX)
 
 
 def demodulate(radiance: Tensor, albedo: Tensor, floor: float = ALBEDO_FLOOR) -> Tensor:

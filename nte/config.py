@@ -1,11 +1,11 @@
 """YAML files against a typed schema: unknown keys, wrong types and resolvers are refused in one line."""
 
 import re
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import fields, is_dataclass
 from difflib import get_close_matches
 from pathlib import Path
-from typing import Any, TypeVar
+from typing import Any, TypeVar, cast
 
 from omegaconf import DictConfig, OmegaConf
 from omegaconf.errors import ConfigAttributeError, ConfigKeyError, OmegaConfBaseException
@@ -18,11 +18,15 @@ Schema = TypeVar("Schema")
 _RESOLVER = re.compile(r"\$\{[^}]*[:$]")
 
 
-def load_config(schema: type[Schema], path: Path, overrides: Sequence[str] = ()) -> Schema:
+def load_config(
+    schema: type[Schema], path: Path, overrides: Sequence[str] = (),
+    choose: Callable[[dict[str, Any]], Schema] | None = None,
+) -> Schema:  # fmt: skip
     """An instance of the dataclass `schema` from a YAML file and `key=value` overrides.
 
-    Raises NteError that names the file and the key. ${name} may refer to another key; resolvers such as
-    ${oc.env:…} are refused: a configuration must mean the same on every machine.
+    choose: makes the instance with the defaults from what file and overrides say, for schemas in which a key decides
+    which others there are. Raises NteError that names the file and the key. ${name} may refer to another key; resolvers
+    such as ${oc.env:…} are refused: a configuration must mean the same on every machine.
     """
     for override in overrides:
         if "=" not in override:
@@ -31,7 +35,8 @@ def load_config(schema: type[Schema], path: Path, overrides: Sequence[str] = ())
     try:
         loaded = _read(path)
         refuse_resolvers(source, OmegaConf.to_container(loaded, resolve=False))
-        config = OmegaConf.merge(OmegaConf.structured(schema), loaded)
+        defaults = schema if choose is None else _chosen(choose, loaded, overrides, source)
+        config = OmegaConf.merge(OmegaConf.structured(defaults), loaded)
         source = "command line"
         refuse_resolvers(source, OmegaConf.to_container(OmegaConf.from_dotlist(list(overrides)), resolve=False))
         config.merge_with_dotlist(list(overrides))
@@ -49,6 +54,17 @@ def load_config(schema: type[Schema], path: Path, overrides: Sequence[str] = ())
         where = f"'{key}': " if key else ""
         raise NteError(f"{source}: {where}{problem_with(error)}") from error
     return made
+
+
+def _chosen(
+    choose: Callable[[dict[str, Any]], Schema], loaded: DictConfig, overrides: Sequence[str], source: str
+) -> Schema:
+    """The defaults for what file and overrides say; `choose` sees it as it is written."""
+    said = OmegaConf.to_container(OmegaConf.merge(loaded, OmegaConf.from_dotlist(list(overrides))), resolve=False)
+    try:
+        return choose(cast(dict[str, Any], said))
+    except NteError as error:
+        raise NteError(f"{source}: {error}") from error
 
 
 def problem_with(error: Exception) -> str:

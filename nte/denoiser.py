@@ -140,8 +140,8 @@ def check_needs(denoiser: Denoiser, available: Iterable[str], where: object) -> 
     missing = [name for name in denoiser.needs if name not in have]
     if missing:
         name = type(denoiser).__name__
-        keys = sorted({CHANNELS[channel].rendered_with for channel in missing if channel in CHANNELS} - {""})
-        way = f"; nte render writes it in groups with {' and '.join(keys)}" if keys else ""
+        groups = sorted({CHANNELS[channel].group for channel in missing if channel in CHANNELS} - {"every clip"})
+        way = f"; nte render writes it in groups that set {' and '.join(groups)}" if groups else ""
         raise NteError(f"{where}: {name} needs {', '.join(missing)}, which is missing; there is {', '.join(have)}{way}")
 
 
@@ -155,8 +155,13 @@ def check_extras(denoiser: Denoiser, asked: Iterable[str], where: object = "") -
 
 def check_size(frame: Frame, history: Array) -> None:
     """Raise NteError where a frame has another batch or size than the sequence's history (N, C, H, W)."""
-    was, now = (history.shape[0], *history.shape[2:]), (frame.batch, *frame.size)
-    if was != now:
+    refuse_other_size(frame, (history.shape[0], *history.shape[2:]))
+
+
+def refuse_other_size(frame: Frame, was: tuple[int, ...]) -> None:
+    """Raise NteError where a frame's (batch, height, width) is not what it was in the frames before."""
+    now = frame.batch, *frame.size
+    if now != was:
         raise NteError(
             f"frame {frame.index}: (batch, height, width) is {now} after {was}: start a new sequence (state None) "
             "for another size"

@@ -11,7 +11,7 @@ from nte.importing.channel_map import load_channel_map
 from nte.registry import load_denoiser
 from nte.render.recipes.recipe import Recipe, read_recipe
 from nte.render.world.keyframes import read_animation
-from nte.training.config import TrainConfig, load_train_config
+from nte.training.config import load_train_config, read_train_config
 
 GOOD = "name: x\ndata:\n  clips: [a]\nphases:\n  - {steps: 3}\n"
 ROOT = Path(__file__).parents[1]
@@ -37,7 +37,7 @@ def test_file_then_overrides_over_the_defaults(tmp_path: Path) -> None:
 
 def test_what_is_written_is_read_again(tmp_path: Path) -> None:
     config = load_train_config(written(tmp_path), ["network.channels=[4,8,8]", "loss.space=display"])
-    again = load_config(TrainConfig, written(tmp_path, to_yaml(config)))
+    again = read_train_config(written(tmp_path, to_yaml(config)))
     assert again == config
 
 

@@ -159,8 +159,8 @@ def test_the_package_offers_its_names() -> None:
 @pytest.mark.parametrize(
     ("needs", "said"),
     [
-        (("gradient",), "needs gradient, .*; nte render writes it in groups with components: true$"),
-        (("time", "motion"), "needs time, motion, .*; nte render writes it in groups with shutter: 1$"),
+        (("gradient",), "needs gradient, .*; nte render writes it in groups that set components$"),
+        (("time", "motion"), "needs time, motion, .*; nte render writes it in groups that set shutter$"),
         (("motion",), "needs motion, which is missing; there is color$"),
     ],
 )

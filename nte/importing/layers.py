@@ -10,7 +10,7 @@ import numpy as np
 import numpy.typing as npt
 
 from nte.errors import NteError
-from nte.frames.channels import CHANNELS, Channel
+from nte.frames.channels import CHANNELS, VECTORS, Channel
 from nte.frames.clip import Pixels
 from nte.frames.exr import Part, merge_parts, split_views
 from nte.frames.exr_copy import Place
@@ -114,7 +114,7 @@ def read(stored: Stored, name: str, source: Source, found: Found) -> npt.NDArray
     if rest := layers[found.dark_from :]:
         values = np.where(values.max(0) < _DARK, np.sum([values, *rest], axis=0), values)
     unknown = [float(value) for value in source.unknown if value != SKY]
-    if CHANNELS[name].kind == "motion" and not CHANNELS[name].nan_means:
+    if name in VECTORS:
         values = np.where(np.isfinite(values).all(0), values, np.nan)
     for value in unknown:
         values = np.where((values == np.float32(value)).all(0), np.nan, values)

@@ -16,17 +16,19 @@ from tqdm import tqdm
 
 from nte.errors import NteError
 from nte.files import only_writer
+from nte.frames.channels import reference_of
 from nte.frames.clip import Clip
 from nte.interrupt import InterruptFlag
-from nte.models.temporal import TemporalDenoiser
+from nte.models.registry import make_network
+from nte.models.trainable import TrainableDenoiser
 from nte.training.checkpoint import CHECKPOINT, load_module, load_optimiser, module_state, optimiser_state
 from nte.training.config import OptimiserConfig, TrainConfig, load_train_config
 from nte.training.data import TrainingSteps, open_clips, training_loader
-from nte.training.losses import SequenceLoss
+from nte.training.losses import HIDDEN, SequenceLoss
 from nte.training.meter import Meter
 from nte.training.plan import Plan, digests
 from nte.training.run import DECODED, RunFolder
-from nte.training.tiles import REFERENCE
+from nte.training.target import Target
 from nte.training.validation import ValidationSet, spread, validate
 
 
@@ -52,14 +54,14 @@ def train(
     fabric = _launch(device)
     torch.use_deterministic_algorithms(fabric.device.type == "cpu")
     fabric.seed_everything(config.seed, verbose=False)
-    denoiser = TemporalDenoiser(config.network)
+    denoiser = make_network(config.network)
     run = RunFolder(Path(config.runs) / config.name)
     clips = open_clips(config.data.clips)
-    channels = (*denoiser.needs, *denoiser.optional, REFERENCE)
+    channels = _channels(denoiser, config)
     data = TrainingSteps(
         clips, channels, config.data, config.seed, fabric.global_rank, fabric.world_size, run.folder / DECODED
     )
-    chosen = _validation_set(config, clips, (*denoiser.needs, REFERENCE))
+    chosen = _validation_set(config, clips, (*denoiser.needs, reference_of(denoiser.target)))
     plan = Plan(
         fabric.world_size, [phase.length(data.epoch) for phase in config.phases], digests(clips), digests(chosen.clips)
     )
@@ -76,7 +78,7 @@ def train(
 
 
 def _run(
-    config: TrainConfig, fabric: Fabric, denoiser: TemporalDenoiser, data: TrainingSteps, chosen: ValidationSet,
+    config: TrainConfig, fabric: Fabric, denoiser: TrainableDenoiser, data: TrainingSteps, chosen: ValidationSet,
     plan: Plan, run: RunFolder,
 ) -> None:  # fmt: skip
     """Train, from the run's checkpoint where there is one."""
@@ -127,7 +129,7 @@ def _run(
                 values = {"loss": loss.item()} | {name: part.item() for name, part in parts.items()} | meter.read()
                 _log(run, writer, done, values, optimiser.param_groups[0]["lr"], bar)
             if done % config.validate_every == 0 or done == last:
-                trained = cast(TemporalDenoiser, average.module) if config.optimiser.ema else denoiser
+                trained = cast(TrainableDenoiser, average.module) if config.optimiser.ema else denoiser
                 found = validate(trained, chosen)
                 _log(run, writer, done, found.scores, None, bar)
                 writer.add_image("validation/noisy, denoised, reference", found.picture, done)
@@ -141,6 +143,16 @@ def _run(
         writer.close()
     if done < last and fabric.is_global_zero:
         print(f"stopped after step {done} of {last}; continue with resume=true")
+
+
+def _channels(denoiser: TrainableDenoiser, config: TrainConfig) -> tuple[str, ...]:
+    """What of the clips is trained on. Raises NteError for losses that the network does not give what they need."""
+    for i, phase in enumerate(config.phases):
+        if phase.occlusion * config.loss.occlusion > 0 and HIDDEN not in denoiser.extras:
+            what = f"network '{config.network.kind}' gives no '{HIDDEN}'"
+            raise NteError(f"'phases[{i}].occlusion' is {phase.occlusion}, but the {what}: set it to 0")
+    channels = (*denoiser.needs, *denoiser.optional, *config.loss.channels(Target(denoiser.target)))
+    return tuple(dict.fromkeys(channels))
 
 
 def _validation_set(config: TrainConfig, clips: Sequence[Clip], channels: Sequence[str]) -> ValidationSet:

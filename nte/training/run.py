@@ -23,12 +23,13 @@ from typing import Any
 import torch
 from torch import Tensor
 
-from nte.config import load_config, to_yaml
+from nte.config import to_yaml
 from nte.errors import DISTRIBUTION, NteError
 from nte.files import write_whole
-from nte.models.temporal import TemporalDenoiser
+from nte.models.registry import make_network
+from nte.models.trainable import TrainableDenoiser
 from nte.training.checkpoint import BEST, CHECKPOINT, load_module, read_checkpoint, write_checkpoint
-from nte.training.config import TrainConfig
+from nte.training.config import TrainConfig, read_train_config
 from nte.training.plan import PLAN, Plan
 
 DECODED = "decoded"
@@ -110,11 +111,11 @@ class RunFolder:
 
     def _check_same(self, config: TrainConfig) -> None:
         """Raise NteError naming the first key whose value differs; where the folder lies may differ."""
-        saved = _choices(load_config(TrainConfig, self.folder / "config.yaml"))
+        saved = _choices(read_train_config(self.folder / "config.yaml"))
         for key, now in _choices(config).items():
-            if saved[key] != now:
+            if saved.get(key) != now:  # another kind of network has other keys; its kind is the first that differs
                 raise NteError(
-                    f"{self.folder}: made by another configuration: '{key}' is {saved[key]} there and {now} here; "
+                    f"{self.folder}: made by another configuration: '{key}' is {saved.get(key)} there and {now} here; "
                     "give the run another name, or restore the value"
                 )
 
@@ -130,7 +131,7 @@ class RunFolder:
                 path.unlink()
 
 
-def load_run(folder: Path, device: str = "cpu") -> TemporalDenoiser:
+def load_run(folder: Path, device: str = "cpu") -> TrainableDenoiser:
     """The denoiser that a run has trained so far: the moving average of its weights where it keeps one.
 
     folder: a run folder, or a checkpoint in it: RUN/best.safetensors is the one whose validation was best.
@@ -138,10 +139,10 @@ def load_run(folder: Path, device: str = "cpu") -> TemporalDenoiser:
     folder, name = (folder, CHECKPOINT) if folder.suffix != ".safetensors" else (folder.parent, folder.name)
     if not (folder / "config.yaml").is_file():
         raise NteError(f"{folder}: no run folder: config.yaml is missing")
-    config = load_config(TrainConfig, folder / "config.yaml")
+    config = read_train_config(folder / "config.yaml")
     _, state = read_checkpoint(folder, name)
     prefix = "average.module." if "average.n_averaged" in state else "denoiser."
-    denoiser = TemporalDenoiser(config.network)
+    denoiser = make_network(config.network)
     load_module(denoiser, state, prefix, folder / name)
     return denoiser.to(device).eval().requires_grad_(False)
 

@@ -299,7 +299,7 @@ def test_vectors_and_masks_are_to_be_had() -> None:
 def test_missing_components_name_the_recipe_that_renders_them() -> None:
     frame = plane()
     bare = replace(frame, channels={n: v for n, v in frame.channels.items() if n not in ("direct", "glossy")})
-    with pytest.raises(NteError, match=r"Trmv needs direct, glossy, which is missing; .* components: true"):
+    with pytest.raises(NteError, match=r"Trmv needs direct, glossy, which is missing; .* groups that set components"):
         Session(Trmv()).step(bare)
 
 

@@ -135,7 +135,7 @@ def test_a_ball_of_a_family_has_the_normals_of_its_triangles():
 def test_both_are_rows_of_the_table_of_channels():
     for name, kind in (("diffuse_albedo", "reflectance"), ("geometric_normal", "direction")):
         row = CHANNELS[name]
-        assert (row.kind, row.noisy, row.rendered_with) == (kind, False, "components: true")
+        assert (row.kind, row.noisy, row.group) == (kind, False, "components")
 
 
 @pytest.mark.slow

@@ -4,7 +4,7 @@ from collections.abc import Callable
 from pathlib import Path
 
 from nte.files import make_folder, only_writer, remove
-from nte.frames.channels import CHANNELS, LIGHT, SHUTTER
+from nte.frames.channels import channels_of
 from nte.frames.clip import write_clip_info, write_frame
 from nte.progress import Progress
 from nte.render.components.frame import noisy, references
@@ -26,9 +26,9 @@ GUIDES = (
     "albedo", "normal", "roughness", "emission", "depth", "position", "instance", "motion", "forward_motion",
 )  # fmt: skip
 REFERENCES = ("reference_a", "reference_b")
-COMPONENTS = tuple(row.name for row in CHANNELS.values() if row.rendered_with == LIGHT and row.noisy)
-SHUTTER_CHANNELS = tuple(row.name for row in CHANNELS.values() if row.rendered_with == SHUTTER)
-COMPONENT_REFERENCES = tuple(row.name for row in CHANNELS.values() if row.rendered_with == LIGHT and not row.noisy)
+COMPONENTS = channels_of("components", noisy=True)
+SHUTTER_CHANNELS = channels_of("shutter", noisy=True)
+COMPONENT_REFERENCES = channels_of("components", noisy=False)
 
 
 def render_recipe(
