@@ -1,16 +1,13 @@
 """nte: neural temporal denoising of path-traced image sequences.
 
-Everything is a denoiser: a filter, a run folder, an exported model, or an object of yours with these members. It gets a
-frame, whose channels are arrays (N, C, H, W), and what it returned as its state with the frame before:
+Everything is a denoiser: a filter, a run folder, an exported model, or an object of yours. It gets a frame, whose
+channels are arrays (N, C, H, W), and what it returned as its state with the frame before:
 
->>> class Doubled:
-...     needs, optional, target = ("color",), (), "color"
-...     components, extras = (), ()
+>>> class Doubled(nte.Denoiser):
+...     needs = ("color",)
 ...
 ...     def step(self, frame: nte.Frame, state: object, extras: tuple[str, ...] = ()) -> tuple[nte.Result, object]:
 ...         return nte.Result(2 * frame["color"]), state
->>> isinstance(Doubled(), nte.Denoiser)
-True
 >>> frame = nte.Frame({"color": np.ones((1, 3, 4, 6), np.float32)})
 >>> float(nte.Session(Doubled()).denoise(frame).max())
 2.0

@@ -4,14 +4,13 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-import numpy.typing as npt
 
 from nte.errors import NteError, needs_extra
 from nte.files import make_folder, write_whole
+from nte.frames.clip import Pixels
 from nte.frames.exr import quiet, read_exr, write_exr
 from nte.frames.srgb import decode_srgb, encode_srgb
 
-Pixels = npt.NDArray[np.float32]
 SUFFIXES = (".exr", ".png", ".tif", ".tiff")
 _RGB = (("color.R", "color.G", "color.B"), ("R", "G", "B"))
 

@@ -11,8 +11,8 @@ from nte.errors import NteError
 from nte.evaluation.report.page import write_report
 from nte.evaluation.results import FORMAT, Evaluation, means_of
 from nte.evaluation.score_clip import ClipRun, Shown
-from nte.evaluation.targets import reference_of
 from nte.files import already_there, only_writer, write_whole
+from nte.frames.channels import reference_of
 from nte.frames.clip import Clip, find_clips
 from nte.registry import load_denoiser
 
@@ -52,7 +52,7 @@ def evaluate(
     opened = dict(zip(clip_labels(folders), map(Clip, folders), strict=True))
     loaded = _loaded(denoisers, device)
     for label, clip in opened.items():
-        _check(label, clip, loaded, first)
+        _require_scorable(label, clip, loaded, first)
     prepare_folder(out, force)
     with only_writer(out):
         found = _evaluated(opened, loaded, first, lights, device, progress)
@@ -116,7 +116,7 @@ def prepare_folder(out: Path, force: bool) -> None:
         raise NteError(f"{out}: cannot be made: {error.strerror}") from error
 
 
-def _check(label: str, clip: Clip, denoisers: Mapping[str, Denoiser], first: int) -> None:
+def _require_scorable(label: str, clip: Clip, denoisers: Mapping[str, Denoiser], first: int) -> None:
     """Raise NteError for a clip that cannot be evaluated: better now than after an hour."""
     if len(clip) == first == 1:
         raise NteError(f"{clip.folder}: has one frame, and the first frame is not scored: use --first-frame")

@@ -20,11 +20,11 @@ from nte.evaluation.metrics import REGIONS
 from nte.evaluation.report.strips import write_strips
 from nte.evaluation.results import Evaluation, means_of
 from nte.files import is_folder_name, only_writer, refuse_links, write_whole
+from nte.frames.channels import TARGETS
 from nte.interrupt import end_when_told, ending_workers
 from nte.text_table import aligned
 
 FORMAT = "nte-comparison/1"
-LIGHTS = ("color", "visibility", "glossy", "indirect")
 MARGIN = "rmse"  # the metric whose difference from `against` gets an interval
 Row = dict[str, Any]  # situation, method, denoiser, clips, margin; parts: the means of each light and region
 
@@ -62,7 +62,7 @@ def read_comparison(path: Path) -> Comparison:
         situation.first = comparison.first if situation.first is None else situation.first
         if situation.first < 0:
             raise NteError(f"{where}.first is {situation.first}: expected the index of a frame, 0 or more")
-        for key, allowed in (("light", LIGHTS), ("region", REGIONS)):
+        for key, allowed in (("light", TARGETS), ("region", REGIONS)):
             if (value := getattr(situation, key)) not in allowed:
                 raise NteError(f"{where}.{key} is '{value}': expected one of {', '.join(allowed)}")
         if not is_folder_name(situation.name):

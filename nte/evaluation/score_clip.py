@@ -13,7 +13,8 @@ from torch import Tensor
 from nte.denoiser import Denoiser, Result, Session, State
 from nte.evaluation.metric_table import METRICS
 from nte.evaluation.metrics import Scores, region_mean, regions_of, score, temporal_l1, temporal_l1_floor
-from nte.evaluation.targets import Truth, displayed, picture, read_truth, reference_of
+from nte.evaluation.targets import Truth, displayed, picture, read_truth
+from nte.frames.channels import reference_of
 from nte.frames.clip import Clip
 from nte.frames.frame import Frame
 from nte.frames.reference import BadReferenceWarning, describe_bad_pixels
@@ -51,7 +52,7 @@ class ClipRun:
         self.exposure = torch.from_numpy(sequence_scalars(clip.frame(0))[0])
         scored = [name for name in clip.channels if lights is None or name in map(reference_of, lights)]
         self.runs = [_Run(spec, denoiser, scored, device) for spec, denoiser in denoisers.items()]
-        self.targets = list(dict.fromkeys(target for run in self.runs for target in run.tracks))
+        self.targets = list(dict.fromkeys(target for run in self.runs for target in run.scorers))
         self.truths: dict[str, Truth] = {}
         self.shown: dict[str, Shown] = {}  # by target
         self._depth: Tensor | None = None  # of the frame before
@@ -73,13 +74,13 @@ class ClipRun:
             for target, output in run.step(on_device).items():
                 where = f"{run.spec} on {self.label}, frame {index}"
                 image = displayed(output.cpu(), target, self.exposure, where, frame.size)
-                track = run.tracks[target]
+                scorer = run.scorers[target]
                 if scored:
-                    maps = track.score(image, self.truths[target], before.get(target), regions)
+                    maps = scorer.score(image, self.truths[target], before.get(target), regions)
                     if chosen:
                         self.shown[target].images[run.spec] = picture(output.cpu(), target, self.exposure)
                         self.shown[target].flip[run.spec] = quantise(heat(maps["flip"][0, 0].numpy(), "magma"))
-                track.before = image
+                scorer.before = image
 
     def _tell_bad_pixels(self, index: int) -> None:
         for target, truth in self.truths.items():
@@ -98,13 +99,13 @@ class ClipRun:
                 "region": region,
                 "first_frame": self.first == 0,
                 "scored_from": self.first,
-                **track.summary(region),
+                **scorer.summary(region),
                 "ms_per_frame": run.ms_per_frame,
                 **({"settings": run.settings} if run.settings else {}),
             }
             for run in self.runs
-            for target, track in run.tracks.items()
-            for region in track.regions
+            for target, scorer in run.scorers.items()
+            for region in scorer.regions
         ]
 
     def _choose(self, frame: Frame, regions: Mapping[str, Tensor]) -> bool:
@@ -118,21 +119,21 @@ class ClipRun:
             return False
         for target in self.targets:
             images = {"reference": picture(frame[reference_of(target)], target, self.exposure)}
-            if target in frame and not any(run.spec == "noisy" and target in run.tracks for run in self.runs):
+            if target in frame and not any(run.spec == "noisy" and target in run.scorers for run in self.runs):
                 images = {"noisy input": picture(frame[target], target, self.exposure), **images}
             self.shown[target] = Shown(self.label, target, frame.index, disoccluded, images)
         return True
 
 
 class _Run:
-    """One denoiser on one clip: its session, its time, and a track for each output that is scored."""
+    """One denoiser on one clip: its session, its time, and each of its outputs that is scored."""
 
     def __init__(self, spec: str, denoiser: Denoiser, channels: Iterable[str], device: str) -> None:
         self.spec, self.denoiser = spec, denoiser
         self.timed = _Timed(denoiser, device)
         self.session = Session(self.timed)
         self.components = tuple(name for name in denoiser.components if reference_of(name) in channels)
-        self.tracks = {target: _Track() for target in (denoiser.target, *self.components)}
+        self.scorers = {target: _Scorer() for target in (denoiser.target, *self.components)}
         self.settings = ""  # what a denoiser that adapts to its input says of its options on this clip
 
     def step(self, frame: Frame) -> dict[str, Tensor]:
@@ -149,7 +150,7 @@ class _Run:
         return 1000 * statistics.median(self.timed.seconds[1:] or self.timed.seconds)
 
 
-class _Track:
+class _Scorer:
     """One output of one denoiser on one clip: the image before, and the scores so far."""
 
     def __init__(self) -> None:

@@ -7,7 +7,7 @@ from torch import Tensor
 
 from nte.color import display
 from nte.errors import NteError
-from nte.frames.channels import CHANNELS
+from nte.frames.channels import CHANNELS, reference_of
 from nte.frames.frame import Frame
 from nte.frames.reference import count_bad_pixels, usable_pixels
 from nte.frames.show import RGB, quantise
@@ -23,11 +23,6 @@ class Truth(NamedTuple):
     halves: tuple[Tensor, Tensor] | None
     usable: Tensor  # (1, 1, H, W) bool: where the reference says something; the rest is not scored
     bad: int  # how many pixels do not
-
-
-def reference_of(target: str) -> str:
-    """The channel that an output is compared with: the reference of its target."""
-    return "reference" if target == "color" else f"reference_{target}"
 
 
 def read_truth(frame: Frame, target: str, exposure: Tensor, clip: str) -> Truth:

@@ -20,6 +20,7 @@ import numpy as np
 from nte.denoiser import Denoiser, State, check_needs
 from nte.errors import NteError
 from nte.evaluation.benchmark.frames import Source, source_of
+from nte.frames.channels import reference_of
 from nte.frames.clip import Clip
 from nte.frames.reference import usable_pixels
 from nte.frames.scalars import sequence_scalars
@@ -151,7 +152,7 @@ def _serve(pipe: Connection, task: Task) -> None:
     """The process: says None when ready, then answers a frame's index with (ms, PSNR or None)."""
     try:
         denoiser = load_denoiser(task.spec, task.device)
-        reference = "reference" if denoiser.target == "color" else f"reference_{denoiser.target}"
+        reference = reference_of(denoiser.target)
         scored = task.clip is not None and task.size == _size_of(task.clip)
         channels = [*denoiser.needs, *denoiser.optional, *([reference] if scored else [])]
         source = source_of(task.clip, task.size, channels)

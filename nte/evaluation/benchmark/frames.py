@@ -9,10 +9,9 @@ import numpy.typing as npt
 
 from nte.errors import NteError
 from nte.frames.channels import CHANNELS, LP, Channel
-from nte.frames.clip import Clip
+from nte.frames.clip import Clip, Pixels
 from nte.frames.frame import Frame
 
-Pixels = npt.NDArray[np.float32]
 Source = Callable[[int], Frame]  # index → frame
 SPEED = (3.5, 1.25)  # pixels a frame, of the synthetic disc
 
