@@ -7,7 +7,8 @@ import torch
 from nte.motion.curved import reflecting_points
 from nte.render.engine import plugins
 from nte.render.engine.mesh_stage import MeshStage
-from nte.render.passes.rays import curvatures_at, normals_at, trace_centres
+from nte.render.passes.hits import curvatures_at, normals_at
+from nte.render.passes.rays import trace_centres
 from nte.render.scenes import shapes
 from nte.render.world.scene import Camera, Mesh, Scene
 from nte.render.world.transforms import look_at, rotation, still, translation

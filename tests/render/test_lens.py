@@ -6,13 +6,12 @@ import numpy as np
 import pytest
 
 from nte.render.engine.mesh_stage import MeshStage
-from nte.render.passes.gbuffer import geometry
 from nte.render.scenes import shapes
 from nte.render.scenes.families import FAMILIES
 from nte.render.world.scene import Camera, Material, Scene, SceneObject
 from nte.render.world.seeds import derive_generator
 from nte.render.world.transforms import look_at, still
-from tests.render.shots import guides_at, radiance_at, references_at
+from tests.render.shots import geometry_at, guides_at, radiance_at, references_at
 from tests.render.test_components import direct_light, recombined, staged, table
 
 SIZE, FOV, APERTURE, FOCUS = 64, 40.0, 0.2, 4.0
@@ -52,7 +51,7 @@ def test_the_guides_see_what_the_colour_sees(depth: float):
 
 
 def test_geometry_is_that_of_the_pinhole():
-    through, pinhole = (geometry(lamp(10.0, aperture), 0) for aperture in (APERTURE, 0.0))
+    through, pinhole = (geometry_at(lamp(10.0, aperture), 0) for aperture in (APERTURE, 0.0))
     for name in through:
         np.testing.assert_allclose(through[name], pinhole[name], atol=1e-4)
 

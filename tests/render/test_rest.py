@@ -5,8 +5,9 @@ import pytest
 import trimesh
 
 from nte.render.engine.xml.stage import XmlStage
+from nte.render.passes.hits import curvatures_at, normals_at, points_at
 from nte.render.passes.projection import pixel_positions
-from nte.render.passes.rays import curvatures_at, normals_at, points_at, trace_centres, trace_film
+from nte.render.passes.rays import trace_centres, trace_film
 from nte.render.world.keyframes import read_animation
 
 SHAPES = """<scene version="3.0.0">

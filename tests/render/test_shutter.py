@@ -13,8 +13,8 @@ from nte.frames.exr import read_exr
 from nte.render.engine import backend
 from nte.render.engine.mesh_stage import MeshStage
 from nte.render.passes.gbuffer import geometry
+from nte.render.passes.hits import points_at
 from nte.render.passes.radiance import radiance
-from nte.render.passes.rays import points_at
 from nte.render.passes.shutter import SUBFRAMES, _hits, _strata, _times, _trace, blurred, centre_motion
 from nte.render.passes.unshadowed import unshadowed_integrator
 from nte.render.recipes.clips import render_recipe

@@ -24,8 +24,9 @@ from nte.render.engine.camera_rays import sample_camera_ray
 from nte.render.engine.stage import Moment, Scenery, Stage, Timeless
 from nte.render.engine.types import Lanes, Sampler
 from nte.render.passes.gbuffer import geometry, pattern, surface_of
+from nte.render.passes.hits import to_hits
 from nte.render.passes.radiance import launches
-from nte.render.passes.rays import Surfaces, queue_surfaces, to_hits, trace_centres
+from nte.render.passes.rays import Surfaces, queue_surfaces, trace_centres
 from nte.render.world.scene import Pixels
 from nte.render.world.seeds import derive_seed
 from nte.render.world.transforms import Floats

@@ -22,8 +22,8 @@ from nte.render.engine.places import Indices
 from nte.render.engine.random_numbers import lattice, uniform
 from nte.render.engine.stage import Moment, Scenery, Timeless
 from nte.render.engine.types import Hit, Lanes, Ray, Sampler
+from nte.render.passes.hits import Hits, points_at, to_hits
 from nte.render.passes.projection import eye, pixel_positions
-from nte.render.passes.rays import Hits, points_at, to_hits
 from nte.render.world.scene import Pixels
 from nte.render.world.seeds import derive_seed
 from nte.render.world.transforms import Floats

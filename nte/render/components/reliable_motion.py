@@ -16,8 +16,9 @@ from nte.motion.reliable import mirror_image, reflection_covariance, shadow_poin
 from nte.render.engine.places import Indices
 from nte.render.engine.stage import Moment, Timeless
 from nte.render.passes.gbuffer import to_image
+from nte.render.passes.hits import Hits, curvatures_at, normals_at, points_at
 from nte.render.passes.projection import eye, pixel_positions
-from nte.render.passes.rays import Hits, curvatures_at, normals_at, points_at, trace_film
+from nte.render.passes.rays import trace_film
 from nte.render.world.scene import Pixels
 from nte.render.world.transforms import Floats
 

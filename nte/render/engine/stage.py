@@ -184,7 +184,7 @@ class Scenery:
         return int(self.instances[key_of(shape)]) if shape else 0
 
     def met(self, hit: Hit, ray: Ray) -> list[Lanes]:
-        """Return what a ray meets: the shape's key, and its place there (rays.to_hits makes rows of it)."""
+        """Return what a ray meets: the shape's key, and its place there (hits.to_hits makes rows of it)."""
         return [shape_key(hit.shape), *self.places.columns(hit, ray)]
 
     def carried(self, hit: Hit) -> Hit:

@@ -11,8 +11,9 @@ import numpy as np
 import numpy.typing as npt
 
 from nte.render.engine.stage import Moment, Timeless
+from nte.render.passes.hits import Hits, points_at
 from nte.render.passes.projection import pixel_positions
-from nte.render.passes.rays import Hits, Surfaces, points_at, trace_centres, trace_surfaces
+from nte.render.passes.rays import Surfaces, trace_centres, trace_surfaces
 from nte.render.world.scene import Pixels
 from nte.render.world.transforms import Floats
 

@@ -1,6 +1,6 @@
-"""Camera rays and what they meet, as NumPy rows: the same code for vectorised and scalar Mitsuba variants."""
+"""Camera rays and what they see: the same code for vectorised and scalar Mitsuba variants."""
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cache, partial
 from typing import Protocol
@@ -11,26 +11,13 @@ import numpy.typing as npt
 from nte.render.engine.arrays import to_jit, to_rows
 from nte.render.engine.backend import is_scalar, load_drjit, load_mitsuba
 from nte.render.engine.camera_rays import camera_ray, past_containers
-from nte.render.engine.places import Indices
-from nte.render.engine.stage import Moment, Scenery, Timeless
+from nte.render.engine.stage import Moment, Scenery
 from nte.render.engine.types import Interaction, Lanes, MitsubaScene, Module, Ray
+from nte.render.passes.hits import Hits, hits_of, to_hits
 from nte.render.world.transforms import Floats
 
 _GOLDEN = (5**0.5 - 1) / 2
 _LOOK, _LOBES = 11, 6  # columns of Surfaces: always, and with those of the diffuse lobe
-
-
-@dataclass(frozen=True)
-class Hits:
-    """What rays meet: one row per ray."""
-
-    instance: Indices  # (P,) 0 = miss, else index in scene.objects + 1
-    place: Floats  # (P, places.width) where on it: see Places
-    direction: Floats  # (P, 3), world: where a miss looks
-
-    def of(self, rows: npt.NDArray[np.bool_] | Indices) -> "Hits":
-        """Select rays by `rows`: (P,) bool, or row numbers."""
-        return Hits(self.instance[rows], self.place[rows], self.direction[rows])
 
 
 class DiffuseAlbedo(Protocol):
@@ -90,38 +77,7 @@ def trace_centres(moment: Moment) -> Hits:
         rows = _trace_scalar(moment.scenery, middle, partial(_meet, moment.scenery))
     else:
         rows = to_rows(moment.frozen(_centres)())
-    return _hits(moment, rows[:, :-3], rows[:, -3:])
-
-
-def to_hits(moment: Moment, met: Sequence[Lanes], direction: Lanes) -> Hits:
-    """Make rows of what `Scenery.met` returned at this moment, evaluated, and of the rays' directions (3,)."""
-    with np.errstate(invalid="ignore"):  # of a miss, whose barycentrics are whatever was in memory
-        return _hits(moment, to_rows(met), np.array(direction, float).T)
-
-
-def _hits(moment: Moment, met: Floats, direction: Floats) -> Hits:
-    instance = moment.scenery.instances[met[:, 0].astype(np.int64)]
-    return Hits(instance, moment.places.stored(instance, met[:, 1:], moment.time), direction)
-
-
-def points_at(timeless: Timeless, hits: Hits, time: float) -> Floats:
-    """Return where the surface points of `hits` are at a time in frames: (P, 3), world; the ray's direction for a miss.
-
-    Whatever moves them, the stage says; a point at rest has exactly the same position at every time.
-    """
-    return np.where(hits.instance[:, None] > 0, timeless.places.points(hits.instance, hits.place, time), hits.direction)
-
-
-def normals_at(timeless: Timeless, hits: Hits, time: float) -> Floats:
-    """Return unit shading normals (P, 3) of `hits` at a time in frames, outwards; the ray's direction for a miss."""
-    normals = timeless.places.normals(hits.instance, hits.place, time)
-    normals = np.where(hits.instance[:, None] > 0, normals, hits.direction)
-    return np.asarray(normals / np.maximum(np.linalg.norm(normals, axis=1, keepdims=True), 1e-30))
-
-
-def curvatures_at(timeless: Timeless, hits: Hits, time: float) -> Floats:
-    """Return curvatures (P, 3, 3) of the surfaces of `hits` at a time in frames: see Places.curvatures."""
-    return timeless.places.curvatures(hits.instance, hits.place, time)
+    return hits_of(moment, rows[:, :-3], rows[:, -3:])
 
 
 def trace_surfaces(moment: Moment, offsets: Floats) -> Surfaces:

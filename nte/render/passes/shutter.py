@@ -18,8 +18,9 @@ from nte.render.engine.camera_rays import past_containers, sample_camera_ray
 from nte.render.engine.stage import Moment, Stage, Timeless
 from nte.render.engine.types import Sampler
 from nte.render.passes.gbuffer import project_rows, to_image
+from nte.render.passes.hits import Hits, points_at, to_hits
 from nte.render.passes.radiance import radiance
-from nte.render.passes.rays import Hits, points_at, to_hits, trace_centres
+from nte.render.passes.rays import trace_centres
 from nte.render.world.scene import Pixels
 from nte.render.world.seeds import derive_generator, derive_seed
 from nte.render.world.transforms import Floats

@@ -30,7 +30,7 @@ def load_xml(animation: Animation, keep: bool = False) -> _Loaded:
 
 
 def forget_scene() -> None:
-    """Let go of a scene that was kept: others in the process would not be recorded beside it (Stage.frozen)."""
+    """Let go of a scene that was kept: others in the process would not be recorded beside it (Scenery.frozen)."""
     _kept.clear()
 
 
