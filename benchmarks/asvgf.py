@@ -17,7 +17,7 @@ from torch import Tensor
 
 from nte.denoiser import Session
 from nte.filters import asvgf
-from nte.filters.asvgf import Asvgf
+from nte.filters.asvgf import Asvgf, AsvgfOptions
 from nte.filters.composition import COMPONENTS
 from nte.filters.moments import shorten
 from nte.filters.svgf import Svgf
@@ -40,7 +40,7 @@ VARIANTS = {
     "SVGF": Variant(Svgf),
     "A-SVGF": Variant(Asvgf),
     "gradient of all light": Variant(Asvgf, own=False),
-    "gradient_noise=1": Variant(lambda target: Asvgf(target, gradient_noise=1)),
+    "gradient_noise=1": Variant(lambda target: Asvgf(AsvgfOptions(target, gradient_noise=1))),
     "length 1/α": Variant(Asvgf, lambda length, change: length / (1 + change * (length - 1))),
     "length · (1 − λ)^10": Variant(Asvgf, lambda length, change: (length - 1) * (1 - change) ** 10 + 1),
     "length kept": Variant(Asvgf, lambda length, change: length),

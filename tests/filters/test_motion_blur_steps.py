@@ -20,7 +20,8 @@ from nte.filters.motion_blur.first_stage import (
     first_stage,
     normalise,
 )
-from nte.filters.motion_blur.history import Reprojection, find
+from nte.filters.motion_blur.history import find
+from nte.filters.motion_blur.options import MotionBlurOptions
 from nte.filters.motion_blur.prefilter import SLOWEST, prefilter
 from nte.filters.motion_blur.samples import (
     COLOR,
@@ -217,7 +218,7 @@ def test_reprojection_of_a_slide_needs_one_iteration():
     size = Size(1, *SIZE)
     pixels = everywhere(size)
     motion = torch.tensor([[3.0, -2.0]]).expand(len(pixels.index), 2)
-    offset, accepted = find(history(motion), pixels, motion, opened(pixels), Reprojection(iterations=1))
+    offset, accepted = find(history(motion), pixels, motion, opened(pixels), MotionBlurOptions(iterations=1))
     assert torch.equal(offset, torch.tensor([[-3, 2]]).expand_as(offset))
     inside = (pixels.x >= 3) & (pixels.y < SIZE[0] - 2)
     assert torch.equal(accepted, inside)
@@ -226,7 +227,7 @@ def test_reprojection_of_a_slide_needs_one_iteration():
 def test_a_shutter_of_half_the_frame_looks_twice_as_far():
     pixels = everywhere(Size(1, *SIZE))
     motion = torch.tensor([[2.0, 0.0]]).expand(len(pixels.index), 2)
-    offset, _ = find(history(motion), pixels, motion, 0.5 * opened(pixels), Reprojection())
+    offset, _ = find(history(motion), pixels, motion, 0.5 * opened(pixels), MotionBlurOptions())
     assert offset[:, 0].unique().tolist() == [-4]
 
 
@@ -238,7 +239,7 @@ def test_the_second_iteration_finds_more_of_a_rotation():
     motion = 2 * math.sin(0.25) * torch.stack([-arm[:, 1], arm[:, 0]], 1)
     shares, error = {}, {}
     for iterations in (1, 2):
-        settings = Reprojection(iterations, accept=1.0)
+        settings = MotionBlurOptions(iterations=iterations, accept=1.0)
         offset, accepted = find(history(motion), pixels, motion, opened(pixels), settings)
         shares[iterations] = accepted.float().mean().item()
         turn = torch.tensor([[math.cos(0.5), -math.sin(0.5)], [math.sin(0.5), math.cos(0.5)]])
@@ -250,7 +251,7 @@ def test_the_second_iteration_finds_more_of_a_rotation():
 def test_what_is_far_off_is_dropped():
     pixels = everywhere(Size(1, *SIZE))
     motion = torch.tensor([[2.0, 0.0]]).expand(len(pixels.index), 2)
-    assert not find(history(-20 * motion), pixels, motion, opened(pixels), Reprojection())[1].any()
+    assert not find(history(-20 * motion), pixels, motion, opened(pixels), MotionBlurOptions())[1].any()
 
 
 def test_steps_of_the_second_stage():

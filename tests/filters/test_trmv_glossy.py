@@ -14,13 +14,13 @@ from nte.filters.trmv.glossy import (
     limit_spread,
     spread_of,
 )
-from nte.filters.trmv.inputs import Scene, prepare
+from nte.filters.trmv.inputs import FrameInputs, prepare
 from tests.filters.trmv_frames import plane
 
 CPU = torch.device("cpu")
 
 
-def scene(size: tuple[int, int], **given: object) -> Scene:
+def scene(size: tuple[int, int], **given: object) -> FrameInputs:
     return prepare(plane(size=size, **given).torch(), None)  # type: ignore[arg-type]
 
 

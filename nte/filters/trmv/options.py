@@ -36,6 +36,7 @@ class TrmvOptions(Options, name="trmv"):
     """
 
     presets: ClassVar[Mapping[str, Mapping[str, Any]]] = {
+        "paper": {"half_angle": 30.0, "reshading": "paper", "warm_up": False},
         "traditional": {**_TRADITIONAL, **_NO_CLAMP},
         "traditional_clamp": {**_TRADITIONAL, **_TAA_CLAMP},
         "gradient": {"shadow": "gradient", "glossy": "gradient", "occlusion": "gradient", **_COLOURS, **_NO_CLAMP},
