@@ -35,10 +35,12 @@ def load_config(
     try:
         loaded = _read(path)
         refuse_resolvers(source, OmegaConf.to_container(loaded, resolve=False))
-        defaults = schema if choose is None else _chosen(choose, loaded, overrides, source)
-        config = OmegaConf.merge(OmegaConf.structured(defaults), loaded)
         source = "command line"
         refuse_resolvers(source, OmegaConf.to_container(OmegaConf.from_dotlist(list(overrides)), resolve=False))
+        defaults = schema if choose is None else _chosen(choose, loaded, overrides, path)
+        source = str(path)
+        config = OmegaConf.merge(OmegaConf.structured(defaults), loaded)
+        source = "command line"
         config.merge_with_dotlist(list(overrides))
         source = str(path)
         missing = OmegaConf.missing_keys(config)
@@ -57,14 +59,15 @@ def load_config(
 
 
 def _chosen(
-    choose: Callable[[dict[str, Any]], Schema], loaded: DictConfig, overrides: Sequence[str], source: str
+    choose: Callable[[dict[str, Any]], Schema], loaded: DictConfig, overrides: Sequence[str], path: Path
 ) -> Schema:
     """The defaults for what file and overrides say; `choose` sees it as it is written."""
-    said = OmegaConf.to_container(OmegaConf.merge(loaded, OmegaConf.from_dotlist(list(overrides))), resolve=False)
+    said = loaded.copy()
+    said.merge_with_dotlist(list(overrides))
     try:
-        return choose(cast(dict[str, Any], said))
+        return choose(cast(dict[str, Any], OmegaConf.to_container(said, resolve=False)))
     except NteError as error:
-        raise NteError(f"{source}: {error}") from error
+        raise NteError(f"{path}: {error}") from error
 
 
 def problem_with(error: Exception) -> str:
