@@ -5,13 +5,12 @@ import json
 import re
 from contextlib import nullcontext
 from pathlib import Path
-from typing import Any
 
-from nte.cli.parsing import DENOISER, add_device, add_force, command
+from nte.cli.parsing import DENOISER, Commands, add_device, add_force, command
 from nte.errors import NteError
 
 
-def add(commands: Any) -> None:
+def add(commands: Commands) -> None:
     """Add `bench` to the subcommands of `nte`."""
     text = "time and memory of denoisers, which alternate frame by frame, each in a process of its own"
     parser = command(commands, "bench", _bench, text, "eval")

@@ -2,12 +2,11 @@
 
 import argparse
 from pathlib import Path
-from typing import Any
 
-from nte.cli.parsing import add_force, command
+from nte.cli.parsing import Commands, add_force, command
 
 
-def add(commands: Any) -> None:
+def add(commands: Commands) -> None:
     """Add `check` to the subcommands of `nte`."""
     text = "are the vectors and values of clips plausible? (exit 2: not)"
     parser = command(commands, "check", _check, text, "eval")

@@ -2,12 +2,11 @@
 
 import argparse
 from pathlib import Path
-from typing import Any
 
-from nte.cli.parsing import add_device, add_force, command
+from nte.cli.parsing import Commands, add_device, add_force, command
 
 
-def add(commands: Any) -> None:
+def add(commands: Commands) -> None:
     """Add `compare` to the subcommands of `nte`."""
     text = "reproduce a published comparison: render, evaluate, report"
     parser = command(commands, "compare", _compare, text, "eval")

@@ -2,13 +2,12 @@
 
 import argparse
 from pathlib import Path
-from typing import Any
 
-from nte.cli.parsing import DENOISER, add_device, add_force, command
+from nte.cli.parsing import DENOISER, Commands, add_device, add_force, command
 from nte.errors import NteError
 
 
-def add(commands: Any) -> None:
+def add(commands: Commands) -> None:
     """Add `denoise` to the subcommands of `nte`."""
     parser = command(commands, "denoise", _denoise, "denoise a clip or frames; writes linear OpenEXR")
     parser.add_argument("sources", type=Path, nargs="+", metavar="CLIP_OR_FOLDER_OR_FILES")

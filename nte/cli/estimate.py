@@ -2,12 +2,11 @@
 
 import argparse
 from pathlib import Path
-from typing import Any
 
-from nte.cli.parsing import add_device, add_force, command
+from nte.cli.parsing import Commands, add_device, add_force, command
 
 
-def add(commands: Any) -> None:
+def add(commands: Commands) -> None:
     """Add `estimate` to the subcommands of `nte`."""
     text = "estimate the motion of a clip from its images; writes a clip with motion, its error and a mask"
     parser = command(commands, "estimate", _estimate, text, "eval")

@@ -2,12 +2,11 @@
 
 import argparse
 from pathlib import Path
-from typing import Any
 
-from nte.cli.parsing import DENOISER, add_device, add_force, command
+from nte.cli.parsing import DENOISER, Commands, add_device, add_force, command
 
 
-def add(commands: Any) -> None:
+def add(commands: Commands) -> None:
     """Add `evaluate` to the subcommands of `nte`."""
     text = "compare denoisers on clips; writes metrics and a report"
     parser = command(commands, "evaluate", _evaluate, text, "eval")

@@ -2,12 +2,11 @@
 
 import argparse
 from pathlib import Path
-from typing import Any
 
-from nte.cli.parsing import add_force, command
+from nte.cli.parsing import Commands, add_force, command
 
 
-def add(commands: Any) -> None:
+def add(commands: Commands) -> None:
     """Add `export` to the subcommands of `nte`."""
     text = "export a run as one ONNX file, checked against PyTorch"
     parser = command(commands, "export", _export, text, "train")

@@ -1,16 +1,17 @@
 """`nte import`."""
 
 import argparse
+from collections.abc import Callable
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
-from nte.cli.parsing import add_force, command
+from nte.cli.parsing import Commands, add_force, command
 
 if TYPE_CHECKING:
     from nte.importing.exr import Imported
 
 
-def add(commands: Any) -> None:
+def add(commands: Commands) -> None:
     """Add `import exr|blender|noisebase` to the subcommands of `nte`."""
     text = "make a clip of another producer's files, and check it (exit 2: implausible; the clip is kept)"
     parser = commands.add_parser("import", help=text, description=text)
@@ -27,7 +28,9 @@ def add(commands: Any) -> None:
     noisebase.add_argument("--spp", type=int, default=1, help="stored samples that color is the mean of (default: 1)")
 
 
-def _kind(kinds: Any, name: str, run: Any, text: str) -> argparse.ArgumentParser:
+def _kind(
+    kinds: Commands, name: str, run: Callable[[argparse.Namespace], int | None], text: str
+) -> argparse.ArgumentParser:
     parser = command(kinds, name, run, text, "import")
     parser.add_argument("source", type=Path, metavar="SOURCE", help="a folder, a file, or a quoted pattern")
     parser.add_argument("--out", type=Path, required=True, metavar="CLIP", help="folder for the clip")

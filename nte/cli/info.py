@@ -2,12 +2,11 @@
 
 import argparse
 from pathlib import Path
-from typing import Any
 
-from nte.cli.parsing import command
+from nte.cli.parsing import Commands, command
 
 
-def add(commands: Any) -> None:
+def add(commands: Commands) -> None:
     """Add `info` to the subcommands of `nte`."""
     parser = command(commands, "info", _info, "describe a clip, a model or a run")
     parser.add_argument("source", type=Path, metavar="CLIP|MODEL|RUN", help="folder, or .onnx file")

@@ -2,12 +2,11 @@
 
 import argparse
 from pathlib import Path
-from typing import Any
 
-from nte.cli.parsing import add_force, command
+from nte.cli.parsing import Commands, add_force, command
 
 
-def add(commands: Any) -> None:
+def add(commands: Commands) -> None:
     """Add `merge-burst` to the subcommands of `nte`."""
     text = "merge a burst of photographs into one with less noise: raw files before demosaicing, or EXR, PNG or TIFF"
     parser = command(commands, "merge-burst", _merge, text, "burst")

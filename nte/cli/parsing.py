@@ -2,7 +2,7 @@
 
 import argparse
 from collections.abc import Callable
-from typing import Any, NoReturn
+from typing import NoReturn, Protocol
 
 DENOISER = "run, .onnx, or name:key=value"  # how a denoiser is typed
 
@@ -15,14 +15,20 @@ class Parser(argparse.ArgumentParser):
         self.exit(2, f"{self.prog}: error: {message}; see {self.prog} --help\n")
 
 
+class Commands(Protocol):
+    """The subcommands of a parser: what ArgumentParser.add_subparsers returns."""
+
+    def add_parser(self, name: str, *, help: str, description: str) -> argparse.ArgumentParser: ...
+
+
 def command(
-    commands: Any, name: str, run: Callable[[argparse.Namespace], int | None], text: str, extra: str = ""
+    commands: Commands, name: str, run: Callable[[argparse.Namespace], int | None], text: str, extra: str = ""
 ) -> argparse.ArgumentParser:
     """Add a subcommand and return its parser; `run` does it and gives the exit status, None for 0.
 
     extra: the optional dependencies that bring what it imports, for the error where that is missing.
     """
-    parser: argparse.ArgumentParser = commands.add_parser(name, help=text, description=text)
+    parser = commands.add_parser(name, help=text, description=text)
     parser.set_defaults(run=run, extra=extra)
     return parser
 

@@ -2,12 +2,11 @@
 
 import argparse
 from pathlib import Path
-from typing import Any
 
-from nte.cli.parsing import add_force, command
+from nte.cli.parsing import Commands, add_force, command
 
 
-def add(commands: Any) -> None:
+def add(commands: Commands) -> None:
     """Add `render` to the subcommands of `nte`."""
     parser = command(commands, "render", _render, "render the clips of a recipe with Mitsuba; resumes", "render")
     parser.add_argument(

@@ -2,12 +2,11 @@
 
 import argparse
 from pathlib import Path
-from typing import Any
 
-from nte.cli.parsing import add_device, add_force, command
+from nte.cli.parsing import Commands, add_device, add_force, command
 
 
-def add(commands: Any) -> None:
+def add(commands: Commands) -> None:
     """Add `train` to the subcommands of `nte`."""
     parser = command(commands, "train", _train, "train a network; writes runs/<name>/", "train")
     parser.add_argument("config", type=Path, metavar="CONFIG.yaml", help="clips, network, losses, optimiser, phases")

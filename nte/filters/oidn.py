@@ -130,7 +130,7 @@ def _release(device: Any, filters: dict[str, Any]) -> None:
     device.release()
 
 
-def _interleaved(values: npt.NDArray[Any]) -> Pixels:
+def _interleaved(values: npt.NDArray[np.generic]) -> Pixels:
     """(N, H, W, C) of (N, C, H, W)."""
     return np.ascontiguousarray(values.transpose(0, 2, 3, 1), np.float32)
 

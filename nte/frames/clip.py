@@ -30,12 +30,12 @@ def write_frame(path: Path, channels: Mapping[str, Pixels]) -> None:
     write_exr(path, as_layers(channels))
 
 
-def as_layers(channels: Mapping[str, Pixels]) -> dict[str, npt.NDArray[np.floating[Any]]]:
+def as_layers(channels: Mapping[str, Pixels]) -> dict[str, npt.NDArray[np.floating]]:
     """Channels, each (C, H, W), as the layers that are stored: full layered name → (H, W).
 
     Half floats where the table says so and the values survive them (see half_keeps).
     """
-    layers: dict[str, npt.NDArray[np.floating[Any]]] = {}
+    layers: dict[str, npt.NDArray[np.floating]] = {}
     for name, values in channels.items():
         row = CHANNELS[name]
         half = row.storage == "half" and half_keeps(values, dark_counts=row.kind == "radiance")

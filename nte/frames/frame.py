@@ -53,7 +53,7 @@ class Frame:
             listed = ", ".join(f"{name} {type(values).__name__}" for name, values in self.channels.items())
             raise NteError(f"frame {self.index}: channels must be all NumPy or all PyTorch: {listed}")
 
-    def __getitem__(self, name: str) -> Any:
+    def __getitem__(self, name: str) -> Array:
         try:
             return self.channels[name]
         except KeyError:
@@ -63,7 +63,7 @@ class Frame:
     def __contains__(self, name: object) -> bool:
         return name in self.channels
 
-    def get(self, name: str) -> Any:
+    def get(self, name: str) -> Array:
         """The channel, or None where the frame does not have it."""
         return self.channels.get(name)
 
@@ -79,7 +79,7 @@ class Frame:
         return int(self._any().shape[0])
 
     @property
-    def hit(self) -> Any:
+    def hit(self) -> Array:
         """(N, 1, H, W), true where a surface is seen; a miss (sky) has depth 0."""
         return self["depth"] > 0
 
@@ -107,7 +107,7 @@ class Frame:
 
         return self._map(convert)
 
-    def _any(self) -> Any:
+    def _any(self) -> Array:
         for values in self.channels.values():
             return values
         raise NteError(f"frame {self.index}: it has no channels")

@@ -7,7 +7,6 @@ import io
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import numpy.typing as npt
@@ -35,7 +34,7 @@ class Picture:
     note: str = ""
 
 
-def show(name: str, values: npt.NDArray[Any], exposure: float = 1.0, scale: float | None = None) -> Picture:
+def show(name: str, values: npt.NDArray[np.generic], exposure: float = 1.0, scale: float | None = None) -> Picture:
     """A picture of channel `name`, values (C, H, W), drawn as the table of channels says.
 
     exposure: linear factor for radiance. scale: the value that gets the full colour, for motion (px), depth
@@ -86,7 +85,7 @@ def heat(values: Pixels, table: str = "viridis") -> Pixels:
     return np.stack([np.interp(values, at, c) for c in colours.T]).astype(np.float32)
 
 
-def quantise(image: npt.NDArray[Any]) -> RGB:
+def quantise(image: npt.NDArray[np.generic]) -> RGB:
     """(3, H, W) in [0, 1], clamped, or one component for grey → (H, W, 3) uint8; NaN becomes 0."""
     levels = np.rint(np.clip(np.nan_to_num(image), 0, 1) * 255).astype(np.uint8).transpose(1, 2, 0)
     return np.broadcast_to(levels, (*levels.shape[:2], 3)).copy()

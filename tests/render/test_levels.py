@@ -167,7 +167,8 @@ def test_every_channel_is_that_of_one_level(tmp_path: Path, monkeypatch: pytest.
     animation = read_animation(write_mirrors(tmp_path))
     two = XmlStage(animation, WIDTH, HEIGHT, 4)
     clean, (sample,) = noisy(two, 4, [5])
-    assert two._levels
+    with two.at(4) as moment:
+        assert len(moment.scenery.levels) == 2
     monkeypatch.setattr("nte.render.engine.xml.stage.levels", lambda *_: [])
     expected_clean, (expected_sample,) = noisy(XmlStage(animation, WIDTH, HEIGHT, 4), 4, [5])
     for name, expected in (expected_clean | expected_sample).items():
