@@ -94,7 +94,7 @@ def test_so_does_a_reflection_that_was_not_on_its_reflector() -> None:
     roughness[..., 6:8] = 1.0  # a diffuse thing before the floor
     depth = ready.surface.depth.clone()
     depth[..., 8:] = 0.0  # the sky
-    ready = ready._replace(before=ready.surface._replace(roughness=roughness, depth=depth))
+    ready = ready._replace(before=ready.gbuffer._replace(roughness=roughness, depth=depth))
     motion = torch.tensor([3.0, 0.0]).view(1, 2, 1, 1).expand(1, 2, 1, 10)
     found = glossy_reprojection(motion, torch.ones(1, 1, 1, 10, dtype=torch.bool), ready)
     assert found.motion[0, 0, 0].tolist() == [3, 3, 3, 0, 0, 0, 0, 3, 3, 3]
