@@ -71,7 +71,7 @@ class Oidn(Filter[OidnOptions]):
                 guides = list(self._prefilters(guides))
             denoised.append(self._denoise(image, *guides, hdr=True, clean_aux=clean_aux, quality=self.options.quality))
         image = np.ascontiguousarray(np.stack(denoised).transpose(0, 3, 1, 2))
-        return Result(_like(image, frame["color"])), ()
+        return Result(image), ()
 
     def settings(self, frame: Frame) -> str:
         """What the options come to on a frame like this one, as they would be typed."""
@@ -133,8 +133,3 @@ def _release(device: Any, filters: dict[str, Any]) -> None:
 def _interleaved(values: npt.NDArray[np.generic]) -> Pixels:
     """(N, H, W, C) of (N, C, H, W)."""
     return np.ascontiguousarray(values.transpose(0, 2, 3, 1), np.float32)
-
-
-def _like(image: Pixels, given: Any) -> Any:
-    """The kind of array that was given, on its device; PyTorch need not be imported for that."""
-    return image if isinstance(given, np.ndarray) else given.new_tensor(image)
