@@ -94,12 +94,12 @@ def _read(path: Path) -> DictConfig:
     return loaded
 
 
-def to_yaml(config: Any) -> str:
+def to_yaml(config: object) -> str:
     """A dataclass instance as YAML, every key written out."""
     return OmegaConf.to_yaml(OmegaConf.structured(config))
 
 
-def refuse_resolvers(source: str, values: Any, key: str = "") -> None:
+def refuse_resolvers(source: str, values: object, key: str = "") -> None:
     """Raise NteError that names the first of the values, at any depth, that calls a resolver such as ${oc.env:HOME}."""
     if isinstance(values, dict):
         for name, value in values.items():

@@ -1,7 +1,7 @@
 """Pictures that are demosaiced already: linear EXR, and PNG or TIFF as they are displayed."""
 
 from pathlib import Path
-from typing import Any
+from types import ModuleType
 
 import numpy as np
 
@@ -67,7 +67,7 @@ def _decode(path: Path) -> Pixels:
     return np.ascontiguousarray(shown / np.float32(np.iinfo(whole.dtype).max))
 
 
-def _opencv(path: Path) -> Any:
+def _opencv(path: Path) -> ModuleType:
     try:
         import cv2
     except ImportError as error:

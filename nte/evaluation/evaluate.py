@@ -4,10 +4,10 @@ import json
 import os
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from pathlib import Path
-from typing import Any
 
 from nte.denoiser import Denoiser, check_needs
 from nte.errors import NteError
+from nte.evaluation.metric_table import Row
 from nte.evaluation.report.page import write_report
 from nte.evaluation.results import FORMAT, Evaluation, means_of
 from nte.evaluation.score_clip import ClipRun, Shown
@@ -80,7 +80,7 @@ def _evaluated(
 ) -> Evaluation:  # fmt: skip
     """Run and score, of what `evaluate` has checked."""
     total, done = sum(map(len, opened.values())), 0
-    rows: list[dict[str, Any]] = []
+    rows: list[Row] = []
     shown: list[Shown] = []
     for label, clip in opened.items():
         run = ClipRun(label, clip, denoisers, device, first, lights)

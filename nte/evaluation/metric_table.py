@@ -2,9 +2,11 @@
 
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
-from typing import Any, Literal
+from typing import Any, Literal, TypeAlias
 
 from nte.text_table import aligned
+
+Row: TypeAlias = dict[str, Any]  # what metrics.json holds of one clip and denoiser, or as a whole, by its keys
 
 
 @dataclass(frozen=True)
@@ -55,7 +57,7 @@ def best_of(means: Mapping[str, Mapping[str, float | None]], metric: Metric) -> 
     return {spec for spec, value in values.items() if value == best}
 
 
-def format_table(metrics: Mapping[str, Any]) -> str:
+def format_table(metrics: Row) -> str:
     """The means over clips as plain text, a denoiser per line, then settings; * marks the best of each column."""
     means = metrics["means"]
     columns = [["denoiser", *means]]
@@ -67,7 +69,7 @@ def format_table(metrics: Mapping[str, Any]) -> str:
     return "\n".join([aligned(columns), *notes])
 
 
-def settings_of(rows: Iterable[Mapping[str, Any]]) -> dict[str, list[str]]:
+def settings_of(rows: Iterable[Row]) -> dict[str, list[str]]:
     """Denoiser → the settings that it worked with, of those that adapt them to a clip; which clips, if they differ."""
     clips: dict[str, dict[str, list[str]]] = {}
     for row in rows:

@@ -195,11 +195,11 @@ def _clips(situation: Situation, data: Path) -> list[Path]:
     return found
 
 
-def _margin_text(margin: dict[str, Any] | None) -> str:
+def _margin_text(margin: Row | None) -> str:
     return "–" if margin is None else "{mean:+.4f} ({low:+.4f} … {high:+.4f})".format(**margin)
 
 
-def _margin(rows: list[Row], situation: Situation, spec: str, against: str) -> dict[str, Any] | None:
+def _margin(rows: list[Row], situation: Situation, spec: str, against: str) -> Row | None:
     """How much the error of `spec` differs from that of `against`, a title, clip by clip; None where one is missing."""
     if not against or spec == situation.methods[against]:
         return None

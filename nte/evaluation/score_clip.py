@@ -5,13 +5,12 @@ import time
 import warnings
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from typing import Any
 
 import torch
 from torch import Tensor
 
 from nte.denoiser import Denoiser, Result, Session, State
-from nte.evaluation.metric_table import METRICS
+from nte.evaluation.metric_table import METRICS, Row
 from nte.evaluation.metrics import Scores, region_mean, regions_of, score, temporal_l1, temporal_l1_floor
 from nte.evaluation.targets import Truth, displayed, picture, read_truth
 from nte.frames.channels import reference_of
@@ -89,7 +88,7 @@ class ClipRun:
                 told = describe_bad_pixels(truth.bad, reference_of(target), self.label, index)
                 warnings.warn(told, BadReferenceWarning, stacklevel=3)
 
-    def rows(self) -> list[dict[str, Any]]:
+    def rows(self) -> list[Row]:
         """The rows of metrics.json, one per denoiser, target and region."""
         return [
             {
@@ -183,7 +182,7 @@ class _Scorer:
         """The regions that any frame had, in order."""
         return list(dict.fromkeys(region for scores in self.scores for region in scores))
 
-    def summary(self, region: str) -> dict[str, Any]:
+    def summary(self, region: str) -> Row:
         """What a row of metrics.json says of a region: means over the frames that have any of its pixels."""
         per_frame = {name: [scores.get(region, {}).get(name) for scores in self.scores] for name in SCORED}
         return {

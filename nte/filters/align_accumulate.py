@@ -4,13 +4,13 @@ Hanika, Tessari and Dachsbacher 2021, «Fast Temporal Reprojection without Motio
 """
 
 from dataclasses import dataclass, replace
-from typing import Any, Literal, NamedTuple
+from typing import Literal, NamedTuple
 
 import torch
 from torch import Tensor
 
 from nte.color import demodulate, remodulate
-from nte.denoiser import Filter, Result, check_size, sanitised
+from nte.denoiser import Filter, Result, State, check_size, sanitised
 from nte.filters.align import SearchOptions, align
 from nte.filters.blocks import fetch_history, keep_where_bad, remembered, restarts
 from nte.filters.estimated import Chooser, matched_grey
@@ -65,7 +65,7 @@ class AlignAccumulate(Filter[AlignAccumulateOptions]):
         self.needs = tuple(dict.fromkeys([how.target, "color", *vectors, *texture]))
 
     @sanitised
-    def step(self, frame: Frame, state: Any, extras: tuple[str, ...] = ()) -> tuple[Result, Any]:
+    def step(self, frame: Frame, state: State, extras: tuple[str, ...] = ()) -> tuple[Result, State]:
         """Merge the frame into the history; the state is the merged image and what was searched."""
         how = self.options
         albedo = frame["albedo"] if how.demodulate else None

@@ -4,12 +4,12 @@ Hanika, Tessari and Dachsbacher 2021, «Fast Temporal Reprojection without Motio
 """
 
 from dataclasses import dataclass
-from typing import Any, Literal, NamedTuple
+from typing import Literal, NamedTuple
 
 import torch
 from torch import Tensor
 
-from nte.denoiser import Filter, Result, check_size, sanitised
+from nte.denoiser import Filter, Result, State, check_size, sanitised
 from nte.filters.align import Aligned, SearchOptions, align
 from nte.filters.blocks import clamp_history, keep_where_bad, neighbourhood_moments, remembered, restarts
 from nte.filters.estimated import matched_grey
@@ -65,7 +65,7 @@ class AlignTaa(Filter[AlignTaaOptions]):
         self.needs = ("color", *looks, *(["motion"] if how.motion == "geometric" else []))
 
     @sanitised
-    def step(self, frame: Frame, state: Any, extras: tuple[str, ...] = ()) -> tuple[Result, Any]:
+    def step(self, frame: Frame, state: State, extras: tuple[str, ...] = ()) -> tuple[Result, State]:
         """Blend the frame with its history, the previous output, which is the state with what was searched."""
         how = self.options
         current = frame["color"]

@@ -12,9 +12,9 @@ import torch
 from torch import Tensor
 
 from nte.color import display, luminance
-from nte.denoiser import Denoiser, Filter, Result, check_size, sanitised
+from nte.denoiser import Denoiser, Filter, Result, State, check_size, sanitised
 from nte.filters.blocks import restarts
-from nte.frames.frame import Frame
+from nte.frames.frame import Array, Frame
 from nte.frames.scalars import sequence_exposure
 from nte.frames.usable import mask_of
 from nte.motion.correspondence import Known, find_motion, patch_error
@@ -155,12 +155,12 @@ class EstimatedMotion(Filter[EstimateOptions]):
         return self.denoiser.settings(frame)
 
     @sanitised
-    def step(self, frame: Frame, state: Any, extras: tuple[str, ...] = ()) -> tuple[Result, Any]:
+    def step(self, frame: Frame, state: State, extras: tuple[str, ...] = ()) -> tuple[Result, State]:
         """Estimate the motion, then let the denoiser step; the state is its own and what was searched."""
         seen, inner = (None, None) if state is None else state
         found, seen = self.estimator.step(frame, seen)
         kept = {name: values for name, values in frame.channels.items() if name not in _TOLD_BY_OTHERS}
-        color: Any = frame["color"]
+        color: Array = frame["color"]
         given = found.motion.cpu().numpy() if isinstance(color, np.ndarray) else found.motion.to(color.device)
         result, inner = self.denoiser.step(replace(frame, channels={**kept, "motion": given}), inner, extras)
         return result, (seen, inner)

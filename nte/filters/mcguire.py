@@ -6,13 +6,13 @@ where to look, and depth and speed of the two pixels say which of them blurs ove
 """
 
 from dataclasses import dataclass
-from typing import Annotated, Any
+from typing import Annotated
 
 import torch
 import torch.nn.functional as F
 from torch import Tensor
 
-from nte.denoiser import Filter, Result, sanitised
+from nte.denoiser import Filter, Result, State, sanitised
 from nte.filters.noise import uniform_noise
 from nte.frames.frame import Frame
 from nte.motion.warp import fetch_nearest, inside, pixel_centres
@@ -45,7 +45,7 @@ class McGuire(Filter[McGuireOptions]):
     options_type = McGuireOptions
 
     @sanitised
-    def step(self, frame: Frame, state: Any, extras: tuple[str, ...] = ()) -> tuple[Result, Any]:
+    def step(self, frame: Frame, state: State, extras: tuple[str, ...] = ()) -> tuple[Result, State]:
         """Blur one frame; it has no state."""
         color, depth = frame["color"], frame["depth"]
         # Sky is infinitely far; a finite number keeps differences of two of them 0.

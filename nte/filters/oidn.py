@@ -6,18 +6,20 @@ Afra, «Intel Open Image Denoise», 2019–; through the package pyoidn. NumPy: 
 import weakref
 from collections.abc import Iterator
 from dataclasses import dataclass
-from typing import Any, Literal
+from typing import Any, Literal, TypeAlias
 
 import numpy as np
 import numpy.typing as npt
 
 from nte.denoiser import Filter, Result, State, sanitised
 from nte.errors import NteError, needs_extra
-from nte.frames.frame import Frame
+from nte.frames.frame import Array, Frame
 from nte.options import Options
 
 GUIDES = ("albedo", "normal")
 Pixels = npt.NDArray[np.float32]
+
+_Handle: TypeAlias = Any  # a device or a filter of pyoidn, which has no types
 
 
 @dataclass(frozen=True)
@@ -96,8 +98,8 @@ class _Prefilters:
 
     def __init__(self, quality: str) -> None:
         self.quality = quality
-        self._device: Any = None
-        self._filters: dict[str, Any] = {}
+        self._device: _Handle = None
+        self._filters: dict[str, _Handle] = {}
 
     def __call__(self, guides: list[Pixels | None]) -> Iterator[Pixels | None]:
         """Denoise albedo and normal (H, W, 3), in this order; None stays None. Raises NteError where OIDN fails."""
@@ -124,7 +126,7 @@ class _Prefilters:
         return output
 
 
-def _release(device: Any, filters: dict[str, Any]) -> None:
+def _release(device: _Handle, filters: dict[str, _Handle]) -> None:
     for chosen in filters.values():
         chosen.release()
     device.release()

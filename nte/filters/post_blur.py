@@ -5,11 +5,10 @@ blurs what moves inwards only, and cannot know what is behind.
 """
 
 from dataclasses import dataclass
-from typing import Any
 
 import torch
 
-from nte.denoiser import Filter, Result, sanitised
+from nte.denoiser import Filter, Result, State, sanitised
 from nte.frames.frame import Frame
 from nte.motion.warp import warp
 from nte.options import Count, Options
@@ -33,7 +32,7 @@ class PostBlur(Filter[PostBlurOptions]):
     options_type = PostBlurOptions
 
     @sanitised
-    def step(self, frame: Frame, state: Any, extras: tuple[str, ...] = ()) -> tuple[Result, Any]:
+    def step(self, frame: Frame, state: State, extras: tuple[str, ...] = ()) -> tuple[Result, State]:
         """Blur one frame; it has no state."""
         color, motion = frame["color"], frame["shutter_motion"].nan_to_num(0, 0, 0)
         total, count = torch.zeros_like(color), torch.zeros_like(color[:, :1])

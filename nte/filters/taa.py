@@ -5,11 +5,11 @@ Supersampling»), clipping, or nothing.
 """
 
 from dataclasses import dataclass
-from typing import Any, Literal
+from typing import Literal
 
 import torch
 
-from nte.denoiser import Filter, Result, check_size, sanitised
+from nte.denoiser import Filter, Result, State, check_size, sanitised
 from nte.filters.blocks import (
     accumulate,
     clamp_history,
@@ -49,7 +49,7 @@ class Taa(Filter[TaaOptions]):
         self.needs = (self.target, "motion")
 
     @sanitised
-    def step(self, frame: Frame, state: Any, extras: tuple[str, ...] = ()) -> tuple[Result, Any]:
+    def step(self, frame: Frame, state: State, extras: tuple[str, ...] = ()) -> tuple[Result, State]:
         """Blend the frame into the history, which is the state: the previous output (N, C, H, W)."""
         current = frame[self.target]
         output, valid = current, torch.zeros_like(current[:, :1], dtype=torch.bool)

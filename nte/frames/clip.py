@@ -13,7 +13,7 @@ from nte.errors import NteError
 from nte.files import make_folder, write_whole
 from nte.frames.channels import CHANNELS
 from nte.frames.exr import HALF_MAX, HALF_TINY, read_exr, write_exr
-from nte.frames.frame import Frame
+from nte.frames.frame import About, Frame
 
 FORMAT = "nte-clip/1"
 Pixels = npt.NDArray[np.float32]
@@ -190,9 +190,9 @@ class Clip:
         path = frame_path(self.folder, index - 1)
         return self._pick(self._read(path), "forward_motion", path)
 
-    def _about(self, index: int) -> dict[str, Any]:
+    def _about(self, index: int) -> About:
         """Scalars and cameras that clip.json has for a frame, with the batch axis."""
-        about: dict[str, Any] = {"clean_guides": self.clean_guides}
+        about: About = {"clean_guides": self.clean_guides}
         for key in ("exposure", "depth_scale", "shutter"):
             if key in self.info:
                 about[key] = np.array([self.info[key]], np.float32)
@@ -232,7 +232,7 @@ def _read_info(folder: Path) -> dict[str, Any]:
     return info
 
 
-def _check_cameras(path: Path, cameras: Any, frames: int) -> None:
+def _check_cameras(path: Path, cameras: object, frames: int) -> None:
     if not isinstance(cameras, list) or len(cameras) != frames:
         found = len(cameras) if isinstance(cameras, list) else repr(cameras)
         raise NteError(f"{path}: 'cameras' has {found} for {frames} frames")

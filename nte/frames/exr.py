@@ -7,7 +7,7 @@ from collections.abc import Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager, redirect_stderr, redirect_stdout
 from io import StringIO
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 import numpy.typing as npt
@@ -15,7 +15,7 @@ import OpenEXR
 
 from nte.errors import NteError
 from nte.files import make_folder, write_whole
-from nte.frames.exr_header import unbelievable, window_size
+from nte.frames.exr_header import Header, unbelievable, window_size
 
 HALF_MAX = 65504.0
 HALF_TINY = 2.0**-14  # below this, half floats have fewer digits
@@ -98,7 +98,7 @@ def write_exr(path: Path, channels: Mapping[str, npt.NDArray[np.generic]]) -> No
     write_whole(path, write)
 
 
-def _check_headers(path: Path, headers: Sequence[Mapping[str, Any]], size: tuple[int, int] | None) -> None:
+def _check_headers(path: Path, headers: Sequence[Header], size: tuple[int, int] | None) -> None:
     """Raise NteError, before pixels are read, for a file that cannot hold what it promises, or has another size."""
     if why := unbelievable(headers, path.stat().st_size):
         raise NteError(f"{path}: the OpenEXR file is damaged: {why}: render or copy it again")

@@ -2,7 +2,6 @@
 
 from collections.abc import Mapping
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import numpy.typing as npt
@@ -12,7 +11,7 @@ from nte.errors import NteError
 from nte.files import make_folder, write_whole
 from nte.frames.clip import half_keeps
 from nte.frames.exr import merge_parts, quiet, read_parts
-from nte.frames.exr_header import window_size
+from nte.frames.exr_header import Header, window_size
 
 # Compressions that lose nothing: the channels that stay are decoded and encoded again.
 _LOSSLESS = {
@@ -64,7 +63,7 @@ def copy_exr(source: Path, out: Path, planes: Planes, dark_counts: bool = True) 
 
 
 def _placed(
-    plane: npt.NDArray[np.floating], stored: npt.NDArray[np.generic], header: Mapping[str, Any], dark_counts: bool
+    plane: npt.NDArray[np.floating], stored: npt.NDArray[np.generic], header: Header, dark_counts: bool
 ) -> npt.NDArray[np.generic]:
     """The pixels of a data window, with those of the display window taken from `plane`."""
     data, display = np.array(header["dataWindow"]), np.array(header["displayWindow"])

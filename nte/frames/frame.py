@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Any, TypeAlias
 
@@ -14,6 +14,7 @@ if TYPE_CHECKING:
     import torch
 
 Array: TypeAlias = Any  # a NumPy array or a PyTorch tensor: base code uses only what both have
+About: TypeAlias = dict[str, Any]  # fields of a Frame, by name, that are known before it is made
 
 
 @dataclass(frozen=True)
@@ -112,8 +113,8 @@ class Frame:
             return values
         raise NteError(f"frame {self.index}: it has no channels")
 
-    def _map(self, convert: Any) -> Frame:
-        changed: dict[str, Any] = {"channels": {name: convert(array) for name, array in self.channels.items()}}
+    def _map(self, convert: Callable[[Array], Array]) -> Frame:
+        changed: About = {"channels": {name: convert(array) for name, array in self.channels.items()}}
         for name in ("exposure", "depth_scale", "shutter", "reset", "view", "projection"):
             value = getattr(self, name)
             changed[name] = None if value is None else convert(value)

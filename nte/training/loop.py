@@ -233,7 +233,7 @@ def _log(
     run: RunFolder, writer: SummaryWriter, step: int, values: dict[str, float], rate: float | None, bar: Any
 ) -> None:
     values = values if rate is None else values | {"learning_rate": rate}
-    run.log({"step": step} | values)
+    run.log({"step": step, **values})
     for name, value in values.items():
         writer.add_scalar(name, value, step)
     line = f"step {step}: " + ", ".join(f"{name} {value:.4g}" for name, value in values.items())

@@ -18,7 +18,6 @@ from collections.abc import Mapping
 from dataclasses import asdict, replace
 from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
-from typing import Any
 
 import torch
 from torch import Tensor
@@ -75,7 +74,7 @@ class RunFolder:
         write_whole(run.folder / "config.yaml", lambda path: path.write_text(text, encoding="utf-8"))
         return run
 
-    def log(self, values: Mapping[str, Any]) -> None:
+    def log(self, values: Mapping[str, object]) -> None:
         """Append a line to metrics.jsonl."""
         with (self.folder / "metrics.jsonl").open("a", encoding="utf-8") as file:
             file.write(json.dumps(dict(values)) + "\n")
@@ -156,11 +155,11 @@ def _step_of(line: str) -> float:
     return step if type(step) is int else math.inf
 
 
-def _choices(config: TrainConfig) -> dict[str, Any]:
+def _choices(config: TrainConfig) -> dict[str, object]:
     """Every choice by its dotted key, without those that do not change what is learned."""
-    flat: dict[str, Any] = {}
+    flat: dict[str, object] = {}
 
-    def collect(prefix: str, values: Mapping[str, Any]) -> None:
+    def collect(prefix: str, values: Mapping[str, object]) -> None:
         for key, value in values.items():
             if isinstance(value, dict):
                 collect(f"{prefix}{key}.", value)
@@ -173,7 +172,7 @@ def _choices(config: TrainConfig) -> dict[str, Any]:
 
 def _versions() -> str:
     packages = (DISTRIBUTION, "torch", "numpy", "lightning-fabric", "safetensors", "omegaconf", "OpenEXR")
-    found: dict[str, Any] = {"python": platform.python_version(), "machine": platform.machine()}
+    found: dict[str, object] = {"python": platform.python_version(), "machine": platform.machine()}
     for package in packages:
         try:
             found[package] = version(package)

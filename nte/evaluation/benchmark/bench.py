@@ -22,6 +22,7 @@ from nte.errors import NteError
 from nte.evaluation.benchmark.frames import Source, source_of
 from nte.frames.channels import reference_of
 from nte.frames.clip import Clip
+from nte.frames.frame import Array
 from nte.frames.reference import usable_pixels
 from nte.frames.scalars import sequence_scalars
 from nte.progress import Progress
@@ -107,7 +108,7 @@ class _Worker:
         self.times: list[float] = []
         self.scores: list[float] = []
 
-    def answer(self) -> Any:
+    def answer(self) -> Array:
         """What the process says next; its NteError is raised here."""
         try:
             answer = self.pipe.recv()
@@ -185,7 +186,7 @@ def _peak_mb() -> float:
     return peak / 1e6 if sys.platform == "darwin" else peak * 1024 / 1e6
 
 
-def _psnr(image: Any, reference: Any, exposure: Any) -> float:
+def _psnr(image: Array, reference: Array, exposure: Array) -> float:
     """PSNR in decibels after the display transform, of the pixels whose reference says something."""
     import torch
 

@@ -3,12 +3,11 @@
 import base64
 from collections.abc import Mapping
 from pathlib import Path
-from typing import Any
 
 import jinja2
 import numpy as np
 
-from nte.evaluation.metric_table import METRICS, Metric, best_of, settings_of
+from nte.evaluation.metric_table import METRICS, Metric, Row, best_of, settings_of
 from nte.evaluation.metrics import GLOSSY, MOVING_PX, REGIONS, SHADOWED
 from nte.evaluation.results import Evaluation, means_of
 from nte.evaluation.score_clip import Shown
@@ -71,7 +70,7 @@ def render_report(evaluation: Evaluation, methods: Mapping[str, str] | None = No
     )
 
 
-def _parts(rows: list[dict[str, Any]]) -> list[dict[str, Any]]:
+def _parts(rows: list[Row]) -> list[Row]:
     """A table for each region of each light; the whole image has one already if there is a single light."""
     targets = list(dict.fromkeys(row["target"] for row in rows))
     several = len(targets) > 1
@@ -85,7 +84,7 @@ def _parts(rows: list[dict[str, Any]]) -> list[dict[str, Any]]:
     ]  # fmt: skip
 
 
-def _cells(means: dict[str, dict[str, float | None]], metrics: tuple[Metric, ...]) -> dict[str, list[dict[str, Any]]]:
+def _cells(means: dict[str, dict[str, float | None]], metrics: tuple[Metric, ...]) -> dict[str, list[Row]]:
     """Spec → one cell per metric: its text, and whether it is the best of its column."""
     best = {metric.name: best_of(means, metric) for metric in metrics}
     return {
@@ -94,7 +93,7 @@ def _cells(means: dict[str, dict[str, float | None]], metrics: tuple[Metric, ...
     }
 
 
-def _pictures(shown: Shown) -> dict[str, Any]:
+def _pictures(shown: Shown) -> dict[str, object]:
     return {
         "clip": shown.clip,
         "target": shown.target,

@@ -9,12 +9,13 @@ and numbers are Python's. `active`: lanes that count; the others give zeros.
 """
 
 from collections.abc import Iterator, Sequence
+from types import ModuleType
 from typing import Any, Protocol, TypeAlias
 
 Lanes: TypeAlias = Any  # numbers, colours, points, directions or pointers, one per lane (mi.Float, mi.Color3f, …)
 Struct: TypeAlias = Any  # other values of Mitsuba: flags, transforms, bitmaps, emitters' samples, nodes of a parsed XML
 Plugin: TypeAlias = dict[str, Struct]  # a plugin and those in it, as mi.load_dict takes them
-Module: TypeAlias = Any  # mitsuba or drjit
+Module: TypeAlias = ModuleType  # mitsuba or drjit, whose members are not known to mypy
 
 
 class Parameters(Protocol):

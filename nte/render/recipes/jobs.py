@@ -13,13 +13,17 @@ from importlib.metadata import version
 from multiprocessing import get_context
 from pathlib import Path
 from secrets import token_hex
-from typing import Any
+from types import ModuleType
+from typing import TYPE_CHECKING
 
 from nte.errors import NteError, needs_extra
 from nte.interrupt import end_when_told, ending_workers
 from nte.render.engine.backend import load_mitsuba, share_cores
 from nte.render.recipes.recipe import ClipPlan
 from nte.version import __version__
+
+if TYPE_CHECKING:
+    from distributed import Client, Worker
 
 Work = Callable[[ClipPlan, Path], None]  # renders a clip below a folder
 Done = Callable[[ClipPlan], None]
@@ -91,7 +95,7 @@ def on_cluster(work: Work, units: list[ClipPlan], out: Path, address: str, done:
 
 
 @contextmanager
-def _connected(distributed: Any, address: str) -> Iterator[Any]:
+def _connected(distributed: ModuleType, address: str) -> Iterator["Client"]:
     """A client of the scheduler, which has a worker at least."""
     try:
         client = distributed.Client(address, timeout=PATIENCE, set_as_default=False)
@@ -118,7 +122,7 @@ def _token(out: Path) -> Iterator[Path]:
         token.unlink(missing_ok=True)
 
 
-def _neighbours(client: Any) -> dict[str, int]:
+def _neighbours(client: "Client") -> dict[str, int]:
     hosts = {address: worker["host"] for address, worker in client.scheduler_info()["workers"].items()}
     return {address: list(hosts.values()).count(host) for address, host in hosts.items()}
 
@@ -128,7 +132,7 @@ def _versions() -> dict[str, str]:
     return {"nte": __version__, **packages, "Mitsuba's variant": str(load_mitsuba().variant())}
 
 
-def _fault(terms: _Terms, dask_worker: Any) -> str | None:
+def _fault(terms: _Terms, dask_worker: "Worker") -> str | None:
     """Why this worker cannot render, if it cannot. On workers; also asked again for each unit, as they come and go."""
     if not terms.token.is_file():
         return f"does not see {terms.token.parent}: the folder must be on a file system that all workers share"
