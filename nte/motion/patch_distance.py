@@ -59,7 +59,9 @@ def best_shift(current: Tensor, previous: Tensor, radius: int, norm: Norm, refin
                 least = least / weight.index_select(0, rank).view_as(least)
                 table.div_(table.new_tensor(_WEIGHTS).view(-1, 1, 1))
             if refine:
-                shift[n, :, top:bottom] += _subpixel(table, order.index_select(0, rank).view_as(best), least, _floor(norm))
+                shift[n, :, top:bottom] += _subpixel(
+                    table, order.index_select(0, rank).view_as(best), least, _floor(norm)
+                )
             distance[n, 0, top:bottom] = (least - _floor(norm)).clamp(min=0)
     return shift, distance
 
