@@ -4,10 +4,10 @@ import re
 from collections.abc import Callable, Sequence
 from dataclasses import fields, is_dataclass
 from pathlib import Path
-from typing import Any, TypeVar, cast
+from typing import Any, TypeVar
 
 from omegaconf import DictConfig, OmegaConf
-from omegaconf.errors import ConfigKeyError, OmegaConfBaseException
+from omegaconf.errors import ConfigAttributeError, ConfigKeyError, OmegaConfBaseException
 from yaml import MarkedYAMLError, YAMLError
 
 from nte.errors import NteError
@@ -19,13 +19,13 @@ _RESOLVER = re.compile(r"\$\{[^}]*[:$]")
 
 def load_config(
     schema: type[Schema], path: Path, overrides: Sequence[str] = (),
-    choose: Callable[[dict[str, Any]], Schema] | None = None,
+    choose: Callable[[Callable[[str], Any]], Schema] | None = None,
 ) -> Schema:  # fmt: skip
     """An instance of the dataclass `schema` from a YAML file and `key=value` overrides.
 
-    choose: makes the instance with the defaults from what file and overrides say, for schemas in which a key decides
-    which others there are. Raises NteError that names the file and the key. ${name} may refer to another key; resolvers
-    such as ${oc.env:…} are refused: a configuration must mean the same on every machine.
+    choose: makes the instance with the defaults where a key decides which others there are; it is given a function from
+    a dotted key to what file or overrides say, or None. Raises NteError that names the file and the key. ${name} may
+    refer to another key; resolvers such as ${oc.env:…} are refused: a configuration must mean the same on every machine.
     """
     for override in overrides:
         if "=" not in override:
@@ -34,10 +34,13 @@ def load_config(
     try:
         loaded = _read(path)
         refuse_resolvers(source, OmegaConf.to_container(loaded, resolve=False))
-        defaults = schema if choose is None else _chosen(choose, loaded, overrides, source)
+        source = "command line"
+        typed = OmegaConf.from_dotlist(list(overrides))
+        refuse_resolvers(source, OmegaConf.to_container(typed, resolve=False))
+        source = str(path)
+        defaults = schema if choose is None else _chosen(choose, loaded, typed, source)
         config = OmegaConf.merge(OmegaConf.structured(defaults), loaded)
         source = "command line"
-        refuse_resolvers(source, OmegaConf.to_container(OmegaConf.from_dotlist(list(overrides)), resolve=False))
         config.merge_with_dotlist(list(overrides))
         source = str(path)
         missing = OmegaConf.missing_keys(config)
@@ -51,27 +54,30 @@ def load_config(
     except (OmegaConfBaseException, ValueError, TypeError) as error:
         key = getattr(error, "full_key", None)
         where = f"'{key}': " if key else ""
-        raise NteError(f"{source}: {where}{_one_line(error)}{_keys_instead(error)}") from error
+        raise NteError(f"{source}: {where}{_with_keys(error)}") from error
     return made
 
 
 def _chosen(
-    choose: Callable[[dict[str, Any]], Schema], loaded: DictConfig, overrides: Sequence[str], source: str
+    choose: Callable[[Callable[[str], Any]], Schema], loaded: DictConfig, typed: DictConfig, source: str
 ) -> Schema:
-    """The defaults for what file and overrides say; `choose` sees it as it is written."""
-    said = OmegaConf.to_container(OmegaConf.merge(loaded, OmegaConf.from_dotlist(list(overrides))), resolve=False)
+    """The defaults that `choose` makes of what file and overrides say."""
+
+    def said(key: str) -> Any:
+        return OmegaConf.select(typed, key, default=OmegaConf.select(loaded, key))
+
     try:
-        return choose(cast(dict[str, Any], said))
+        return choose(said)
     except NteError as error:
         raise NteError(f"{source}: {error}") from error
 
 
-def _keys_instead(error: Exception) -> str:
-    """The keys that there are, where the error is about one that there is not."""
+def _with_keys(error: Exception) -> str:
+    """The message, with the keys that there are where it is about one that there is not."""
     schema = getattr(error, "object_type", None)
-    if not isinstance(error, ConfigKeyError) or not is_dataclass(schema):
-        return ""
-    return f"; it has {', '.join(field.name for field in fields(schema))}"
+    if not isinstance(error, ConfigKeyError | ConfigAttributeError) or not is_dataclass(schema):
+        return _one_line(error)
+    return f"{_one_line(error).partition('. Did')[0]}; it has {', '.join(field.name for field in fields(schema))}"
 
 
 def _read(path: Path) -> DictConfig:
