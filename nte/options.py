@@ -24,7 +24,7 @@ class Allowed(NamedTuple):
     allows: Callable[[Any], bool] = lambda value: True
 
 
-Weight: TypeAlias = Annotated[float, Allowed("a weight of the current frame in (0, 1]", lambda w: 0 < w <= 1)]
+Alpha: TypeAlias = Annotated[float, Allowed("a weight of the current frame in (0, 1]", lambda w: 0 < w <= 1)]
 Positive: TypeAlias = Annotated[float, Allowed("a finite number above 0", lambda x: 0 < x < math.inf)]
 NotNegative: TypeAlias = Annotated[float, Allowed("a finite number of 0 or more", lambda x: 0 <= x < math.inf)]
 Count: TypeAlias = Annotated[int, Allowed("a whole number of 1 or more", lambda n: n >= 1)]
@@ -63,6 +63,11 @@ class Options:
         return *(field.name for field in fields(cls)), *(["preset"] if cls.presets else [])
 
     @classmethod
+    def choices(cls, option: str) -> tuple[str, ...]:
+        """The values among which an option or `preset` is chosen; none where it is not one of a few words."""
+        return tuple(cls.presets) if option == "preset" else _rules(cls)[option].choices
+
+    @classmethod
     def parse(cls, given: Mapping[str, str], spec: str) -> Self:
         """The options that are given as text, key → value; `preset`, if given, sets the others.
 
@@ -86,6 +91,7 @@ class _Rule(NamedTuple):
     read: Callable[[str], Any]
     allows: Callable[[Any], bool]
     expected: str
+    choices: tuple[str, ...] = ()
 
 
 def _rules(options: type[Options]) -> dict[str, _Rule]:
@@ -97,11 +103,11 @@ def _rule(hint: Any) -> _Rule:
     """The rule of a field with this type. Raises TypeError for one that cannot be an option."""
     if get_origin(hint) is Annotated:
         kind, limit = get_args(hint)
-        read, is_kind, _ = _rule(kind)
-        return _Rule(read, lambda value: is_kind(value) and limit.allows(value), limit.expected)
+        rule = _rule(kind)
+        return rule._replace(allows=lambda value: rule.allows(value) and limit.allows(value), expected=limit.expected)
     if get_origin(hint) is Literal:
         choices = get_args(hint)
-        return _Rule(str, lambda value: value in choices, f"one of {', '.join(choices)}")
+        return _Rule(str, lambda value: value in choices, f"one of {', '.join(choices)}", choices)
     if hint is bool:
         return _Rule(_word, lambda value: isinstance(value, bool), "true or false")
     if hint == bool | None:

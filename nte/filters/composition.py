@@ -1,19 +1,20 @@
 """Light components, denoised apart and put together again: a wrapper around any denoisers."""
 
 from collections.abc import Mapping
-from typing import Any
+from typing import Annotated, Any, Literal, TypeAlias
 
 from nte.denoiser import Denoiser, Result, sanitised
 from nte.errors import NteError
 from nte.frames.frame import Frame
+from nte.options import Allowed
 
 COMPONENTS = ("visibility", "glossy", "indirect")  # those with noise; emission and direct have none
+EACH = "components"  # as a target: a denoiser for each of them
 
-
-def check_target(name: str, target: str) -> None:
-    """Raise NteError where a filter called `name` cannot have this target."""
-    if target not in ("color", *COMPONENTS):
-        raise NteError(f"{name}: target is '{target}', expected one of color, {', '.join(COMPONENTS)}, components")
+# The option `target` of a filter that can denoise one of them.
+Target: TypeAlias = Annotated[
+    Literal["color", "visibility", "glossy", "indirect"], Allowed(f"one of color, {', '.join(COMPONENTS)}, {EACH}")
+]
 
 
 class Composition(Denoiser):
@@ -25,7 +26,6 @@ class Composition(Denoiser):
 
     extras: tuple[str, ...] = COMPONENTS
 
-    target = "color"
     components = COMPONENTS
 
     def __init__(self, denoisers: Mapping[str, Denoiser]) -> None:
@@ -35,8 +35,8 @@ class Composition(Denoiser):
         self.denoisers = dict(denoisers)
         needed = (name for denoiser in denoisers.values() for name in denoiser.needs)
         used = (name for denoiser in denoisers.values() for name in denoiser.optional)
-        self.needs: tuple[str, ...] = tuple(dict.fromkeys(["direct", *needed]))
-        self.optional: tuple[str, ...] = tuple(dict.fromkeys(["emission", *used]))
+        self.needs = tuple(dict.fromkeys(["direct", *needed]))
+        self.optional = tuple(dict.fromkeys(["emission", *used]))
 
     @sanitised
     def step(

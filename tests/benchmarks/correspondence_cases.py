@@ -11,7 +11,7 @@ from torch import Tensor
 
 from nte.color import display
 from nte.denoiser import Session
-from nte.filters.align_accumulate import AlignAccumulate
+from nte.filters.align_accumulate import AlignAccumulate, AlignAccumulateOptions
 from nte.filters.estimated import matched_grey
 from nte.frames.clip import Clip
 from nte.frames.frame import Frame
@@ -87,7 +87,7 @@ def long_clips(folders: list[Path]) -> list[Path]:
 def accumulation(folder: Path, motion: str, kappa: float, eta: float) -> float:
     """Mean PSNR, dB, of the displayed image that align_accumulate makes at 1 spp, without the first frame."""
     frames, exposure = _read(Clip(folder), 1)
-    session, values = Session(AlignAccumulate(motion, kappa=kappa, eta=eta)), []
+    session, values = Session(AlignAccumulate(AlignAccumulateOptions(motion, kappa=kappa, eta=eta))), []
     for frame in frames:
         apart = display(session.denoise(frame), exposure) - display(frame["reference"], exposure)
         values.append(float(-10 * torch.log10(apart.square().mean())))

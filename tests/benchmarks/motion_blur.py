@@ -27,7 +27,7 @@ from nte.denoiser import Session
 from nte.evaluation.metrics import flip_map
 from nte.evaluation.strips import most_different
 from nte.evaluation.table import aligned
-from nte.filters.motion_blur import PAPER, MotionBlur
+from nte.filters.motion_blur import MotionBlur
 from nte.filters.motion_blur.samples import MOVING_PX, near_moving
 from nte.frames.clip import Clip
 from nte.frames.frame import Frame
@@ -36,7 +36,7 @@ from nte.frames.show import RGB, Picture, grid, quantise, write_png
 from nte.registry import load_denoiser
 
 PROMISED = "crossing"
-OURS, POST = "motion_blur", ("post_blur", "mcguire")
+OURS, PAPER, POST = "motion_blur", "motion_blur:preset=paper", ("post_blur", "mcguire")
 ROWS = {
     "noisy": "noisy", "post_blur": "post_blur", "mcguire": "mcguire", OURS: OURS,
     "no history": f"{OURS}:history=false",
@@ -46,12 +46,12 @@ ROWS = {
     "with pre-filter": f"{OURS}:prefilter=true",
     "plain share": f"{OURS}:factor=share",
     "static reprojected": f"{OURS}:static=reprojected",
-    "as the paper": f"{OURS}:{PAPER}",
-    "paper, no pre-filter": f"{OURS}:{PAPER}".replace("prefilter=true", "prefilter=false"),
-    "paper, no history": f"{OURS}:{PAPER},history=false",
-    "paper, one iteration": f"{OURS}:{PAPER},iterations=1",
-    "paper, fixed steps": f"{OURS}:{PAPER},steps=fixed",
-    "paper, naive angle": f"{OURS}:{PAPER},angle=naive",
+    "as the paper": PAPER,
+    "paper, no pre-filter": f"{PAPER},prefilter=false",
+    "paper, no history": f"{PAPER},history=false",
+    "paper, one iteration": f"{PAPER},iterations=1",
+    "paper, fixed steps": f"{PAPER},steps=fixed",
+    "paper, naive angle": f"{PAPER},angle=naive",
 }  # fmt: skip
 DRAWN = ("post_blur", "mcguire", OURS, "as the paper")  # in the plots and strips
 Curve = npt.NDArray[np.float64]

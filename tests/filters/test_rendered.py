@@ -4,12 +4,12 @@ import numpy as np
 import pytest
 
 from nte.denoiser import Session
-from nte.filters.trmv import CHOICES
+from nte.filters.trmv.options import TrmvOptions
 from nte.frames.clip import Clip
 from nte.registry import load_denoiser
 from tests.shared import made_once
 
-CHOSEN = [f"trmv:{key}={choice}" for key, choices in CHOICES.items() for choice in choices]
+CHOSEN = [f"trmv:{key}={choice}" for key in TrmvOptions.names() for choice in TrmvOptions.choices(key)]
 OTHERS = (
     "taa:target=components", "svgf", "svgf:target=components", "asvgf", "asvgf:target=components", "estimate+svgf",
 )  # fmt: skip

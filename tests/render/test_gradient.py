@@ -8,7 +8,7 @@ import pytest
 
 from nte.color import REC709
 from nte.denoiser import Session
-from nte.filters.asvgf import Asvgf
+from nte.filters.asvgf import Asvgf, AsvgfOptions
 from nte.frames.frame import Frame
 from nte.render.components import noisy, references
 from nte.render.gradient import GRADIENTS, STRATUM, shade_again, shade_before
@@ -162,7 +162,7 @@ def test_a_moving_shadow_resets_visibility_and_not_indirect_light():
     assert swept.sum() > 20
 
     def lengths(target: str, *without: str) -> np.ndarray:
-        session = Session(Asvgf(target, gradient_iterations=1))
+        session = Session(Asvgf(AsvgfOptions(target, gradient_iterations=1)))
         for frame in frames:
             seen = {name: values for name, values in frame.channels.items() if name not in without}
             found = session.step(Frame(seen, frame.index), ("history_length",)).extras["history_length"]

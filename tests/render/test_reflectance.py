@@ -7,6 +7,7 @@ import pytest
 
 from nte.denoiser import Session
 from nte.filters.trmv import Trmv
+from nte.filters.trmv.options import TrmvOptions
 from nte.frames import CHANNELS, Frame
 from nte.frames.exr import write_exr
 from nte.render.animation import read_animation
@@ -160,7 +161,7 @@ def test_trmv_gives_back_the_indirect_light_of_what_is_half_metal(tmp_path: Path
     clean, samples = noisy(stage, 0, range(12))
     floor = clean["instance"][0] == 3
     assert floor.mean() > 0.9
-    session, found = Session(Trmv("indirect")), []
+    session, found = Session(Trmv(TrmvOptions("indirect"))), []
     for index, sample in enumerate(samples):
         channels = {name: values[None] for name, values in (clean | sample).items()}
         found.append(np.asarray(session.denoise(Frame(channels, index)))[0])

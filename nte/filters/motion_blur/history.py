@@ -1,7 +1,5 @@
 """Step 5, the temporal filter (section 4.4): the previous frame's buffers, found by going back and forth."""
 
-from typing import NamedTuple
-
 import torch
 from torch import Tensor
 
@@ -12,23 +10,13 @@ from nte.filters.motion_blur.first_stage import (
     STATIC_COLOR,
     STATIC_WEIGHT,
 )
-from nte.filters.motion_blur.samples import Pixels, gather, in_chunks, square
+from nte.filters.motion_blur.options import MotionBlurOptions
+from nte.filters.motion_blur.samples import PixelList, gather, in_chunks, square
 from nte.filters.motion_blur.weight import kernel, motion_weight
 
 
-class Reprojection(NamedTuple):
-    """How history is found and added; see MotionBlur."""
-
-    iterations: int = 2
-    accept: float = 0.5
-    drop: float = 8.0
-    tent: bool = True
-    in_place: bool = True
-    weight: float = 1.0
-
-
 def find(
-    history: Tensor, pixels: Pixels, motion: Tensor, shutter: Tensor, settings: Reprojection
+    history: Tensor, pixels: PixelList, motion: Tensor, shutter: Tensor, options: MotionBlurOptions
 ) -> tuple[Tensor, Tensor]:
     """Offsets (K, 2) int64 from the pixels to those of the history that move to them, and where one was accepted.
 
@@ -38,7 +26,7 @@ def find(
     offset = -motion / shutter
     accepted = torch.zeros(len(p), dtype=torch.bool, device=p.device)
     lost = motion.square().sum(1) == 0
-    for _ in range(settings.iterations):
+    for _ in range(options.iterations):
         whole = (p + offset).floor() - (p - 0.5)
         there, _, inside = (part[:, 0] for part in gather(history, pixels, whole.long()[:, None]))
         lost = lost | (~accepted & ~(inside & (there[:, MOVING_WEIGHT] > 0)))
@@ -46,30 +34,30 @@ def find(
         q = p + offset
         delta = (p - motion / shutter / 2) - (q + there[:, MOVING_MOTION] / shutter / 2)
         error = delta.square().sum(1)
-        accepted = accepted | (~lost & (error < settings.accept**2))
-        lost = lost | (~accepted & (error > settings.drop**2))
+        accepted = accepted | (~lost & (error < options.accept**2))
+        lost = lost | (~accepted & (error > options.drop**2))
         offset = torch.where((accepted | lost)[:, None], offset, offset + delta)
     return ((p + offset).floor() - (p - 0.5)).long(), accepted
 
 
 def add_history(
-    sums: Tensor, history: Tensor, pixels: Pixels, reach: Tensor, shutter: Tensor, settings: Reprojection
+    sums: Tensor, history: Tensor, pixels: PixelList, reach: Tensor, shutter: Tensor, options: MotionBlurOptions
 ) -> tuple[Tensor, Tensor]:
     """The sums (K, 10) with those of the history rows added, and where moving history was accepted (K,)."""
     motion = sums[:, MOVING_MOTION] / sums[:, MOVING_WEIGHT, None].clamp(min=1e-12)
-    offset, accepted = find(history, pixels, motion, shutter, settings)
+    offset, accepted = find(history, pixels, motion, shutter, options)
 
-    def work(some: Pixels, chunk: Tensor) -> Tensor:
+    def work(some: PixelList, chunk: Tensor) -> Tensor:
         return _fetch(
-            history, some, offset[chunk], motion[chunk], accepted[chunk], reach[chunk], shutter[chunk], settings
+            history, some, offset[chunk], motion[chunk], accepted[chunk], reach[chunk], shutter[chunk], options
         )
 
-    return sums + settings.weight * in_chunks(pixels, 25, work), accepted
+    return sums + options.weight * in_chunks(pixels, 25, work), accepted
 
 
 def _fetch(
-    history: Tensor, pixels: Pixels, offset: Tensor, own_motion: Tensor, accepted: Tensor, reach: Tensor,
-    shutter: Tensor, settings: Reprojection,
+    history: Tensor, pixels: PixelList, offset: Tensor, own_motion: Tensor, accepted: Tensor, reach: Tensor,
+    shutter: Tensor, options: MotionBlurOptions,
 ) -> Tensor:  # fmt: skip
     """Sums (K, 10) of the history's 5×5 pixels around the found ones, each moved on by its frame, t = 0.5."""
     values, places, inside = gather(history, pixels, offset[:, None] + square(2, history.device))
@@ -79,16 +67,16 @@ def _fetch(
     half = torch.full_like(now[..., 0], 0.5)
     known = inside & accepted[:, None]
     b3 = kernel(history.device)
-    if settings.tent:
+    if options.fetch == "tent":
         # What history holds is blurred along the motion already: nothing but its place between pixels is left.
         # A neighbour that moves otherwise belongs to something else.
         differs = (motion - own_motion[:, None]).square().sum(-1).sqrt() / 2 / shutter[:, None]
-        weight = (1 - (now - pixels.centres()).abs()).clamp(min=0).prod(-1) * (differs < settings.accept)
+        weight = (1 - (now - pixels.centres()).abs()).clamp(min=0).prod(-1) * (differs < options.accept)
     else:
         weight = b3 * motion_weight(pixels.centres(), now, motion, half, reach[:, None])
     weight = (weight * known * values[..., MOVING_WEIGHT])[..., None]
     own = history[pixels.index]
-    if settings.in_place:
+    if options.static == "place":
         static = own[:, STATIC_COLOR] * own[:, STATIC_WEIGHT, None]
         static_weight = own[:, STATIC_WEIGHT, None]
     else:

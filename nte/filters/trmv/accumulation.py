@@ -1,17 +1,17 @@
 """What all three effects share: fetch history, clamp it, blend, clean up (Zeng et al. 2021, section 5)."""
 
-from dataclasses import dataclass
 from typing import NamedTuple
 
 import torch
 from torch import Tensor
 from torch.profiler import record_function
 
-from nte.color import luminance
 from nte.filters.bilateral import clean_up
 from nte.filters.blocks import Moments, clamp_history, neighbourhood_moments
+from nte.filters.moments import brightness
 from nte.filters.trmv.fetch import Fetcher, fetch_from_anything
-from nte.filters.trmv.inputs import Scene
+from nte.filters.trmv.inputs import FrameInputs
+from nte.filters.trmv.options import TrmvOptions
 from nte.motion.geometric import Reprojection
 
 NEIGHBOURHOOD = 5  # pixels across, of the clamp
@@ -21,22 +21,10 @@ _EPSILON = 1e-3
 _NOTHING = 1e6  # variance of what tells nothing: as history it weighs nothing
 
 
-@dataclass(frozen=True)
-class Settings:
-    """The choices of section 5, the same for every effect."""
-
-    alpha: float = 0.1  # least weight of the current frame
-    warm_up: bool = True  # a running mean until alpha is reached (ours); false: alpha from the second frame on
-    clamp: float = 3.0  # history within μ ± clamp·σ of the current neighbourhood; inf: as it is
-    clean_up: bool = True
-    cleaned_history: bool = True  # the history is the cleaned output; false: the blended one
-    adjacent: bool = False  # clamp to 3×3 adjacent pixels, as TAA does; false: to 5×5 pixels that lie apart (ours)
-
-
-class Track(NamedTuple):
+class History(NamedTuple):
     """What an effect remembers."""
 
-    history: Tensor  # (N, C, H, W)
+    values: Tensor  # (N, C, H, W)
     variance: Tensor  # (N, 1, H, W) of it, in units of a single frame's: how far it has converged
 
 
@@ -44,17 +32,9 @@ class Effect(NamedTuple):
     """The outcome of an effect."""
 
     image: Tensor  # (N, C, H, W)
-    track: Track
+    history: History
     alpha: Tensor  # (N, 1, H, W) weight of the current frame; 1 where there is no history
     vectors: Reprojection | None = None  # where history came from; None: from nowhere
-
-
-class Fetched(NamedTuple):
-    """A track of the previous frame, seen from the pixels of the current one."""
-
-    history: Tensor
-    variance: Tensor
-    valid: Tensor  # (N, 1, H, W) bool
 
 
 class Weight(NamedTuple):
@@ -74,8 +54,9 @@ class Blended(NamedTuple):
 
 
 def accumulate(
-    name: str, current: Tensor, track: Track | None, vectors: Reprojection | None, scene: Scene, settings: Settings,
-    reach: float | Tensor, trust: Tensor | None = None, fetcher: Fetcher | None = None, known: Tensor | None = None,
+    name: str, current: Tensor, history: History | None, vectors: Reprojection | None, inputs: FrameInputs,
+    options: TrmvOptions, reach: float | Tensor, trust: Tensor | None = None, fetcher: Fetcher | None = None,
+    known: Tensor | None = None,
 ) -> Effect:  # fmt: skip
     """Eq. 2 with everything of section 5 on current c̃ (N, C, H, W): c = α c̃ + (1 − α) c*, cleaned up.
 
@@ -83,38 +64,34 @@ def accumulate(
     plain fetching at the vectors' ends. known (N, 1, H, W), bool: where the current frame tells anything; None:
     everywhere. name: in the profile.
     """
-    if vectors is None or track is None:
-        return finish(name, start(current, settings, known), vectors, scene, settings)
+    if vectors is None or history is None:
+        return finish(name, start(current, options, known), vectors, inputs, options)
     with record_function(f"trmv/{name}/temporal"):
-        fetched = fetch(track, fetcher or fetch_from_anything(vectors), scene.frame.reset)
-        clamped = limit(fetched.history, current, reach, settings)
-        weight = weigh(fetched.variance, fetched.valid, settings, trust, known)
+        fetcher = fetcher or fetch_from_anything(vectors)
+        past, (variance, valid) = fetcher(history.values), fetch_convergence(history, fetcher, inputs.frame.reset)
+        clamped = limit(past, current, reach, options)
+        weight = weigh(variance, valid, options, trust, known)
         # Not lerp alone: a history that is not valid must not leave a trace, not even of rounding.
-        image = torch.where(fetched.valid, torch.lerp(clamped, current, weight.used), current)
-        deviation = clean_up_deviation(weight, fetched.history, clamped, fetched.valid, settings)
-        blended = Blended(image, blended_variance(weight, fetched.variance, known), weight.used, deviation)
-    return finish(name, blended, vectors, scene, settings)
+        image = torch.where(valid, torch.lerp(clamped, current, weight.used), current)
+        deviation = clean_up_deviation(weight, past, clamped, valid, options)
+        blended = Blended(image, blended_variance(weight, variance, known), weight.used, deviation)
+    return finish(name, blended, vectors, inputs, options)
 
 
-def start(current: Tensor, settings: Settings, known: Tensor | None = None) -> Blended:
+def start(current: Tensor, options: TrmvOptions, known: Tensor | None = None) -> Blended:
     """Without any history."""
     one = torch.ones_like(current[:, :1])
-    return Blended(current, one * _own_variance(known), one, _first(settings) * one)
+    return Blended(current, one * _own_variance(known), one, _first(options) * one)
 
 
-def fetch(track: Track, fetcher: Fetcher, reset: Tensor | None) -> Fetched:
-    """The track at the ends of the vectors; valid where the fetcher finds it and without a reset."""
-    return Fetched(fetcher(track.history), *fetch_convergence(track, fetcher, reset))
-
-
-def fetch_convergence(track: Track, fetcher: Fetcher, reset: Tensor | None) -> tuple[Tensor, Tensor]:
-    """(variance, valid) of `fetch` alone."""
+def fetch_convergence(history: History, fetcher: Fetcher, reset: Tensor | None) -> tuple[Tensor, Tensor]:
+    """(variance of the history at the ends of the vectors, where it is valid): the fetcher finds it, and no reset."""
     valid = fetcher.valid if reset is None else fetcher.valid & ~(reset.view(-1, 1, 1, 1) > 0)
-    return fetcher(track.variance), valid
+    return fetcher(history.variance), valid
 
 
 def weigh(
-    variance: Tensor, valid: Tensor, settings: Settings, trust: Tensor | None = None, known: Tensor | None = None
+    variance: Tensor, valid: Tensor, options: TrmvOptions, trust: Tensor | None = None, known: Tensor | None = None
 ) -> Weight:
     """α, and with a trust G in [0, 1] (N, 1, H, W) of the history α^V = 1 − G (1 − α) (Eq. 4); 1 without history,
     and 0 beside one where nothing is `known` of the current frame.
@@ -122,8 +99,8 @@ def weigh(
     v / (1 + v) makes the smallest variance out of a history of variance v and a frame of variance 1: 1/2, 1/3, …
     of a history that began one, two, … frames ago, more where it was doubted since.
     """
-    default = torch.full_like(variance, settings.alpha)
-    if settings.warm_up:
+    default = torch.full_like(variance, options.alpha)
+    if options.warm_up:
         default = torch.maximum(default, variance / (1 + variance))
     used = default if trust is None else 1 - trust * (1 - default)
     used = used if known is None else used * known
@@ -131,7 +108,7 @@ def weigh(
 
 
 def limit(
-    history: Tensor, current: Tensor, reach: float | Tensor, settings: Settings, rows: slice = slice(None)
+    history: Tensor, current: Tensor, reach: float | Tensor, options: TrmvOptions, rows: slice = slice(None)
 ) -> Tensor:
     """History (N, C, h, W) clamped to μ ± clamp·σ of 5×5 pixels of the filtered current frame; its `rows` of that.
 
@@ -140,16 +117,16 @@ def limit(
     are together. Clamped to that, history would follow the noise of every frame, and a scene at rest would
     never converge (docs/trmv.md).
     """
-    if settings.clamp == float("inf"):
+    if options.clamp == float("inf"):
         return history
-    if settings.adjacent:
+    if options.neighbourhood == "adjacent":
         moments = neighbourhood_moments(current)
     elif not isinstance(reach, Tensor):
         moments = neighbourhood_moments(current, NEIGHBOURHOOD, spacing(reach))
     else:
         near, far = (neighbourhood_moments(current, NEIGHBOURHOOD, step) for step in (1, _APART))
         moments = Moments(*(torch.where(reach > _APART / 2, f, n) for f, n in zip(far, near, strict=True)))
-    return clamp_history(history, Moments(*(m[:, :, rows] for m in moments)), settings.clamp)
+    return clamp_history(history, Moments(*(m[:, :, rows] for m in moments)), options.clamp)
 
 
 def spacing(reach: float) -> int:
@@ -157,20 +134,20 @@ def spacing(reach: float) -> int:
     return max(1, round(reach))
 
 
-def clean_up_deviation(weight: Weight, history: Tensor, clamped: Tensor, valid: Tensor, settings: Settings) -> Tensor:
+def clean_up_deviation(weight: Weight, history: Tensor, clamped: Tensor, valid: Tensor, options: TrmvOptions) -> Tensor:
     """min(w_A + w_C, 5) pixels (N, 1, H, W), of Eqs. 7 and 8 in luminance.
 
     Without history α^V is 1, so w_A is (1 − α)²: 0.81 px wide.
     """
     doubt = (weight.used - weight.default).square()
-    before, after = (luminance(image) if image.shape[1] == 3 else image for image in (history, clamped))
+    before, after = (brightness(image) for image in (history, clamped))
     lost = (after - before).abs() / (before + _EPSILON)
-    return torch.where(valid, (doubt + lost).clamp(max=WIDEST), _first(settings))
+    return torch.where(valid, (doubt + lost).clamp(max=WIDEST), _first(options))
 
 
-def _first(settings: Settings) -> float:
+def _first(options: TrmvOptions) -> float:
     """The clean-up's deviation, px, where there is no history: Eq. 7 with α^V = 1."""
-    return (1 - settings.alpha) ** 2
+    return (1 - options.alpha) ** 2
 
 
 def blended_variance(weight: Weight, variance: Tensor, known: Tensor | None = None) -> Tensor:
@@ -184,11 +161,13 @@ def _own_variance(known: Tensor | None) -> Tensor | float:
     return 1.0 if known is None else torch.where(known, 1.0, _NOTHING)
 
 
-def finish(name: str, blended: Blended, vectors: Reprojection | None, scene: Scene, settings: Settings) -> Effect:
+def finish(
+    name: str, blended: Blended, vectors: Reprojection | None, inputs: FrameInputs, options: TrmvOptions
+) -> Effect:
     """Clean up, and choose what is remembered; without vectors the image stays that of the spatial filter."""
     with record_function(f"trmv/{name}/clean-up"):
-        wanted = settings.clean_up and vectors is not None
-        image, spent = blended.image, settings.cleaned_history
-        cleaned = clean_up(image, scene.edges, blended.deviation, in_place=spent) if wanted else image
-    history = cleaned if spent else image
-    return Effect(cleaned, Track(history, blended.variance), blended.alpha, vectors)
+        wanted = options.cleanup and vectors is not None
+        image, spent = blended.image, options.history == "cleaned"
+        cleaned = clean_up(image, inputs.edges, blended.deviation, in_place=spent) if wanted else image
+    kept = cleaned if spent else image
+    return Effect(cleaned, History(kept, blended.variance), blended.alpha, vectors)

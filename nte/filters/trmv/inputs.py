@@ -13,7 +13,7 @@ from nte.motion.geometric import Reprojection, frame_vectors, traditional_motion
 RADIUS = 15  # of the widest separable filter, 31×31
 
 
-class Surface(NamedTuple):
+class GBuffer(NamedTuple):
     """The G-buffer of a frame."""
 
     normal: Tensor  # (N, 3, H, W) unit, 0 at a miss
@@ -23,28 +23,28 @@ class Surface(NamedTuple):
     geometric: Tensor | None = None  # (N, 3, H, W) unit, without normal maps; None: the frame does not say
 
 
-class Scene(NamedTuple):
+class FrameInputs(NamedTuple):
     """What every effect sees of a frame."""
 
     frame: Frame  # PyTorch, sanitised
-    surface: Surface
-    before: Surface | None  # of the previous frame
+    gbuffer: GBuffer
+    before: GBuffer | None  # of the previous frame
     guide: Guide
     edges: Edges
     traditional: Reprojection  # the traditional vectors, with the disocclusions that the dual ones have found
     dual: Reprojection
 
 
-def prepare(frame: Frame, before: Surface | None) -> Scene:
+def prepare(frame: Frame, before: GBuffer | None) -> FrameInputs:
     """Compute what the effects share of a sanitised PyTorch frame."""
     with record_function("trmv/guide"):
-        surface = Surface(
+        gbuffer = GBuffer(
             F.normalize(frame["normal"], dim=1), frame["depth"], frame["roughness"],
             frame.get("position"), frame.get("geometric_normal"),
         )  # fmt: skip
-        guide = make_guide(surface.normal, surface.depth, frame["roughness"])
+        guide = make_guide(gbuffer.normal, gbuffer.depth, frame["roughness"])
         edges = make_edges(guide, RADIUS)
     with record_function("trmv/vectors"):
         dual = frame_vectors(frame, None if before is None else before.depth)
         traditional = traditional_motion(frame["motion"])._replace(disoccluded=dual.disoccluded)
-    return Scene(frame, surface, before, guide, edges, traditional, dual)
+    return FrameInputs(frame, gbuffer, before, guide, edges, traditional, dual)
