@@ -25,7 +25,7 @@ def load_config(
 
     choose: makes the instance with the defaults where a key decides which others there are; it is given a function from
     a dotted key to what file or overrides say, or None. Raises NteError that names the file and the key. ${name} may
-    refer to another key; resolvers such as ${oc.env:…} are refused: a configuration must mean the same on every machine.
+    refer to another key; resolvers such as ${oc.env:…} are refused: a configuration means the same on every machine.
     """
     for override in overrides:
         if "=" not in override:
