@@ -13,7 +13,7 @@ import numpy.typing as npt
 
 from nte.denoiser import Filter, Result, State, sanitised
 from nte.errors import NteError, needs_extra
-from nte.frames.frame import Array, Frame
+from nte.frames.frame import Frame
 from nte.options import Options
 
 GUIDES = ("albedo", "normal")
