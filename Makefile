@@ -35,16 +35,16 @@ acceptance: $(INSTALLED)
 paper: $(INSTALLED)
 	$(BIN)/nte compare configs/compare_trmv.yaml --data data/trmv --out reports/trmv --jobs 2 --force
 	$(BIN)/nte compare configs/compare_trmv_640.yaml --data data/trmv_640 --out reports/trmv_640 --jobs 2 --force
-	$(BIN)/python tests/benchmarks/vectors.py --pictures reports/vectors
-	$(BIN)/python tests/benchmarks/correspondence.py
+	$(BIN)/python -m benchmarks.vectors --pictures reports/vectors
+	$(BIN)/python -m benchmarks.correspondence
 	$(BIN)/nte render datasets/motion_blur_60.yaml --out data/motion_blur_60
-	$(BIN)/python tests/benchmarks/motion_blur.py data/motion_blur_60 --pictures reports/motion_blur
+	$(BIN)/python -m benchmarks.motion_blur data/motion_blur_60 --pictures reports/motion_blur
 
 bench: $(INSTALLED)
-	$(BIN)/python tests/benchmarks/components.py
-	$(BIN)/python tests/benchmarks/own_scene.py
-	$(BIN)/python tests/benchmarks/kernels.py
-	$(BIN)/python tests/benchmarks/motion_blur.py --times
+	$(BIN)/python -m benchmarks.components
+	$(BIN)/python -m benchmarks.own_scene
+	$(BIN)/python -m benchmarks.kernels
+	$(BIN)/python -m benchmarks.motion_blur --times
 	$(BIN)/nte bench svgf asvgf trmv taa oidn:quality=fast --size 1280x720 --frames 5
 
 $(INSTALLED): pyproject.toml constraints.txt

@@ -6,8 +6,11 @@ Radiance is linear and scene-referred, in [0, inf); every image is (N, C, H, W).
 import torch
 from torch import Tensor
 
+from nte.frames.srgb import DARK, GAIN, OFFSET, POWER, SLOPE
+
 REC709 = (0.2126, 0.7152, 0.0722)
 ALBEDO_FLOOR = 1e-2  # least divisor of demodulation: darker surfaces would amplify noise without bound
+PSNR_MAX = 100.0  # dB, also that of identical images: below it lies the rounding of a display value
 BLACK = 1e-3  # an albedo below in all components tells nothing: a metal elsewhere, an emitter, the sky, a bad pixel
 
 
@@ -26,8 +29,13 @@ def display(radiance: Tensor, exposure: Tensor) -> Tensor:
     """Display transform to [0, 1]: exposure (N,), x/(1+x), then the sRGB curve."""
     exposed = radiance.clamp(min=0) * per_sequence(exposure)
     tonemapped = exposed / (1 + exposed)
-    curve = 1.055 * tonemapped.clamp(min=0.0031308) ** (1 / 2.4) - 0.055
-    return torch.where(tonemapped <= 0.0031308, 12.92 * tonemapped, curve)
+    curve = GAIN * tonemapped.clamp(min=DARK) ** (1 / POWER) - OFFSET
+    return torch.where(tonemapped <= DARK, SLOPE * tonemapped, curve)
+
+
+def psnr(squared_error: Tensor) -> Tensor:
+    """Peak signal-to-noise ratio in dB, at most PSNR_MAX, of a mean squared error of images in [0, 1]."""
+    return (-10 * squared_error.log10()).clamp(max=PSNR_MAX)
 
 
 def demodulate(radiance: Tensor, albedo: Tensor, floor: float = ALBEDO_FLOOR) -> Tensor:

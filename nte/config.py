@@ -1,12 +1,14 @@
 """YAML files against a typed schema: unknown keys, wrong types and resolvers are refused in one line."""
 
 import re
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
+from dataclasses import fields, is_dataclass
+from difflib import get_close_matches
 from pathlib import Path
 from typing import Any, TypeVar
 
 from omegaconf import DictConfig, OmegaConf
-from omegaconf.errors import OmegaConfBaseException
+from omegaconf.errors import ConfigAttributeError, ConfigKeyError, OmegaConfBaseException
 from yaml import MarkedYAMLError, YAMLError
 
 from nte.errors import NteError
@@ -16,11 +18,15 @@ Schema = TypeVar("Schema")
 _RESOLVER = re.compile(r"\$\{[^}]*[:$]")
 
 
-def load_config(schema: type[Schema], path: Path, overrides: Sequence[str] = ()) -> Schema:
+def load_config(
+    schema: type[Schema], path: Path, overrides: Sequence[str] = (),
+    choose: Callable[[Callable[[str], Any]], Schema] | None = None,
+) -> Schema:  # fmt: skip
     """An instance of the dataclass `schema` from a YAML file and `key=value` overrides.
 
-    Raises NteError that names the file and the key. ${name} may refer to another key; resolvers such as
-    ${oc.env:…} are refused: a configuration must mean the same on every machine.
+    choose: makes the instance with the defaults where a key decides which others there are; it is given a function from
+    a dotted key to what file or overrides say, or None. Raises NteError that names the file and the key. ${name} may
+    refer to another key; resolvers such as ${oc.env:…} are refused: a configuration means the same on every machine.
     """
     for override in overrides:
         if "=" not in override:
@@ -29,9 +35,13 @@ def load_config(schema: type[Schema], path: Path, overrides: Sequence[str] = ())
     try:
         loaded = _read(path)
         refuse_resolvers(source, OmegaConf.to_container(loaded, resolve=False))
-        config = OmegaConf.merge(OmegaConf.structured(schema), loaded)
         source = "command line"
-        refuse_resolvers(source, OmegaConf.to_container(OmegaConf.from_dotlist(list(overrides)), resolve=False))
+        typed = OmegaConf.from_dotlist(list(overrides))
+        refuse_resolvers(source, OmegaConf.to_container(typed, resolve=False))
+        source = str(path)
+        defaults = schema if choose is None else _chosen(choose, loaded, typed, source)
+        config = OmegaConf.merge(OmegaConf.structured(defaults), loaded)
+        source = "command line"
         config.merge_with_dotlist(list(overrides))
         source = str(path)
         missing = OmegaConf.missing_keys(config)
@@ -45,8 +55,32 @@ def load_config(schema: type[Schema], path: Path, overrides: Sequence[str] = ())
     except (OmegaConfBaseException, ValueError, TypeError) as error:
         key = getattr(error, "full_key", None)
         where = f"'{key}': " if key else ""
-        raise NteError(f"{source}: {where}{_one_line(error)}") from error
+        raise NteError(f"{source}: {where}{problem_with(error)}") from error
     return made
+
+
+def _chosen(
+    choose: Callable[[Callable[[str], Any]], Schema], loaded: DictConfig, typed: DictConfig, source: str
+) -> Schema:
+    """The defaults that `choose` makes of what file and overrides say."""
+
+    def said(key: str) -> Any:
+        return OmegaConf.select(typed, key, default=OmegaConf.select(loaded, key))
+
+    try:
+        return choose(said)
+    except NteError as error:
+        raise NteError(f"{source}: {error}") from error
+
+
+def problem_with(error: Exception) -> str:
+    """What is wrong with a value, or a key that the schema lacks: the keys that there are, the nearest one first."""
+    schema = getattr(error, "object_type", None)
+    if not isinstance(error, ConfigKeyError | ConfigAttributeError) or not is_dataclass(schema):
+        return _one_line(error)
+    known = [field.name for field in fields(schema)]
+    near = get_close_matches(str(error.key), known, 1)
+    return f"unknown key{f', did you mean {near[0]}?' if near else ':'} expected one of {', '.join(known)}"
 
 
 def _read(path: Path) -> DictConfig:
@@ -63,12 +97,12 @@ def _read(path: Path) -> DictConfig:
     return loaded
 
 
-def to_yaml(config: Any) -> str:
+def to_yaml(config: object) -> str:
     """A dataclass instance as YAML, every key written out."""
     return OmegaConf.to_yaml(OmegaConf.structured(config))
 
 
-def refuse_resolvers(source: str, values: Any, key: str = "") -> None:
+def refuse_resolvers(source: str, values: object, key: str = "") -> None:
     """Raise NteError that names the first of the values, at any depth, that calls a resolver such as ${oc.env:HOME}."""
     if isinstance(values, dict):
         for name, value in values.items():

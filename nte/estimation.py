@@ -4,7 +4,7 @@ from pathlib import Path
 
 from nte.errors import NteError
 from nte.files import only_writer, refuse_to_replace, remove
-from nte.filters.estimated import AUTO, Estimator
+from nte.filters.estimated import EstimateOptions, Estimator, Noise
 from nte.frames.clip import Clip, as_layers, frame_path, write_clip_info
 from nte.frames.exr import read_layers, write_exr
 from nte.frames.usable import known_cap, light_cap, usable_frame
@@ -16,7 +16,7 @@ _REPLACED = ("motion.", "forward_motion.", "motion_error.", "motion_mask.")
 
 
 def estimate_clip(
-    source: Path, out: Path, noise: str = AUTO, guides: bool = False, known: bool = False, device: str = "cpu",
+    source: Path, out: Path, noise: Noise = "auto", guides: bool = False, known: bool = False, device: str = "cpu",
     force: bool = False,
 ) -> list[Path]:  # fmt: skip
     """Write the clip `source` with estimated motion to the folder `out`; returns the frames' files.
@@ -24,10 +24,11 @@ def estimate_clip(
     Frames keep their layers, but for vectors that would contradict: `motion` is estimated (px, current → previous),
     `motion_error` is its patch error, and `motion_mask` is 1 where it is not to be trusted: the error is large, or the
     motion leads out of the previous frame; 1 on the whole first frame, whose motion is 0. Options are those of
-    `Estimator`. Only noise seed 0 is written. Raises NteError where channels are missing and where files exist, unless
-    `force`.
+    `EstimateOptions`. Only noise seed 0 is written. Raises NteError where channels are missing and where files exist,
+    unless `force`.
     """
-    clip, estimator = Clip(source), Estimator(noise, guides, known, device, errors=True)
+    clip = Clip(source)
+    estimator = Estimator(EstimateOptions(noise, guides, known), device=device, errors=True)
     missing = [name for name in estimator.needs if name not in clip.channels]
     if missing:
         raise NteError(f"{source}: {', '.join(missing)} is missing, which the search needs; it has {clip.channels}")

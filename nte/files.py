@@ -145,7 +145,7 @@ def only_writer_of(path: Path, force: bool) -> Iterator[None]:
     try:
         refuse_other_writers(path, mine)
         if os.path.lexists(path) and not force:
-            raise NteError(f"{path}: exists: choose another name, or overwrite it with --force")
+            raise already_there(path)
         yield
     finally:
         with suppress(OSError):
@@ -188,11 +188,19 @@ def is_folder_name(name: str) -> bool:
     return Path(name).name == name and name not in ("", "..") and len(name.encode()) <= 200 and name.isprintable()
 
 
+def already_there(path: Path, other: str = "name", remedy: str = "overwrite it") -> NteError:
+    """The error for a path that exists and that nothing but --force may replace.
+
+    other: what may be chosen instead, a name or a folder. remedy: what --force does.
+    """
+    return NteError(f"{path}: exists: choose another {other}, or {remedy} with --force")
+
+
 def refuse_to_replace(paths: Iterable[Path], force: bool) -> None:
     """Raise NteError for the first file of a folder's new content that exists, unless `force`."""
     for path in paths:
         if path.exists() and not force:
-            raise NteError(f"{path}: exists: choose another folder, or overwrite it with --force")
+            raise already_there(path, "folder")
 
 
 def refuse_links(folder: Path) -> None:

@@ -41,8 +41,10 @@ def _run(folder: Path) -> str:
     from nte.training.run import load_run
 
     step, _ = read_checkpoint(folder)
-    parameters = sum(p.numel() for p in load_run(folder).parameters())
+    network = load_run(folder)
+    parameters = sum(p.numel() for p in network.parameters())
     said = f"run {folder}: {step} steps done, {parameters:,} parameters; every choice is in {folder / 'config.yaml'}"
+    said += f"\n  network '{network.config.kind}' denoises '{network.target}'; needs: {', '.join(network.needs)}"
     if not (folder / BEST).is_file():
         return said
     best, state = read_checkpoint(folder, BEST)

@@ -5,7 +5,7 @@ from collections import Counter
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 
@@ -16,7 +16,7 @@ from nte.frames.channels import CHANNELS
 from nte.frames.clip import Clip, Pixels, frame_path, read_frame, write_clip_info
 from nte.frames.exr import read_parts
 from nte.frames.exr_copy import Planes, copy_exr
-from nte.frames.frame import Frame
+from nte.frames.frame import About, Frame
 from nte.frames.numbering import by_number
 from nte.frames.scalars import sequence_scalars
 from nte.frames.show import show, write_png
@@ -142,13 +142,13 @@ def _refuse_to_overwrite(
 
 def _with_forward(
     stored: Iterable[Mapping[str, Pixels]], paths: Sequence[Path],
-    about: Callable[[int], Mapping[str, Any]] = lambda index: {},
+    about: Callable[[int], About] = lambda index: {},
 ) -> Iterator[Frame]:  # fmt: skip
     """Frames of channels (C, H, W); the forward motion of a frame is handed over with the next one."""
     forward, size = None, None
     for index, (path, read) in enumerate(zip(paths, stored, strict=True)):
         if not read:
-            raise NteError(f"{path}: has no channel of ours (see datasets/README.md), such as color.R")
+            raise NteError(f"{path}: has no channel of ours, such as color.R, albedo.R or depth.Z")
         channels = {name: values[None] for name, values in read.items()}
         shape = next(iter(read.values())).shape[1:]
         if size not in (None, shape):

@@ -1,6 +1,8 @@
 """What every test may rely on: one thread for PyTorch, also in processes it starts, and random numbers of its own."""
 
+import gc
 import os
+import sys
 from collections.abc import Iterator
 from pathlib import Path
 
@@ -34,6 +36,23 @@ def _deterministic_setting_stays_local() -> Iterator[None]:
     yield
     if torch.are_deterministic_algorithms_enabled():
         torch.use_deterministic_algorithms(False)
+
+
+def pytest_collection_finish() -> None:
+    """What was imported to collect the tests stays for good: no garbage collection looks through it again."""
+    gc.collect()
+    gc.freeze()
+
+
+@pytest.fixture(autouse=True)
+def _no_scene_outlives_its_test() -> Iterator[None]:
+    """A scene that is still alive in a reference cycle is compiled into the kernels of those that come after it.
+
+    Without it the same scene is the same kernel, which Dr.Jit has: in memory, or on disk from another process.
+    """
+    yield
+    if "mitsuba" in sys.modules:
+        gc.collect()
 
 
 @pytest.fixture(scope="session")

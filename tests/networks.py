@@ -2,12 +2,12 @@
 
 import torch
 
-from nte.models.temporal import NetworkConfig, TemporalDenoiser
+from nte.models.temporal import TemporalConfig, TemporalDenoiser
 
 
 def small_network(seed: int = 0, **choices: object) -> TemporalDenoiser:
     """A network of three narrow levels with the given configuration, in evaluation mode."""
-    config = NetworkConfig(**({"channels": [4, 6, 8]} | choices))  # type: ignore[arg-type]
+    config = TemporalConfig(**({"channels": [4, 6, 8]} | choices))  # type: ignore[arg-type]
     torch.manual_seed(seed)
     network = TemporalDenoiser(config).eval().requires_grad_(False)
     for head in network.heads.heads:

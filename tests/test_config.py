@@ -6,12 +6,12 @@ import pytest
 
 from nte.config import load_config, to_yaml
 from nte.errors import NteError
-from nte.evaluation.comparison import read_comparison
+from nte.evaluation.paper_comparison import read_comparison
 from nte.importing.channel_map import load_channel_map
 from nte.registry import load_denoiser
-from nte.render.animation import read_animation
-from nte.render.recipe import Recipe, read_recipe
-from nte.training.config import TrainConfig, load_train_config
+from nte.render.recipes.recipe import Recipe, read_recipe
+from nte.render.world.keyframes import read_animation
+from nte.training.config import load_train_config, read_train_config
 
 GOOD = "name: x\ndata:\n  clips: [a]\nphases:\n  - {steps: 3}\n"
 ROOT = Path(__file__).parents[1]
@@ -37,7 +37,7 @@ def test_file_then_overrides_over_the_defaults(tmp_path: Path) -> None:
 
 def test_what_is_written_is_read_again(tmp_path: Path) -> None:
     config = load_train_config(written(tmp_path), ["network.channels=[4,8,8]", "loss.space=display"])
-    again = load_config(TrainConfig, written(tmp_path, to_yaml(config)))
+    again = read_train_config(written(tmp_path, to_yaml(config)))
     assert again == config
 
 
@@ -69,8 +69,9 @@ def test_phases_in_epochs_or_steps(tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ("override", "message"),
     [
-        ("nope=1", "command line: 'nope': Key 'nope' not in"),
-        ("data.nope=1", "command line: 'data.nope'"),
+        ("nope=1", "command line: 'nope': unknown key: expected one of name, "),
+        ("data.nope=1", "command line: 'data.nope': unknown key: expected one of clips, frames, "),
+        ("data.clip=x", "command line: 'data.clip': unknown key, did you mean clips[?] expected one of clips, "),
         ("data.frames=many", "command line: 'data.frames': Value 'many'.*Integer"),
         ("data.frames=1.5", "command line: 'data.frames'"),
         ("data.frames=null", "command line: 'data.frames'"),
@@ -130,7 +131,7 @@ def test_a_wrong_override_is_named(tmp_path: Path, override: str, message: str) 
         ("name: !!python/object/apply:os.getcwd []\n", "could not determine a constructor"),
         ("name: ${oc.env:HOME}\n" + GOOD[8:], "'name': .* calls a resolver"),
         ("data: {clips: ['${oc.env:HOME}']}", r"'data.clips\[0\]': .* calls a resolver"),
-        (GOOD + "sed: 1\n", "'sed': Key 'sed' not in"),
+        (GOOD + "sed: 1\n", "'sed': unknown key, did you mean seed[?] expected one of name, seed, "),
         (GOOD + "seed: one\n", "'seed': Value 'one'"),
     ],
 )
@@ -159,6 +160,34 @@ def test_what_nobody_can_mean_is_one_line_for_every_reader(tmp_path: Path, text:
         with pytest.raises(NteError, match=r"c\.yaml: ") as error:
             read(path)
         assert "\n" not in str(error.value)
+
+
+@pytest.mark.parametrize(
+    ("read", "text", "said"),
+    [
+        (read_recipe, "nam: x", "'nam': unknown key, did you mean name[?] expected one of name, seed, train, test$"),
+        (
+            read_comparison,
+            "situation: []",
+            "'situation': unknown key, did you mean situations[?] expected one of recipe, ",
+        ),
+        (
+            load_channel_map,
+            "motion: {unt: uv}",
+            "'motion.unt': unknown key, did you mean unit[?] expected one of points, ",
+        ),
+        (
+            load_channel_map,
+            "channels: {color: {layr: a}}",
+            "'channels.color.layr': unknown key, did you mean layer[?] ",
+        ),
+        (read_animation, "objcts: {}", "'objcts': unknown key, did you mean objects[?] expected one of xml, "),
+    ],
+)
+def test_an_unknown_key_is_told_with_those_that_there_are(tmp_path: Path, read, text: str, said: str) -> None:
+    with pytest.raises(NteError, match=r"c\.yaml: " + said) as error:
+        read(written(tmp_path, text))
+    assert "\n" not in str(error.value)
 
 
 def test_a_missing_file_and_a_folder(tmp_path: Path) -> None:

@@ -9,18 +9,16 @@ import pytest
 import torch
 
 import nte
-from nte import Denoiser, Frame, Noisy, NteError, Result, Session, denoise
-from nte.denoiser import check_needs
+from nte import Denoiser, Frame, NteError, Result, Session, denoise
+from nte.denoiser import Noisy, check_needs
 from nte.frames.bad import BadPixelWarning
 from tests.synthetic import random_channels
 
 
-class Counting:
+class Counting(Denoiser):
     """A denoiser whose image says how many frames its state has seen."""
 
-    needs: tuple[str, ...] = ("color",)
-    optional: tuple[str, ...] = ()
-    target = "color"
+    needs = ("color",)
 
     def step(self, frame: Frame, state: Any, extras: tuple[str, ...] = ()) -> tuple[Result, Any]:
         seen = (state or 0) + 1
@@ -85,12 +83,10 @@ def test_bad_pixels_are_reported_once_a_sequence() -> None:
     assert [w.category for w in caught] == [BadPixelWarning] * 2
 
 
-class Told:
+class Told(Denoiser):
     """A denoiser that remembers the indices of the frames it was given."""
 
-    needs: tuple[str, ...] = ("color",)
-    optional: tuple[str, ...] = ()
-    target = "color"
+    needs = ("color",)
 
     def __init__(self) -> None:
         self.indices: list[int] = []
@@ -163,8 +159,8 @@ def test_the_package_offers_its_names() -> None:
 @pytest.mark.parametrize(
     ("needs", "said"),
     [
-        (("gradient",), "needs gradient, .*; nte render writes it in groups with components: true$"),
-        (("time", "motion"), "needs time, motion, .*; nte render writes it in groups with shutter: 1$"),
+        (("gradient",), "needs gradient, .*; nte render writes it in groups that set components$"),
+        (("time", "motion"), "needs time, motion, .*; nte render writes it in groups that set shutter$"),
         (("motion",), "needs motion, which is missing; there is color$"),
     ],
 )

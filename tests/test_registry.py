@@ -1,16 +1,28 @@
 """What a user types becomes a denoiser, or one line that says what there is."""
 
+import re
+from collections.abc import Mapping
+from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import Any, ClassVar
 
+import numpy as np
 import onnxruntime
 import pytest
 import torch
 
-from nte.denoiser import Denoiser, Noisy
+from nte.denoiser import Denoiser, Filter, Noisy, Result, Session, sanitised
 from nte.errors import NteError
-from nte.filters.taa import Taa
+from nte.filters.composition import COMPONENTS
+from nte.filters.estimated import EstimateOptions
+from nte.filters.svgf import SvgfOptions
+from nte.filters.taa import Taa, TaaOptions
+from nte.filters.trmv.options import TrmvOptions
+from nte.frames.frame import Frame
+from nte.motion.search import SEARCHES
+from nte.options import Options, Positive
 from nte.registry import NAMES, load_denoiser
+from tests.everything import floor_frame
 
 
 @pytest.mark.parametrize("name", [name for name in NAMES if name != "oidn"])
@@ -18,10 +30,10 @@ def test_every_name_is_a_denoiser(name: str) -> None:
     assert isinstance(load_denoiser(name), Denoiser)
 
 
-def test_options_become_the_types_of_their_defaults() -> None:
+def test_options_become_the_types_of_their_fields() -> None:
     taa = load_denoiser("taa: clamp=clip , alpha=0.25")
     assert isinstance(taa, Taa)
-    assert (taa.clamp, taa.alpha) == ("clip", 0.25)
+    assert taa.options == TaaOptions(clamp="clip", alpha=0.25)
     assert isinstance(load_denoiser("noisy:"), Noisy)
 
 
@@ -33,9 +45,15 @@ def test_options_become_the_types_of_their_defaults() -> None:
         ("taa:clmp=none", "'taa:clmp=none': unknown option 'clmp'; it has clamp, alpha"),
         ("taa:clamp", "'clamp' is no option: expected name:key=value"),
         ("taa:clamp=", "'clamp' is no option"),
-        ("taa:alpha=much", "alpha is 'much', expected float"),
+        ("taa:alpha=much", r"alpha is 'much', expected a weight of the current frame in \(0, 1\]"),
+        ("svgf:iterations=2.5", "iterations is '2.5', expected a whole number"),
         ("taa:alpha=2", "taa: alpha is 2.0"),
-        ("taa:clamp=hard", "taa: clamp is 'hard'"),
+        ("taa:clamp=hard", "taa: clamp is 'hard', expected one of none, clamp, clip"),
+        ("svgf:target=albedo", "svgf: target is 'albedo', expected one of .*, components"),
+        ("trmv:preset=best", "trmv: preset is 'best', expected one of paper, traditional, "),
+        ("trmv:presets=paper", "unknown option 'presets'; it has target, .*, preset"),
+        ("svgf:preset=paper", "unknown option 'preset'; it has target, .*, depth_floor$"),
+        ("estimate:noise=loud+taa", "estimate: noise is 'loud', expected one of auto, clean, "),
         ("taa:device=cpu", "unknown option 'device'; it has clamp, alpha"),
         ("noisy:seed=1", "unknown option 'seed'; it has none"),
         ("nowhere/model.onnx", r"nowhere/model\.onnx: does not exist"),
@@ -45,6 +63,106 @@ def test_options_become_the_types_of_their_defaults() -> None:
 def test_what_is_typed_wrong_is_named_with_what_there_is(spec: str, message: str) -> None:
     with pytest.raises(NteError, match=message):
         load_denoiser(spec)
+
+
+T = "shadow=traditional,glossy=traditional,occlusion=traditional,indirect=colour"
+S = T.replace("glossy=traditional", "glossy=specular")
+FREE, CLAMPED = "clamp=inf,cleanup=false", "clamp=1,neighbourhood=adjacent,cleanup=false"
+
+
+@pytest.mark.parametrize(
+    ("preset", "options"),
+    [
+        ("trmv:preset=paper", "trmv:reshading=paper,half_angle=30,warm_up=false"),
+        ("trmv:preset=traditional", f"trmv:{T},{FREE}"),
+        ("trmv:preset=traditional_clamp", f"trmv:{T},{CLAMPED}"),
+        ("trmv:preset=gradient", f"trmv:{T.replace('traditional', 'gradient')},{FREE}"),
+        ("trmv:preset=specular", f"trmv:{S},{FREE}"),
+        ("trmv:preset=specular_clamp", f"trmv:{S},{CLAMPED}"),
+        ("trmv:preset=dual_colours", "trmv:occlusion=dual,indirect=colour"),
+        ("trmv:alpha=0.2,preset=traditional,clamp=2", f"trmv:{T},clamp=2,cleanup=false,alpha=0.2"),
+        (
+            "motion_blur:preset=paper,history=false",
+            "motion_blur:prefilter=true,near=2.5,jitter=1.5,beta_a=1,beta_l=10,stretch=1,weight=1,fetch=kernel,"
+            "static=reprojected,factor=share,history=false",
+        ),
+    ],
+)
+def test_a_preset_is_a_list_of_options_which_others_change(preset: str, options: str) -> None:
+    made, spelt = load_denoiser(preset), load_denoiser(options)
+    assert isinstance(made, Filter)
+    assert isinstance(spelt, Filter)
+    assert made.options == spelt.options
+    assert (made.needs, made.optional) == (spelt.needs, spelt.optional)
+
+
+@pytest.mark.parametrize("name", [name for name in NAMES if name != "oidn"])
+def test_every_denoiser_gives_the_extras_that_it_names_and_no_others(name: str) -> None:
+    denoiser, frame = load_denoiser(name), floor_frame(0)
+    result, _ = denoiser.step(frame, None, denoiser.extras)
+    assert tuple(result.extras) == denoiser.extras
+    assert set(denoiser.components) <= set(denoiser.extras)
+    with pytest.raises(NteError, match=f"has no extra 'taste'; it has {', '.join(denoiser.extras) or 'none'}"):
+        denoiser.step(frame, None, ("taste",))
+
+
+@dataclass(frozen=True)
+class DimmerOptions(Options, name="dimmer"):
+    presets: ClassVar[Mapping[str, Mapping[str, Any]]] = {"dusk": {"factor": 0.25}}
+    factor: Positive = 0.5
+
+
+class Dimmer(Filter[DimmerOptions]):
+    needs = ("color",)
+    options_type = DimmerOptions
+
+    @sanitised
+    def step(self, frame: Frame, state: Any, extras: tuple[str, ...] = ()) -> tuple[Result, Any]:
+        return Result(frame["color"] * self.options.factor), ()
+
+
+def test_a_new_filter_is_a_class_and_a_row(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setitem(NAMES, "dimmer", (__name__, "Dimmer", ""))
+    frame = floor_frame(0)
+    for spec, factor in (("dimmer", 0.5), ("dimmer:factor=2", 2.0), ("dimmer:preset=dusk", 0.25)):
+        image = Session(load_denoiser(spec)).denoise(frame)
+        assert isinstance(image, np.ndarray)
+        np.testing.assert_allclose(image, factor * frame["color"], rtol=1e-6)
+    with pytest.raises(NteError, match=r"dimmer: factor is -1\.0, expected a finite number above 0"):
+        load_denoiser("dimmer:factor=-1")
+    with pytest.raises(NteError, match=r"expected a run folder, an \.onnx file, or one of noisy, .*, dimmer"):
+        load_denoiser("dimer")
+
+
+def test_options_of_another_filter_are_refused() -> None:
+    with pytest.raises(NteError, match="Taa takes TaaOptions, not SvgfOptions"):
+        Taa(SvgfOptions())  # type: ignore[arg-type]
+    with pytest.raises(NteError, match="Taa takes TaaOptions, not 'none'"):
+        Taa("none")  # type: ignore[arg-type]
+
+
+def test_choices_that_a_type_spells_out_are_those_of_the_table() -> None:
+    assert EstimateOptions.choices("noise") == ("auto", *SEARCHES)
+    assert TaaOptions.choices("target") == TrmvOptions.choices("target") == ("color", *COMPONENTS)
+
+
+PAGES = {  # page → what it documents: a table of options each
+    "svgf.md": ("svgf", "asvgf"), "trmv.md": ("trmv",), "motion_blur.md": ("motion_blur", "post_blur", "mcguire"),
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("page", PAGES)
+def test_a_page_names_the_options_and_presets_that_there_are(page: str) -> None:
+    text = (Path(__file__).parents[1] / "docs" / page).read_text()
+    kinds = [load_denoiser(name).options_type for name in PAGES[page]]  # type: ignore[attr-defined]
+    there = {option for kind in kinds for option in kind.names()} - {"preset"}
+    documented, table = set(), re.search(r"\n\| option \|.*?\n\n", text, re.DOTALL)
+    assert table
+    for row in table[0].strip().splitlines()[2:]:
+        documented |= set(re.findall(r"`(\w+)`", row.split("|")[1]))
+    assert documented <= there
+    for name in there | {preset for kind in kinds for preset in kind.presets}:
+        assert re.search(rf"`(preset=)?{name}`|:preset={name}\b", text), name
 
 
 def test_a_folder_hides_a_name_only_if_it_is_a_run(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

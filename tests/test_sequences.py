@@ -8,7 +8,7 @@ from PIL import Image
 
 from nte.denoiser import Noisy, Session
 from nte.errors import NteError
-from nte.filters.taa import Taa
+from nte.filters.taa import Taa, TaaOptions
 from nte.frames.clip import Clip, frame_path, read_frame
 from nte.frames.exr import read_layers, write_exr
 from nte.sequences import denoise_files
@@ -58,7 +58,7 @@ def test_a_clip_tells_the_exposure_that_was_used(noisy_disc: Path, tmp_path: Pat
 
 def test_every_other_layer_is_kept_bit_for_bit(tmp_path: Path) -> None:
     paths = engine_frames(tmp_path / "in")
-    written = denoise_files(paths, Taa("none"), tmp_path / "out")
+    written = denoise_files(paths, Taa(TaaOptions("none")), tmp_path / "out")
     assert [path.name for path in written] == [path.name for path in paths]
     for path, source in zip(written, paths, strict=True):
         ours, theirs = read_layers(path), read_layers(source)
@@ -73,8 +73,8 @@ def test_every_other_layer_is_kept_bit_for_bit(tmp_path: Path) -> None:
 
 def test_loose_frames_are_taken_in_the_order_of_their_numbers(tmp_path: Path) -> None:
     paths = engine_frames(tmp_path / "in", count=4, first=8)  # 8, 9, 10, 11
-    ordered = denoise_files(paths, Taa("none"), tmp_path / "a")
-    shuffled = denoise_files([paths[i] for i in (2, 0, 3, 1)], Taa("none"), tmp_path / "b")
+    ordered = denoise_files(paths, Taa(TaaOptions("none")), tmp_path / "a")
+    shuffled = denoise_files([paths[i] for i in (2, 0, 3, 1)], Taa(TaaOptions("none")), tmp_path / "b")
     assert [p.name for p in ordered] == [p.name for p in shuffled] == [p.name for p in paths]
     assert contents(tmp_path / "a") == contents(tmp_path / "b")
     assert not (tmp_path / "a" / "clip.json").exists()

@@ -2,7 +2,7 @@
 
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeAlias
 
 import numpy as np
 import numpy.typing as npt
@@ -13,6 +13,9 @@ from nte.errors import NteError, needs_extra
 _VERSION, _BLACK_SIZE, _BLACK, _BLACK_H, _BLACK_V = 50706, 50713, 50714, 50715, 50716
 _BASELINE_EXPOSURE, _ACTIVE_AREA, _FILTER_ARRAYS = 50730, 50829, (32803, 34892)  # CFA, LinearRaw
 _SMALL_PREVIEW = 254  # NewSubFileType: 0 for the photograph itself
+
+_Page: TypeAlias = Any  # a tifffile.TiffPage, which need not be installed
+_Value: TypeAlias = Any  # of a tag: a number, several, or text
 
 
 @dataclass(frozen=True)
@@ -53,11 +56,11 @@ def read_dng(path: Path) -> DngTags | None:
         return None  # whether it is a photograph at all is LibRaw's to say
 
 
-def _photograph(page: Any) -> bool:
+def _photograph(page: _Page) -> bool:
     return _number(page, 262, 0) in _FILTER_ARRAYS
 
 
-def _tags(path: Path, page: Any, first: Any) -> DngTags:
+def _tags(path: Path, page: _Page, first: _Page) -> DngTags:
     rows, columns = (int(n) for n in np.ravel(_value(page, _BLACK_SIZE, (1, 1))))
     black = _numbers(_value(page, _BLACK, (0,)), page, _BLACK)
     if black.size != rows * columns:
@@ -70,15 +73,15 @@ def _tags(path: Path, page: Any, first: Any) -> DngTags:
     )  # fmt: skip
 
 
-def _value(page: Any, code: int, default: Any) -> Any:
+def _value(page: _Page, code: int, default: _Value) -> _Value:
     return page.tags[code].value if code in page.tags else default
 
 
-def _number(page: Any, code: int, default: int) -> int:
+def _number(page: _Page, code: int, default: int) -> int:
     return int(_value(page, code, default))
 
 
-def _numbers(value: Any, page: Any, code: int) -> npt.NDArray[np.float32]:
+def _numbers(value: _Value, page: _Page, code: int) -> npt.NDArray[np.float32]:
     """Whole numbers or fractions as numbers: tifffile gives a fraction as two of them."""
     numbers = np.ravel(np.asarray(value, float))
     if code in page.tags and int(page.tags[code].dtype) in (5, 10):

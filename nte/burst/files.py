@@ -14,6 +14,7 @@ from nte.burst.noise import NoiseModel, fit_noise
 from nte.burst.pictures import SUFFIXES, read_picture, write_picture
 from nte.burst.raw import Raw, develop, read_raw
 from nte.errors import NteError
+from nte.files import already_there
 
 _SMALLEST = 64  # px along each axis: the search needs patches to compare
 
@@ -89,7 +90,7 @@ def _check(files: Sequence[Path], out: Path, reference: int, force: bool) -> boo
     if out.resolve() in seen:
         raise NteError(f"{out}: is a file of the burst: choose another name")
     if out.exists() and not force:
-        raise NteError(f"{out}: exists: choose another name, or overwrite it with --force")
+        raise already_there(out)
     kinds = [path.suffix.lower() if path.suffix.lower() in SUFFIXES else "raw" for path in files]
     for path, kind in zip(files, kinds, strict=True):
         if kind != kinds[0]:

@@ -1,16 +1,16 @@
 """Pictures that are demosaiced already: linear EXR, and PNG or TIFF as they are displayed."""
 
 from pathlib import Path
-from typing import Any
+from types import ModuleType
 
 import numpy as np
-import numpy.typing as npt
 
 from nte.errors import NteError, needs_extra
 from nte.files import make_folder, write_whole
+from nte.frames.clip import Pixels
 from nte.frames.exr import quiet, read_exr, write_exr
+from nte.frames.srgb import decode_srgb, encode_srgb
 
-Pixels = npt.NDArray[np.float32]
 SUFFIXES = (".exr", ".png", ".tif", ".tiff")
 _RGB = (("color.R", "color.G", "color.B"), ("R", "G", "B"))
 
@@ -29,7 +29,7 @@ def read_picture(path: Path) -> Pixels:
                 return np.nan_to_num(np.stack([layers[name] for name in names]), nan=0, posinf=0, neginf=0)
         raise NteError(f"{path}: has {', '.join(layers)}: expected the layers R, G and B, or those of color")
     shown = _decode(path)
-    return np.where(shown <= 0.04045, shown / 12.92, ((shown + 0.055) / 1.055) ** 2.4).astype(np.float32)
+    return decode_srgb(shown).astype(np.float32)
 
 
 def write_picture(path: Path, image: Pixels, bits: int = 16) -> None:
@@ -41,8 +41,7 @@ def write_picture(path: Path, image: Pixels, bits: int = 16) -> None:
         write_exr(path, dict(zip("RGB", image, strict=True)))
         return
     cv2 = _opencv(path)
-    shown = image.clip(0, 1)
-    shown = np.where(shown <= 0.0031308, shown * 12.92, 1.055 * shown ** (1 / 2.4) - 0.055)
+    shown = encode_srgb(image.clip(0, 1))
     most = 2**bits - 1
     whole = np.round(shown * most).astype(np.uint16 if bits == 16 else np.uint8)
     coded = cv2.imencode(path.suffix.lower(), np.ascontiguousarray(whole[::-1].transpose(1, 2, 0)))[1]
@@ -68,7 +67,7 @@ def _decode(path: Path) -> Pixels:
     return np.ascontiguousarray(shown / np.float32(np.iinfo(whole.dtype).max))
 
 
-def _opencv(path: Path) -> Any:
+def _opencv(path: Path) -> ModuleType:
     try:
         import cv2
     except ImportError as error:

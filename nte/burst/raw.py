@@ -5,13 +5,12 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-import numpy.typing as npt
 
 from nte.burst.dng import read_dng
 from nte.burst.mosaic import Mosaic, pattern_of
 from nte.errors import NteError, needs_extra
+from nte.frames.clip import Pixels
 
-Pixels = npt.NDArray[np.float32]
 _WHITE = 65535
 
 

@@ -1,7 +1,7 @@
 """Are a clip's values and vectors plausible? (`nte check`)"""
 
 from nte.checking.guides import guides_are_clean
-from nte.checking.report import CheckReport, check_clip
+from nte.checking.report import CheckReport, check
 from nte.checking.show import describe, draw
 
-__all__ = ["CheckReport", "check_clip", "describe", "draw", "guides_are_clean"]
+__all__ = ["CheckReport", "check", "describe", "draw", "guides_are_clean"]

@@ -15,10 +15,10 @@ import torch.nn.functional as F
 from torch import Tensor
 
 from nte.checking.values import Finding
+from nte.frames.channels import GUIDES
 from nte.frames.clip import Clip
 from nte.frames.frame import Frame
 
-GUIDES = ("albedo", "normal")
 FRAMES = 4  # that are looked at, at the most
 STRONG = 0.15  # step of albedo that counts as an edge
 FLAT = 0.05  # of the step: how much the two regions may vary

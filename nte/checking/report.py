@@ -1,7 +1,8 @@
-"""Are a clip's vectors and values plausible? (nte check; the criteria are in datasets/README.md)"""
+"""Are a clip's vectors and values plausible? (nte check; docs/check.md has the criteria)"""
 
 from collections import defaultdict
 from dataclasses import dataclass, field
+from pathlib import Path
 
 import torch
 from torch import Tensor
@@ -46,7 +47,7 @@ class Mean:
 
 @dataclass
 class CheckReport:
-    """What `check_clip` found. Errors are means of |difference| over channels and pixels."""
+    """What `check` found. Errors are means of |difference| over channels and pixels."""
 
     clip: str
     frames: int
@@ -99,8 +100,17 @@ class _Vectors:
         self.votes.append(votes)
 
 
-def check_clip(clip: Clip) -> CheckReport:
-    """Look at every frame of a clip; raises NteError for files that cannot be read."""
+def check(clip: Clip | Path | str) -> CheckReport:
+    """Judge whether a clip's values and motion vectors are plausible, from every frame of it.
+
+    The report has a `verdict`, plausible, implausible or undecidable, its `reason`, and `convention`: which sign, axes,
+    unit and direction the vectors seem to have, where that can be told. Raises NteError for files that cannot be read.
+
+    >>> report = nte.check("data/clips/disc_000")
+    >>> report.verdict
+    'plausible'
+    """
+    clip = clip if isinstance(clip, Clip) else Clip(clip)
     tallies: dict[str, Tally] = defaultdict(Tally)
     exposure, guides, vectors = ExposureTally(), GuideTally(), _Vectors()
     voting = {round(1 + i * (len(clip) - 2) / max(PAIRS - 1, 1)) for i in range(PAIRS)}

@@ -1,4 +1,4 @@
-"""Is every channel what it can be? Unit lengths, ranges, whole numbers, something seen (datasets/README.md)."""
+"""Is every channel what it can be? Unit lengths, ranges, whole numbers, something seen (docs/check.md)."""
 
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field

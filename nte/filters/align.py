@@ -1,18 +1,45 @@
 """What `align_taa` and `align_accumulate` share: motion from the images, from geometry or none, and its patch error."""
 
-from typing import Any, NamedTuple
+from dataclasses import dataclass
+from typing import Literal, NamedTuple, TypeAlias
 
 import torch
 from torch import Tensor
 
-from nte.errors import NteError
-from nte.filters.estimated import Chooser
+from nte.filters.estimated import Chooser, Noise
 from nte.frames.frame import Frame
 from nte.motion.correspondence import find_correspondence, patch_error
 from nte.motion.geometric import traditional_motion
 from nte.motion.warp import inside, pixel_centres
+from nte.options import Alpha, NotNegative, Options
 
-MOTIONS = ("estimate", "zero", "geometric")
+Motion: TypeAlias = Literal["estimate", "zero", "geometric"]
+
+
+@dataclass(frozen=True)
+class SearchOptions(Options, name="align"):
+    """Options of both filters.
+
+    motion: `estimate` (the paper), `zero`, or `geometric` (the channel), with the same rejection each. noise: of
+    the frames, which chooses the search: `auto` (measured), `clean`, `moderate`, `noisy` or `strong`. radii: of the
+    patches instead, such as 10-4-2-2, finest first. alpha: least weight of the current frame, in (0, 1].
+    kappa, eta: m = κ ε − η rejects.
+    """
+
+    motion: Motion = "estimate"
+    noise: Noise = "auto"
+    radii: tuple[int, ...] = ()
+    alpha: Alpha = 0.1
+    kappa: NotNegative = 2.0
+    eta: NotNegative = 1.6
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        self.chooser()
+
+    def chooser(self) -> Chooser:
+        """The chooser of the search for this noise, with these radii."""
+        return Chooser(self.noise, {"radii": self.radii, "error_level": 0} if self.radii else {})
 
 
 class Aligned(NamedTuple):
@@ -23,37 +50,10 @@ class Aligned(NamedTuple):
     error: Tensor  # (N, 1, H, W) patch distance in the units of the search's norm
 
 
-def check_motion(name: str, motion: str) -> None:
-    """Raise NteError where a filter called `name` cannot take its motion from there."""
-    if motion not in MOTIONS:
-        raise NteError(f"{name}: motion is '{motion}', expected one of {', '.join(MOTIONS)}")
-
-
-def check_range(name: str, **values: float) -> None:
-    """Raise NteError unless 0 < alpha ≤ 1 and every other value is at least 0 and finite."""
-    for key, value in values.items():
-        if key == "alpha" and not 0 < value <= 1:
-            raise NteError(f"{name}: alpha is {value}, expected a weight of the current frame in (0, 1]")
-        if not 0 <= value < float("inf"):
-            raise NteError(f"{name}: {key} is {value}, expected a number of at least 0")
-
-
-def chooser(noise: str, radii: str, norm: str = "") -> Chooser:
-    """The chooser of the search for this noise; radii, as `10-4-2-2`, and norm replace its own unless ""."""
-    changes: dict[str, Any] = {"norm": norm} if norm else {}
-    if radii:
-        try:
-            changes |= {"radii": tuple(int(part) for part in radii.split("-")), "error_level": 0}
-        except ValueError:
-            expected = "expected whole numbers, finest level first, such as 10-4-2-2"
-            raise NteError(f"radii are '{radii}', {expected}") from None
-    return Chooser(noise, changes)
-
-
-def align(current: Tensor, previous: Tensor, frame: Frame, motion: str, choose: Chooser) -> Aligned:
+def align(current: Tensor, previous: Tensor, frame: Frame, motion: Motion, choose: Chooser) -> Aligned:
     """Align `previous` with `current`, (N, C, H, W) in about [0, 1], as the search compares them.
 
-    motion: one of MOTIONS; geometric is the frame's channel. Where motion is given its patch error is measured
+    motion: geometric is the frame's channel. Where motion is given its patch error is measured
     with the same norm and the patches of the same level, so that rejection means the same.
     """
     search = choose(current)

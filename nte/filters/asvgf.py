@@ -5,19 +5,20 @@ true ones: the same surface point shaded with the same random numbers in both fr
 Approximating them by comparing reprojected colours would measure noise as well, and is another method.
 """
 
-from typing import NamedTuple
+from dataclasses import dataclass
+from typing import Annotated, NamedTuple
 
 import torch
 import torch.nn.functional as F
 from torch import Tensor
 from torch.profiler import record_function
 
-from nte.errors import NteError
 from nte.filters.atrous import atrous_step
 from nte.filters.moments import brightness, shorten, variance_of, with_square
-from nte.filters.reproject import Surface
-from nte.filters.svgf import Svgf, Weights, edge_stopping, geometry_guides, with_luminance
+from nte.filters.reproject import Geometry
+from nte.filters.svgf import Svgf, SvgfOptions, Weights, edge_stopping, geometry_guides, with_luminance
 from nte.frames.frame import Frame
+from nte.options import Allowed, Alpha, NotNegative
 
 STRATUM = 3  # pixels; one gradient sample in each stratum of 3×3
 BOX = (1.0, 1.0)  # 3×3 strata of equal weight
@@ -32,7 +33,21 @@ class Strata(NamedTuple):
     brightest: Tensor  # max(l, l′)
     known: Tensor  # 1 where there is a sample, else 0
     moments: Tensor  # of the luminance of the stratum's pixels, two channels
-    surface: Surface  # where the sample lies, or the stratum's centre
+    geometry: Geometry  # where the sample lies, or the stratum's centre
+
+
+@dataclass(frozen=True)
+class AsvgfOptions(SvgfOptions, name="asvgf"):
+    """Options of A-SVGF: those of SVGF and of its gradients.
+
+    gradient_iterations: of their à-trous filter. gradient_noise: how many standard deviations of the filtered Δ, if the
+    pairs differed by chance alone, do not count as change. 0 is the published method, which takes the noise of indirect
+    light's gradients for change and gives away its history; 1 keeps it (docs/svgf.md).
+    """
+
+    alpha: Alpha = 0.1
+    gradient_iterations: Annotated[int, Allowed("a whole number of 0 or more", lambda n: n >= 0)] = 5
+    gradient_noise: NotNegative = 0.0
 
 
 class Asvgf(Svgf):
@@ -42,61 +57,36 @@ class Asvgf(Svgf):
     numbers, and the previous one; one pixel in each 3×3 stratum, elsewhere NaN. λ is 0 where no sample is near.
     A target other than `color` takes the pairs of its own light from `gradient_visibility`, `gradient_indirect` or
     `gradient_glossy`. Where a clip has none, those of `gradient` stand for them, and then a shadow that moves
-    shortens the history of indirect and glossy light, too.
-    gradient_iterations: of its à-trous filter. gradient_noise: how many standard deviations of the filtered Δ, if the
-    pairs differed by chance alone, do not count as change. 0 is the published method, which takes the noise of indirect
-    light's gradients for change and gives away its history; 1 keeps it (docs/svgf.md). Other options as those of SVGF;
-    the extra `alpha` shows λ.
+    shortens the history of indirect and glossy light, too. The extra `alpha` shows λ.
     """
 
-    def __init__(
-        self,
-        target: str = "color",
-        alpha: float = 0.1,
-        moments_alpha: float = 0.2,
-        history: float = 32,
-        iterations: int = 5,
-        gradient_iterations: int = 5,
-        gradient_noise: float = 0.0,
-        feedback: int = 1,
-        sigma_l: float = 10.0,
-        sigma_z: float = 1.0,
-        sigma_n: float = 128.0,
-        young: float = 4.0,
-        albedo_floor: float = 1e-3,
-        depth_floor: float = 0.01,
-        device: str = "cpu",
-    ) -> None:
-        super().__init__(
-            target, alpha, moments_alpha, history, iterations, feedback, sigma_l, sigma_z, sigma_n, young,
-            albedo_floor, depth_floor, device,
-        )  # fmt: skip
-        if gradient_iterations < 0:
-            raise NteError(f"asvgf: gradient_iterations is {gradient_iterations}, expected 0 or more")
-        if not 0 <= gradient_noise < float("inf"):
-            raise NteError(f"asvgf: gradient_noise is {gradient_noise}, expected 0 or more")
-        self.gradient_iterations, self.gradient_noise = gradient_iterations, gradient_noise
+    options: AsvgfOptions
+    options_type = AsvgfOptions
+
+    def __init__(self, options: AsvgfOptions | None = None, *, device: str = "cpu") -> None:
+        super().__init__(options, device=device)
         self.needs = (*self.needs, "gradient")
-        self.own_gradient = f"gradient_{target}"
-        if target != "color":
+        self.own_gradient = f"gradient_{self.target}"
+        if self.target != "color":
             self.optional = (*self.optional, self.own_gradient)
 
-    def _weights(self, frame: Frame, light: Tensor, surface: Surface, length: Tensor) -> Weights:
+    def _weights(self, frame: Frame, light: Tensor, geometry: Geometry, length: Tensor) -> Weights:
         """SVGF's weights, pulled towards 1 where the light changed (section 4.4), and the length that is left.
 
         The variance follows the length: a history that was forgotten is young, and its variance spatial.
         """
         with record_function("asvgf: gradient"):
             gradient = frame[self.own_gradient if self.own_gradient in frame else "gradient"]
-            strata = stratify(gradient, brightness(light), surface)
+            strata = stratify(gradient, brightness(light), geometry)
             change = self._changed(strata)[..., : light.shape[2], : light.shape[3]]
-        kept = super()._weights(frame, light, surface, length)
+        kept = super()._weights(frame, light, geometry, length)
         one = torch.ones_like(change)
         return Weights(shorten(length, change), kept.light.lerp(one, change), kept.moments.lerp(one, change))
 
     def _changed(self, strata: Strata) -> Tensor:
         """λ at full resolution, with this filter's parameters."""
-        return change_of(strata, self.sigma_l, self.sigma_n, self.gradient_iterations, self.gradient_noise)
+        how = self.options
+        return change_of(strata, how.sigma_l, how.sigma_n, how.gradient_iterations, how.gradient_noise)
 
 
 def change_of(
@@ -110,7 +100,7 @@ def change_of(
     sums = torch.cat([strata.change, strata.brightest, strata.known], 1)
     brightness = strata.moments[:, :1]
     spread = torch.cat([variance_of(strata.moments), strata.change.square()], 1)  # of brightness; of Δ, as if noise
-    guides, edge = geometry_guides(strata.surface, GRADIENT_SIGMA_Z), edge_stopping(sigma_n)
+    guides, edge = geometry_guides(strata.geometry, GRADIENT_SIGMA_Z), edge_stopping(sigma_n)
     for level in range(iterations):
         seen = with_luminance(guides, brightness, spread[:, :1], sigma_l)
         # Δ keeps its sign: that of noise cancels, that of a light does not.
@@ -123,7 +113,7 @@ def change_of(
     return F.interpolate(F.max_pool2d(ratio, 3, stride=1, padding=1), scale_factor=float(STRATUM))
 
 
-def stratify(gradient: Tensor, brightness: Tensor, surface: Surface) -> Strata:
+def stratify(gradient: Tensor, brightness: Tensor, geometry: Geometry) -> Strata:
     """Strata of a frame: section 4.2. Strata at the right and lower border may be cut."""
     pairs = _pixels(torch.where(gradient.isfinite(), gradient, float("nan")), float("nan"))  # (N, 2, 9, h, w)
     usable = pairs.isfinite().all(1, keepdim=True)
@@ -134,9 +124,9 @@ def stratify(gradient: Tensor, brightness: Tensor, surface: Surface) -> Strata:
     inside = _pixels(torch.ones_like(brightness), 0)
     moments = _pixels(with_square(brightness), 0).sum(2) / inside.sum(2)
     # Slopes are the pixels': between samples, which lie anywhere in their strata, the depth changes by chance.
-    widths = surface.depth_width * STRATUM, surface.normal_width * STRATUM
-    parts = _pixels(surface.depth, float("inf")), *(_pixels(part, 0) for part in (surface.normal, *widths))
-    sampled = Surface(*(_pick(part, at) for part in parts))
+    widths = geometry.depth_width * STRATUM, geometry.normal_width * STRATUM
+    parts = _pixels(geometry.depth, float("inf")), *(_pixels(part, 0) for part in (geometry.normal, *widths))
+    sampled = Geometry(*(_pick(part, at) for part in parts))
     return Strata(now - before, torch.maximum(now, before), known.float(), moments, sampled)
 
 

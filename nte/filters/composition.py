@@ -1,29 +1,31 @@
 """Light components, denoised apart and put together again: a wrapper around any denoisers."""
 
 from collections.abc import Mapping
-from typing import Any
+from typing import Annotated, Any, Literal, TypeAlias
 
 from nte.denoiser import Denoiser, Result, sanitised
 from nte.errors import NteError
 from nte.frames.frame import Frame
+from nte.options import Allowed
 
 COMPONENTS = ("visibility", "glossy", "indirect")  # those with noise; emission and direct have none
+EACH = "components"  # as a target: a denoiser for each of them
+
+# The option `target` of a filter that can denoise one of them.
+Target: TypeAlias = Annotated[
+    Literal["color", "visibility", "glossy", "indirect"], Allowed(f"one of color, {', '.join(COMPONENTS)}, {EACH}")
+]
 
 
-def check_target(name: str, target: str) -> None:
-    """Raise NteError where a filter called `name` cannot have this target."""
-    if target not in ("color", *COMPONENTS):
-        raise NteError(f"{name}: target is '{target}', expected one of color, {', '.join(COMPONENTS)}, components")
-
-
-class Composition:
+class Composition(Denoiser):
     """color = emission + direct·visibility + glossy + indirect, each noisy one from its own denoiser.
 
     denoisers: component → a denoiser whose target it is. Extras: the components by their names. A frame
     without `emission` counts as having none.
     """
 
-    target = "color"
+    extras: tuple[str, ...] = COMPONENTS
+
     components = COMPONENTS
 
     def __init__(self, denoisers: Mapping[str, Denoiser]) -> None:
@@ -33,17 +35,14 @@ class Composition:
         self.denoisers = dict(denoisers)
         needed = (name for denoiser in denoisers.values() for name in denoiser.needs)
         used = (name for denoiser in denoisers.values() for name in denoiser.optional)
-        self.needs: tuple[str, ...] = tuple(dict.fromkeys(["direct", *needed]))
-        self.optional: tuple[str, ...] = tuple(dict.fromkeys(["emission", *used]))
+        self.needs = tuple(dict.fromkeys(["direct", *needed]))
+        self.optional = tuple(dict.fromkeys(["emission", *used]))
 
     @sanitised
     def step(
         self, frame: Frame, state: Mapping[str, Any] | None, extras: tuple[str, ...] = ()
     ) -> tuple[Result, Mapping[str, Any]]:
         """Denoise every component; the state is one of each."""
-        unknown = [name for name in extras if name not in self.denoisers]
-        if unknown:
-            raise NteError(f"extra '{unknown[0]}' is unknown; there are {', '.join(self.denoisers)}")
         tensors = frame.torch()
         images, states = {}, {}
         for name, denoiser in self.denoisers.items():

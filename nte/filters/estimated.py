@@ -5,24 +5,25 @@ Hanika, Tessari and Dachsbacher 2021, «Fast Temporal Reprojection without Motio
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
-from typing import Any, NamedTuple
+from typing import Any, Literal, NamedTuple, TypeAlias
 
 import numpy as np
 import torch
 from torch import Tensor
 
 from nte.color import display, luminance
-from nte.denoiser import Denoiser, Result, check_size, sanitised
-from nte.errors import NteError
+from nte.denoiser import Denoiser, Filter, Result, State, check_size, sanitised
 from nte.filters.blocks import restarts
-from nte.frames.frame import Frame
+from nte.frames.frame import Array, Frame
 from nte.frames.scalars import sequence_exposure
 from nte.frames.usable import mask_of
 from nte.motion.correspondence import Known, find_motion, patch_error
 from nte.motion.search import SEARCHES, Search, searches_for
 from nte.motion.warp import inside, pixel_centres
+from nte.options import Options
 
-AUTO = "auto"  # the search is chosen by the noise of the images
+# Of the images, by which the search is chosen: a name of SEARCHES, or `auto`, as they have it.
+Noise: TypeAlias = Literal["auto", "clean", "moderate", "noisy", "strong"]
 _TOLD_BY_OTHERS = ("motion", "forward_motion", "previous_forward_motion")  # vectors that would contradict ours
 
 
@@ -38,21 +39,19 @@ def matched_grey(color: Tensor, exposure: Tensor) -> Tensor:
 class Chooser:
     """Chooses the search for images: the one that is named, or with `auto` the one for the noise they have.
 
-    noise: `auto`, or a name of SEARCHES. changes: fields of Search that replace those of the chosen one. Raises
-    NteError for other names and values.
+    changes: fields of Search that replace those of the chosen one. Raises
+    NteError for values that they cannot have.
     """
 
-    noise: str = AUTO
+    noise: Noise = "auto"
     changes: Mapping[str, Any] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
-        if self.noise not in (AUTO, *SEARCHES):
-            raise NteError(f"noise is '{self.noise}', expected one of {', '.join((AUTO, *SEARCHES))}")
         replace(SEARCHES["clean"], **self.changes)
 
     def __call__(self, images: Tensor) -> list[Search]:
         """The search for each of the images (N, C, H, W) of displayed values."""
-        found = searches_for(images) if self.noise == AUTO else [SEARCHES[self.noise]] * len(images)
+        found = searches_for(images) if self.noise == "auto" else [SEARCHES[self.noise]] * len(images)
         return [replace(search, **self.changes) for search in found]
 
 
@@ -71,22 +70,31 @@ class _Seen(NamedTuple):
     exposure: Tensor  # (N,), on the CPU
 
 
-class Estimator:
-    """Motion for frame after frame, from their images.
+@dataclass(frozen=True)
+class EstimateOptions(Options, name="estimate"):
+    """Options of the estimate.
 
     noise: of the images: `auto` (measured), `clean`, `moderate` (some 4 to 50 spp), `noisy` (1 spp) or `strong`.
     guides: search in `albedo` and `normal`, where they have less noise than the image. known: `motion` that frames have
-    is kept where it is finite, and guides the search around it. device: on which is searched. errors: give the patch
-    error too.
+    is kept where it is finite, and guides the search around it.
     """
 
-    def __init__(
-        self, noise: str = AUTO, guides: bool = False, known: bool = False, device: str = "cpu", errors: bool = False
-    ) -> None:
-        self.choose, self.guides, self.known, self.device = Chooser(noise), guides, known, device
-        self.errors = errors
-        looks = ("albedo", "normal") if guides else ()
-        self.needs: tuple[str, ...] = ("color", *looks, *(("motion",) if known else ()))
+    noise: Noise = "auto"
+    guides: bool = False
+    known: bool = False
+
+
+class Estimator:
+    """Motion for frame after frame, from their images.
+
+    errors: give the patch error too.
+    """
+
+    def __init__(self, options: EstimateOptions | None = None, *, device: str = "cpu", errors: bool = False) -> None:
+        self.options = EstimateOptions() if options is None else options
+        self.choose, self.device, self.errors = Chooser(self.options.noise), device, errors
+        looks = ("albedo", "normal") if self.options.guides else ()
+        self.needs: tuple[str, ...] = ("color", *looks, *(("motion",) if self.options.known else ()))
 
     def step(self, frame: Frame, state: _Seen | None) -> tuple[Estimate, _Seen]:
         """Estimate the motion from the frame before, None at the start; the state is what was searched.
@@ -100,7 +108,7 @@ class Estimator:
         carried = None if state is None else state.exposure
         exposure = torch.from_numpy(sequence_exposure(frame, carried))
         image = matched_grey(color, exposure.to(color))
-        if self.guides:
+        if self.options.guides:
             image = torch.cat([tensors["albedo"], tensors["normal"]], 1)
         elif state is not None and mask_of("color") in tensors:  # what tells nothing is searched as it was before
             image = torch.where((tensors[mask_of("color")] > 0) | restarts(tensors), image, state.image)
@@ -118,36 +126,41 @@ class Estimator:
         return Estimate(motion, error, valid), _Seen(image, exposure)
 
     def _known(self, frame: Frame) -> Known | None:
-        if not self.known:
+        if not self.options.known:
             return None
         finite = frame["motion"].isfinite().all(1, keepdim=True)
         return Known(torch.where(finite, frame["motion"], 0.0), finite)
 
 
-class EstimatedMotion:
+class EstimatedMotion(Filter[EstimateOptions]):
     """A denoiser that gets `motion` from the images: `color` of this frame, searched in that of the frame before.
 
-    denoiser: any; it sees the estimated vectors in place of given ones, and no others. noise, guides, known, device: of
-    Estimator, which describes them. A sequence starts with no motion. The wrapped denoiser's extras are its own.
+    denoiser: any; it sees the estimated vectors in place of given ones, and no others. device: on which is searched.
+    A sequence starts with no motion. The wrapped denoiser's extras are its own.
     """
 
-    def __init__(
-        self, denoiser: Denoiser, noise: str = AUTO, guides: bool = False, known: bool = False, device: str = "cpu"
-    ) -> None:
-        self.denoiser, self.estimator = denoiser, Estimator(noise, guides, known, device)
-        self.target = denoiser.target
-        self.components: tuple[str, ...] = getattr(denoiser, "components", ())
+    options_type = EstimateOptions
+
+    def __init__(self, denoiser: Denoiser, options: EstimateOptions | None = None, *, device: str = "cpu") -> None:
+        super().__init__(options, device=device)
+        self.denoiser, self.estimator = denoiser, Estimator(self.options, device=device)
+        self.device = None  # frames reach the denoiser as they are
+        self.target, self.extras, self.components = denoiser.target, denoiser.extras, denoiser.components
         wanted = (name for name in denoiser.needs if name not in _TOLD_BY_OTHERS)
-        self.needs: tuple[str, ...] = tuple(dict.fromkeys([*self.estimator.needs, *wanted]))
-        self.optional: tuple[str, ...] = tuple(name for name in denoiser.optional if name not in _TOLD_BY_OTHERS)
+        self.needs = tuple(dict.fromkeys([*self.estimator.needs, *wanted]))
+        self.optional = tuple(name for name in denoiser.optional if name not in _TOLD_BY_OTHERS)
+
+    def settings(self, frame: Frame) -> str:
+        """Those of the wrapped denoiser."""
+        return self.denoiser.settings(frame)
 
     @sanitised
-    def step(self, frame: Frame, state: Any, extras: tuple[str, ...] = ()) -> tuple[Result, Any]:
+    def step(self, frame: Frame, state: State, extras: tuple[str, ...] = ()) -> tuple[Result, State]:
         """Estimate the motion, then let the denoiser step; the state is its own and what was searched."""
         seen, inner = (None, None) if state is None else state
         found, seen = self.estimator.step(frame, seen)
         kept = {name: values for name, values in frame.channels.items() if name not in _TOLD_BY_OTHERS}
-        color: Any = frame["color"]
+        color: Array = frame["color"]
         given = found.motion.cpu().numpy() if isinstance(color, np.ndarray) else found.motion.to(color.device)
         result, inner = self.denoiser.step(replace(frame, channels={**kept, "motion": given}), inner, extras)
         return result, (seen, inner)

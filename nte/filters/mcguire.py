@@ -5,51 +5,56 @@ where to look, and depth and speed of the two pixels say which of them blurs ove
 `motion_blur`.
 """
 
-from typing import Any
+from dataclasses import dataclass
+from typing import Annotated
 
 import torch
 import torch.nn.functional as F
 from torch import Tensor
 
-from nte.denoiser import Result, sanitised
-from nte.errors import NteError
+from nte.denoiser import Filter, Result, State, sanitised
 from nte.filters.noise import uniform_noise
 from nte.frames.frame import Frame
 from nte.motion.warp import fetch_nearest, inside, pixel_centres
+from nte.options import Allowed, Count, Options
 
 STILL_PX = 0.5  # a dominant half vector no longer than this leaves the pixel as it is
 
 
-class McGuire:
-    """The filter with `samples` fetches (S) along the dominant vector of tiles of `tile`×`tile` pixels (K).
+@dataclass(frozen=True)
+class McGuireOptions(Options, name="mcguire"):
+    """Options of the reconstruction filter.
 
-    Half vectors are as long as `tile` at most, and half a pixel at least in the comparisons. extent: depth over which
-    one surface is taken to be before another, as a share of the pixel's depth. Reads sharp frames (`sharp/` of a recipe
-    with a shutter). Raises NteError for options out of range.
+    samples: fetches (S) along the dominant vector. tile: of K×K pixels, in which that is found, and the length at which
+    half vectors are cut. extent: depth over which one surface is taken to be before another, as a share of the
+    pixel's depth.
+    """
+
+    samples: Count = 15
+    tile: Count = 20
+    extent: Annotated[float, Allowed("a number above 0", lambda x: x > 0)] = 0.02
+
+
+class McGuire(Filter[McGuireOptions]):
+    """The filter, of sharp frames (`sharp/` of a recipe with a shutter).
+
+    Half vectors are as long as a tile at most, and half a pixel at least in the comparisons.
     """
 
     needs: tuple[str, ...] = ("color", "depth", "shutter_motion")
-    optional: tuple[str, ...] = ()
-    target = "color"
-
-    def __init__(self, samples: int = 15, tile: int = 20, extent: float = 0.02, device: str = "cpu") -> None:
-        for key, number in (("samples", samples), ("tile", tile), ("extent", extent)):
-            if not number > 0:
-                raise NteError(f"mcguire: {key} is {number}, expected a number above 0")
-        self.samples, self.tile, self.extent, self.device = samples, tile, extent, device
+    options_type = McGuireOptions
 
     @sanitised
-    def step(self, frame: Frame, state: Any, extras: tuple[str, ...] = ()) -> tuple[Result, Any]:
+    def step(self, frame: Frame, state: State, extras: tuple[str, ...] = ()) -> tuple[Result, State]:
         """Blur one frame; it has no state."""
-        tensors = frame.torch(self.device)
-        color, depth = tensors["color"], tensors["depth"]
+        color, depth = frame["color"], frame["depth"]
         # Sky is infinitely far; a finite number keeps differences of two of them 0.
         depth = torch.where(depth > 0, depth, 1e8)
-        half = _limited(tensors["shutter_motion"].nan_to_num(0, 0, 0) / 2, self.tile)
-        dominant = dominant_motion(half, self.tile)
+        half = _limited(frame["shutter_motion"].nan_to_num(0, 0, 0) / 2, self.options.tile)
+        dominant = dominant_motion(half, self.options.tile)
         blurred = self._gather(color, depth, half, dominant, frame.index)
         moves = _length(dominant) > STILL_PX
-        return Result(torch.where(moves, blurred, color)).like(frame), ()
+        return Result(torch.where(moves, blurred, color)), ()
 
     def _gather(self, color: Tensor, depth: Tensor, half: Tensor, dominant: Tensor, index: int) -> Tensor:
         """The third pass: the weighted mean along the dominant vector."""
@@ -59,15 +64,16 @@ class McGuire:
         weights = 1 / speed
         total = color * weights
         packed = torch.cat([color, depth, speed], 1)
-        for number in range(self.samples):
-            if 2 * number + 1 == self.samples:
+        samples, extent = self.options.samples, self.options.extent
+        for number in range(samples):
+            if 2 * number + 1 == samples:
                 continue  # the pixel itself, which has been counted
-            place = (places + dominant * (2 * (number + jitter + 0.5) / self.samples - 1)).floor() + 0.5
+            place = (places + dominant * (2 * (number + jitter + 0.5) / samples - 1)).floor() + 0.5
             found = fetch_nearest(packed, place)
             there, behind, fast = found[:, :3], found[:, 3:4], found[:, 4:]
             apart = _length(place - places)
-            before = _in_front(behind, depth, self.extent)
-            after = _in_front(depth, behind, self.extent)
+            before = _in_front(behind, depth, extent)
+            after = _in_front(depth, behind, extent)
             weight = (
                 before * _cone(apart, fast) + after * _cone(apart, speed)
                 + 2 * _cylinder(apart, fast) * _cylinder(apart, speed)

@@ -45,7 +45,7 @@ def shorten(length: Tensor, change: Tensor) -> Tensor:
 
     Other implementations shorten more: to 1/α, or, in Q2RTX, h by (1 − λ)^10. Where λ is mostly the
     noise of the gradients themselves, that gives away history: this has the least error of the three in 15 of the 18
-    rows of tests/benchmarks/asvgf.py.
+    rows of benchmarks/asvgf.py.
     """
     pulled = 1 + change * (length - 1)  # h · lerp(1/h, 1, λ)
     return length.square() / (pulled.square() + (1 - change).square() * (length - 1))

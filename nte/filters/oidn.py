@@ -5,53 +5,59 @@ Afra, «Intel Open Image Denoise», 2019–; through the package pyoidn. NumPy: 
 
 import weakref
 from collections.abc import Iterator
-from typing import Any
+from dataclasses import dataclass
+from typing import Any, Literal, TypeAlias
 
 import numpy as np
 import numpy.typing as npt
 
-from nte.denoiser import Result, State, sanitised
+from nte.denoiser import Filter, Result, State, sanitised
 from nte.errors import NteError, needs_extra
 from nte.frames.frame import Frame
+from nte.options import Options
 
-QUALITIES = ("high", "balanced", "fast")
-SWITCH = {"auto": None, "true": True, "false": False}
 GUIDES = ("albedo", "normal")
 Pixels = npt.NDArray[np.float32]
 
+_Handle: TypeAlias = Any  # a device or a filter of pyoidn, which has no types
 
-class Oidn:
-    """Frame by frame, on HDR radiance; albedo and normal guide it where the frame has them.
+
+@dataclass(frozen=True)
+class OidnOptions(Options, name="oidn"):
+    """Options of OIDN.
 
     prefilter: denoise the guides first, each by itself, as OIDN's documentation recommends for noisy ones.
     clean_aux: tell OIDN that the guides it gets are free of noise (its `cleanAux`); if it trusts noisy ones, it copies
-    their noise into the image. Both are true, false or auto. Left to themselves, guides that are not known to be clean
-    (`Frame.clean_guides`) are prefiltered, and those that are clean or prefiltered are trusted; with clean_aux given,
-    nothing is prefiltered unless asked for.
+    their noise into the image. Both are true, false or None (typed `auto`). Left to themselves, guides that are not
+    known to be clean (`Frame.clean_guides`) are prefiltered, and those that are clean or prefiltered are trusted; with
+    clean_aux given, nothing is prefiltered unless asked for.
+    """
+
+    quality: Literal["high", "balanced", "fast"] = "high"
+    clean_aux: bool | None = None
+    prefilter: bool | None = None
+
+
+class Oidn(Filter[OidnOptions]):
+    """Frame by frame, on HDR radiance; albedo and normal guide it where the frame has them.
 
     OIDN chooses its own exposure in each frame. It remembers nothing: the state is empty. Devices and filters are
-    kept from call to call. Raises NteError for an unknown option, or where pyoidn is not installed.
+    kept from call to call. Raises NteError where pyoidn is not installed.
     """
 
     needs: tuple[str, ...] = ("color",)
     optional: tuple[str, ...] = GUIDES
-    target = "color"
+    options_type = OidnOptions
+    uses_device = False
 
-    def __init__(self, quality: str = "high", clean_aux: bool | str = "auto", prefilter: bool | str = "auto") -> None:
-        if quality not in QUALITIES:
-            raise NteError(f"oidn: quality is '{quality}': expected one of {', '.join(QUALITIES)}")
-        switches = []
-        for key, value in (("clean_aux", clean_aux), ("prefilter", prefilter)):
-            if str(value).lower() not in SWITCH:
-                raise NteError(f"oidn: {key} is '{value}': expected one of {', '.join(SWITCH)}")
-            switches.append(SWITCH[str(value).lower()])
+    def __init__(self, options: OidnOptions | None = None, *, device: str = "cpu") -> None:
+        super().__init__(options, device=device)
         try:
             import pyoidn
         except ImportError as error:
             raise needs_extra("compare", "oidn", error) from error
-        self.quality, (self.clean_aux, self.prefilter) = quality, switches
         self._denoise = pyoidn.denoise
-        self._prefilters = _Prefilters(quality)
+        self._prefilters = _Prefilters(self.options.quality)
 
     @sanitised
     def step(self, frame: Frame, state: State | None, extras: tuple[str, ...] = ()) -> tuple[Result, State]:
@@ -65,22 +71,22 @@ class Oidn:
         for image, *guides in zip(color, albedo, normal, strict=True):
             if prefilter:
                 guides = list(self._prefilters(guides))
-            denoised.append(self._denoise(image, *guides, hdr=True, clean_aux=clean_aux, quality=self.quality))
+            denoised.append(self._denoise(image, *guides, hdr=True, clean_aux=clean_aux, quality=self.options.quality))
         image = np.ascontiguousarray(np.stack(denoised).transpose(0, 3, 1, 2))
-        return Result(_like(image, frame["color"])), ()
+        return Result(image), ()
 
     def settings(self, frame: Frame) -> str:
         """What the options come to on a frame like this one, as they would be typed."""
         prefilter, clean_aux = self._switches(frame)
-        found = f"quality={self.quality},clean_aux={clean_aux},prefilter={prefilter}".lower()
-        return found if any(name in frame for name in GUIDES) else f"quality={self.quality}, without guides"
+        found = f"quality={self.options.quality},clean_aux={clean_aux},prefilter={prefilter}".lower()
+        return found if any(name in frame for name in GUIDES) else f"quality={self.options.quality}, without guides"
 
     def _switches(self, frame: Frame) -> tuple[bool, bool]:
         """(prefilter, clean_aux) of a frame."""
         if not any(name in frame for name in GUIDES):
             return False, False
-        clean, given = bool(frame.clean_guides), self.clean_aux
-        prefilter = not clean and given is None if self.prefilter is None else self.prefilter
+        clean, given, prefilter = bool(frame.clean_guides), self.options.clean_aux, self.options.prefilter
+        prefilter = not clean and given is None if prefilter is None else prefilter
         return prefilter, clean or prefilter if given is None else given
 
 
@@ -92,8 +98,8 @@ class _Prefilters:
 
     def __init__(self, quality: str) -> None:
         self.quality = quality
-        self._device: Any = None
-        self._filters: dict[str, Any] = {}
+        self._device: _Handle = None
+        self._filters: dict[str, _Handle] = {}
 
     def __call__(self, guides: list[Pixels | None]) -> Iterator[Pixels | None]:
         """Denoise albedo and normal (H, W, 3), in this order; None stays None. Raises NteError where OIDN fails."""
@@ -120,17 +126,12 @@ class _Prefilters:
         return output
 
 
-def _release(device: Any, filters: dict[str, Any]) -> None:
+def _release(device: _Handle, filters: dict[str, _Handle]) -> None:
     for chosen in filters.values():
         chosen.release()
     device.release()
 
 
-def _interleaved(values: npt.NDArray[Any]) -> Pixels:
+def _interleaved(values: npt.NDArray[np.generic]) -> Pixels:
     """(N, H, W, C) of (N, C, H, W)."""
     return np.ascontiguousarray(values.transpose(0, 2, 3, 1), np.float32)
-
-
-def _like(image: Pixels, given: Any) -> Any:
-    """The kind of array that was given, on its device; PyTorch need not be imported for that."""
-    return image if isinstance(given, np.ndarray) else given.new_tensor(image)

@@ -4,41 +4,42 @@
 blurs what moves inwards only, and cannot know what is behind.
 """
 
-from typing import Any
+from dataclasses import dataclass
 
 import torch
 
-from nte.denoiser import Result, sanitised
-from nte.errors import NteError
+from nte.denoiser import Filter, Result, State, sanitised
 from nte.frames.frame import Frame
 from nte.motion.warp import warp
+from nte.options import Count, Options
 
 
-class PostBlur:
+@dataclass(frozen=True)
+class PostBlurOptions(Options, name="post_blur"):
+    """Options of the simple motion blur; samples: fetches along the vector."""
+
+    samples: Count = 15
+
+
+class PostBlur(Filter[PostBlurOptions]):
     """The mean of `samples` bilinear fetches of `color`, spread evenly over the vector, which the pixel halves.
 
     Reads sharp frames (`sharp/` of a recipe with a shutter); `shutter_motion` is px over the open shutter. Fetches
-    outside the image do not count. Raises NteError where samples is below 1.
+    outside the image do not count.
     """
 
     needs: tuple[str, ...] = ("color", "shutter_motion")
-    optional: tuple[str, ...] = ()
-    target = "color"
-
-    def __init__(self, samples: int = 15, device: str = "cpu") -> None:
-        if samples < 1:
-            raise NteError(f"post_blur: samples is {samples}, expected 1 or more")
-        self.samples, self.device = samples, device
+    options_type = PostBlurOptions
 
     @sanitised
-    def step(self, frame: Frame, state: Any, extras: tuple[str, ...] = ()) -> tuple[Result, Any]:
+    def step(self, frame: Frame, state: State, extras: tuple[str, ...] = ()) -> tuple[Result, State]:
         """Blur one frame; it has no state."""
-        tensors = frame.torch(self.device)
-        color, motion = tensors["color"], tensors["shutter_motion"].nan_to_num(0, 0, 0)
+        color, motion = frame["color"], frame["shutter_motion"].nan_to_num(0, 0, 0)
         total, count = torch.zeros_like(color), torch.zeros_like(color[:, :1])
-        for number in range(self.samples):
-            fetched, inside = warp(color, motion * ((number + 0.5) / self.samples - 0.5))
+        samples = self.options.samples
+        for number in range(samples):
+            fetched, inside = warp(color, motion * ((number + 0.5) / samples - 0.5))
             total += fetched * inside
             count += inside
         moves = (motion != 0).any(1, keepdim=True) & (count > 0)
-        return Result(torch.where(moves, total / count.clamp(min=1), color)).like(frame), ()
+        return Result(torch.where(moves, total / count.clamp(min=1), color)), ()

@@ -22,7 +22,7 @@ NORMAL_FLOOR, NORMAL_LIMIT = 0.01, 16.0  # ‖Δn‖ / (fwidth(n) + floor) ≤ l
 LEAST_WEIGHT = 0.01  # of the bilinear taps that pass; below it a 3×3 search
 
 
-class Surface(NamedTuple):
+class Geometry(NamedTuple):
     """What the tests compare: depth and normal of one frame, and how fast they change from pixel to pixel."""
 
     depth: Tensor  # (N, 1, H, W), a miss is infinitely far
@@ -31,18 +31,18 @@ class Surface(NamedTuple):
     normal_width: Tensor  # ‖fwidth(n)‖, (N, 1, H, W)
 
 
-class History(NamedTuple):
-    """Fetched values (N, C, H, W), 0 where nothing passed, and where something did: (N, 1, H, W), bool."""
+class Fetched(NamedTuple):
+    """Values (N, C, H, W) of the previous frame, 0 where nothing passed, and where something did: (N, 1, H, W) bool."""
 
     values: Tensor
     valid: Tensor
 
 
-def surface_of(depth: Tensor, normal: Tensor) -> Surface:
-    """The surface of a frame; bad numbers (NaN, infinite) count as a miss and as a normal of 0."""
+def geometry_of(depth: Tensor, normal: Tensor) -> Geometry:
+    """The geometry of a frame; bad numbers (NaN, infinite) count as a miss and as a normal of 0."""
     far = infinite_sky(depth)  # NaN > 0 is false
     normal = torch.where(normal.abs() < float("inf"), normal, 0.0)
-    return Surface(far, normal, fwidth(far), fwidth(normal).square().sum(1, keepdim=True).sqrt_())
+    return Geometry(far, normal, fwidth(far), fwidth(normal).square().sum(1, keepdim=True).sqrt_())
 
 
 def fwidth(values: Tensor) -> Tensor:
@@ -93,11 +93,11 @@ def reproject(
     values: Tensor,
     motion: Tensor,
     allowed: Tensor,
-    now: Surface,
-    before: Surface,
+    now: Geometry,
+    before: Geometry,
     expected_depth: Tensor | None = None,
     depth_floor: float = DEPTH_FLOOR,
-) -> History:
+) -> Fetched:
     """Fetch values(x + motion(x)) from the previous frame, bilinear over the taps that show the same surface.
 
     values (N, C, H, W): of the previous frame; motion (N, 2, H, W): pixels, current → previous, finite; allowed
@@ -128,7 +128,7 @@ def reproject(
 
     side_by_side([partial(fetch, first) for first in range(0, len(may), STRIP_PIXELS)], threads_for(values))
     shape = (-1, batch, height, width)
-    return History(fetched.view(shape).transpose(0, 1), valid.view(shape).transpose(0, 1))
+    return Fetched(fetched.view(shape).transpose(0, 1), valid.view(shape).transpose(0, 1))
 
 
 class _Taps(NamedTuple):

@@ -4,8 +4,10 @@ Schied et al. 2017, «Spatiotemporal Variance-Guided Filtering: Real-Time Recons
 Illumination». Constants are those of NVIDIA's Falcor; the functions follow the paper's sections.
 """
 
+import math
 from collections.abc import Sequence
-from typing import NamedTuple
+from dataclasses import dataclass
+from typing import Annotated, NamedTuple
 
 import torch
 import torch.nn.functional as F
@@ -13,10 +15,11 @@ from torch import Tensor
 from torch.profiler import record_function
 
 from nte.color import demodulate, remodulate
-from nte.denoiser import Result, check_size, sanitised
+from nte.denoiser import Filter, Result, check_size, sanitised
 from nte.errors import NteError
 from nte.filters.atrous import Edge, atrous_step
-from nte.filters.composition import check_target
+from nte.filters.blocks import restarts
+from nte.filters.composition import Target
 from nte.filters.moments import (
     brightness,
     estimated_variance,
@@ -25,10 +28,11 @@ from nte.filters.moments import (
     told_by_others,
     with_square,
 )
-from nte.filters.reproject import History, Surface, previous_depth, reproject, surface_of
+from nte.filters.reproject import Fetched, Geometry, geometry_of, previous_depth, reproject
 from nte.frames.frame import Frame
 from nte.frames.usable import mask_of
 from nte.motion.geometric import traditional_motion
+from nte.options import Allowed, Alpha, Options, Positive
 
 SLOPE_FLOOR = 1e-4  # of the depth: what a rounded depth changes by on a wall that faces the camera
 
@@ -37,7 +41,7 @@ class SvgfState(NamedTuple):
     """What the next frame needs: the history, and the surfaces on which it lies."""
 
     history: Tensor  # (N, C + 3, H, W): filtered light, the two moments of its luminance, history length
-    surface: Surface
+    geometry: Geometry
     view: Tensor | None
 
 
@@ -49,105 +53,104 @@ class Weights(NamedTuple):
     moments: Tensor  # and of its moments
 
 
-class Svgf:
-    """SVGF of `color`, or of one light component (`target`): the light without its texture is what is filtered.
+@dataclass(frozen=True)
+class SvgfOptions(Options, name="svgf"):
+    """Options of SVGF.
 
-    alpha, moments_alpha: least weights of the current frame; history: its greatest length in frames; iterations of the
-    à-trous filter; feedback: which of them, counted from 1, becomes the history (0: none, the
-    accumulated light; 1 in the paper, 2 in Falcor); sigma_l, sigma_z, sigma_n: of the edge-stopping weights of
-    luminance, depth and normal; young: below this length the variance is spatial; albedo_floor: least
-    divisor of demodulation; depth_floor: tolerance of depths, in scene units. Extras: history_length, alpha,
-    variance (of the filtered luminance). Target `components` filters each component apart (Composition).
+    target `components`: each component apart (Composition). alpha, moments_alpha: least weights of the current frame;
+    history: its greatest length in frames; iterations of the à-trous filter; feedback: which of them, counted from 1,
+    becomes the history (0: none, the accumulated light; 1 in the paper, 2 in Falcor); sigma_l, sigma_z, sigma_n: of the
+    edge-stopping weights of luminance, depth and normal; young: below this length the variance is spatial;
+    albedo_floor: least divisor of demodulation; depth_floor: tolerance of depths, in scene units.
     """
 
-    def __init__(
-        self,
-        target: str = "color",
-        alpha: float = 0.05,
-        moments_alpha: float = 0.2,
-        history: float = 32,
-        iterations: int = 5,
-        feedback: int = 1,
-        sigma_l: float = 10.0,
-        sigma_z: float = 1.0,
-        sigma_n: float = 128.0,
-        young: float = 4.0,
-        albedo_floor: float = 1e-3,
-        depth_floor: float = 0.01,
-        device: str = "cpu",
-    ) -> None:
-        name = type(self).__name__.lower()
-        check_target(name, target)
-        for key, weight in (("alpha", alpha), ("moments_alpha", moments_alpha)):
-            if not 0 < weight <= 1:
-                raise NteError(f"{name}: {key} is {weight}, expected a weight of the current frame in (0, 1]")
-        if not 0 <= feedback <= iterations:
-            raise NteError(f"{name}: feedback is {feedback}, expected 0 to iterations, which is {iterations}")
-        positive = {"sigma_l": sigma_l, "sigma_z": sigma_z, "sigma_n": sigma_n, "albedo_floor": albedo_floor}
-        for key, value in {**positive, "depth_floor": depth_floor}.items():
-            if not 0 < value < float("inf"):
-                raise NteError(f"{name}: {key} is {value}, expected a positive number")
-        if not 1 <= history < float("inf"):
-            raise NteError(f"{name}: history is {history}, expected a number of frames, 1 or more")
-        self.target, self.device = target, device
-        self.alpha, self.moments_alpha, self.history, self.young = alpha, moments_alpha, history, young
-        self.iterations, self.feedback = iterations, feedback
-        self.sigma_l, self.sigma_z, self.sigma_n = sigma_l, sigma_z, sigma_n
-        self.albedo_floor, self.depth_floor = albedo_floor, depth_floor
-        textured = ("albedo",) if target in ("color", "indirect") else ()
-        self.needs: tuple[str, ...] = (target, *textured, "normal", "depth", "motion")
-        self.optional: tuple[str, ...] = ("emission",) if target == "color" else ()
+    target: Target = "color"
+    alpha: Alpha = 0.05
+    moments_alpha: Alpha = 0.2
+    history: Annotated[float, Allowed("a number of frames, 1 or more", lambda n: 1 <= n < math.inf)] = 32
+    iterations: int = 5
+    feedback: int = 1
+    sigma_l: Positive = 10.0
+    sigma_z: Positive = 1.0
+    sigma_n: Positive = 128.0
+    young: float = 4.0
+    albedo_floor: Positive = 1e-3
+    depth_floor: Positive = 0.01
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        if not 0 <= self.feedback <= self.iterations:
+            raise NteError(
+                f"{self.name}: feedback is {self.feedback}, expected 0 to iterations, which is {self.iterations}"
+            )
+
+
+class Svgf(Filter[SvgfOptions]):
+    """SVGF of `color`, or of one light component (`target`): the light without its texture is what is filtered.
+
+    Extras: `history_length`, `alpha`, `variance` (of the filtered luminance), each (N, 1, H, W).
+    """
+
+    options_type = SvgfOptions
+    extras = ("history_length", "alpha", "variance")
+
+    def __init__(self, options: SvgfOptions | None = None, *, device: str = "cpu") -> None:
+        super().__init__(options, device=device)
+        self.target = self.options.target
+        textured = ("albedo",) if self.target in ("color", "indirect") else ()
+        self.needs = (self.target, *textured, "normal", "depth", "motion")
+        self.optional = ("emission",) if self.target == "color" else ()
 
     @sanitised
     @torch.no_grad()
     def step(self, frame: Frame, state: SvgfState | None, extras: tuple[str, ...] = ()) -> tuple[Result, SvgfState]:
         """Denoise `target` (N, C, H, W) of one frame."""
-        tensors = frame.torch(self.device)
+        how = self.options
         with record_function("svgf: reprojection"):
-            surface = surface_of(tensors["depth"], tensors["normal"])
-            past = self._fetch(tensors, surface, state)
-        light = self._demodulated(tensors)
+            geometry = geometry_of(frame["depth"], frame["normal"])
+            past = self._fetch(frame, geometry, state)
+        light = self._demodulated(frame)
         with record_function("svgf: accumulation"):
-            length = lengthen(past.values[:, -1:], past.valid, self.history)
-            length, alpha, moments_alpha = self._weights(tensors, light, surface, length)
-            usable = tensors[mask_of(self.target)]
+            length = lengthen(past.values[:, -1:], past.valid, how.history)
+            length, alpha, moments_alpha = self._weights(frame, light, geometry, length)
+            usable = frame[mask_of(self.target)]
             alpha, moments_alpha = alpha * usable, moments_alpha * usable
             moments = torch.lerp(past.values[:, -3:-1], with_square(brightness(light)), moments_alpha)
             light = torch.lerp(past.values[:, :-3], light, alpha)
         with record_function("svgf: variance"):
-            guides, edge = geometry_guides(surface, self.sigma_z), edge_stopping(self.sigma_n)
+            guides, edge = geometry_guides(geometry, how.sigma_z), edge_stopping(how.sigma_n)
             light, moments = told_by_others(light, moments, length > 1 - usable, edge, guides)
-            variance = estimated_variance(moments, length, self.young, edge, guides)
+            variance = estimated_variance(moments, length, how.young, edge, guides)
         with record_function("svgf: à-trous"):
             history = light
-            for level in range(self.iterations):
-                light, variance = wavelet_level(light, variance, level, edge, guides, self.sigma_l)
-                if level + 1 == self.feedback:
+            for level in range(how.iterations):
+                light, variance = wavelet_level(light, variance, level, edge, guides, how.sigma_l)
+                if level + 1 == how.feedback:
                     history = light
-        available = {"history_length": length, "alpha": alpha, "variance": variance}
-        unknown = [name for name in extras if name not in available]
-        if unknown:
-            raise NteError(f"extra '{unknown[0]}' is unknown; there are {', '.join(available)}")
-        result = Result(self._remodulated(light, tensors), {name: available[name] for name in extras}).like(frame)
-        return result, SvgfState(torch.cat([history, moments, length - (1 - usable)], 1), surface, tensors.view)
+        found = {"history_length": length, "alpha": alpha, "variance": variance}
+        result = Result(self._remodulated(light, frame), {name: found[name] for name in extras})
+        return result, SvgfState(torch.cat([history, moments, length - (1 - usable)], 1), geometry, frame.view)
 
-    def _fetch(self, frame: Frame, surface: Surface, state: SvgfState | None) -> History:
+    def _fetch(self, frame: Frame, geometry: Geometry, state: SvgfState | None) -> Fetched:
         """History along the motion vectors, section 4.1; nothing of it in a first frame."""
         if state is None:
             channels = frame[self.target].shape[1] + 3
-            depth = surface.depth
-            return History(depth.new_zeros(len(depth), channels, *depth.shape[2:]), torch.zeros_like(depth).bool())
+            depth = geometry.depth
+            return Fetched(depth.new_zeros(len(depth), channels, *depth.shape[2:]), torch.zeros_like(depth).bool())
         check_size(frame, state.history)
         motion = traditional_motion(frame["motion"])
-        allowed = motion.valid if frame.reset is None else motion.valid & ~(frame.reset.view(-1, 1, 1, 1) > 0)
+        allowed = motion.valid & ~restarts(frame)
         expected = None
         if frame.view is not None and frame.projection is not None and state.view is not None:
-            expected = previous_depth(surface.depth, frame.view, frame.projection, state.view)
-        return reproject(state.history, motion.motion, allowed, surface, state.surface, expected, self.depth_floor)
+            expected = previous_depth(geometry.depth, frame.view, frame.projection, state.view)
+        return reproject(
+            state.history, motion.motion, allowed, geometry, state.geometry, expected, self.options.depth_floor
+        )
 
-    def _weights(self, frame: Frame, light: Tensor, surface: Surface, length: Tensor) -> Weights:
+    def _weights(self, frame: Frame, light: Tensor, geometry: Geometry, length: Tensor) -> Weights:
         """What a history of this length (N, 1, H, W) counts for beside the current frame."""
-        return Weights(length, running_mean_weight(length, self.alpha), running_mean_weight(length, self.moments_alpha))
+        floors = self.options.alpha, self.options.moments_alpha
+        return Weights(length, *(running_mean_weight(length, floor) for floor in floors))
 
     def _demodulated(self, frame: Frame) -> Tensor:
         """(c − emission) / max(albedo, floor), section 3; of light that carries no texture, the light itself.
@@ -158,10 +161,10 @@ class Svgf:
         light = frame[self.target]
         if "emission" in self.optional and "emission" in frame:
             light = light - frame["emission"]
-        return demodulate(light, frame["albedo"], self.albedo_floor) if "albedo" in self.needs else light
+        return demodulate(light, frame["albedo"], self.options.albedo_floor) if "albedo" in self.needs else light
 
     def _remodulated(self, light: Tensor, frame: Frame) -> Tensor:
-        image = remodulate(light, frame["albedo"], self.albedo_floor) if "albedo" in self.needs else light
+        image = remodulate(light, frame["albedo"], self.options.albedo_floor) if "albedo" in self.needs else light
         if "emission" in self.optional and "emission" in frame:
             image = image + frame["emission"]
         return image.clamp(min=0)
@@ -184,11 +187,11 @@ def luminance_scale(variance: Tensor, sigma_l: float) -> Tensor:
     return F.avg_pool2d(F.avg_pool2d(padded, 2, 1), 2, 1).add_(1e-10).rsqrt_().mul_(-1 / sigma_l)
 
 
-def geometry_guides(surface: Surface, sigma_z: float) -> tuple[Tensor, Tensor, Tensor]:
+def geometry_guides(geometry: Geometry, sigma_z: float) -> tuple[Tensor, Tensor, Tensor]:
     """What the weights of Eq. 3 and 4 depend on: normal, depth, and −1 / (σ_z fwidth(z))."""
-    depth = surface.depth.clamp(max=1e30)
-    slope = surface.depth_width.maximum(SLOPE_FLOOR * depth)
-    return surface.normal, depth, -1 / (sigma_z * slope)
+    depth = geometry.depth.clamp(max=1e30)
+    slope = geometry.depth_width.maximum(SLOPE_FLOOR * depth)
+    return geometry.normal, depth, -1 / (sigma_z * slope)
 
 
 def edge_stopping(sigma_n: float) -> Edge:

@@ -4,12 +4,12 @@ With clamping to the neighbourhood of the current frame (Salvi 2015, «An Excurs
 Supersampling»), clipping, or nothing.
 """
 
-from typing import Any
+from dataclasses import dataclass
+from typing import Literal
 
 import torch
 
-from nte.denoiser import Result, check_size, sanitised
-from nte.errors import NteError
+from nte.denoiser import Filter, Result, State, check_size, sanitised
 from nte.filters.blocks import (
     accumulate,
     clamp_history,
@@ -19,45 +19,47 @@ from nte.filters.blocks import (
     neighbourhood_moments,
     remembered,
 )
-from nte.filters.composition import check_target
+from nte.filters.composition import Target
 from nte.frames.frame import Frame
 from nte.motion.geometric import traditional_motion
+from nte.options import Alpha, Options
 
-CLAMPS = ("none", "clamp", "clip")
 
+@dataclass(frozen=True)
+class TaaOptions(Options, name="taa"):
+    """Options of TAA.
 
-class Taa:
-    """Temporal accumulation of `color`, or of one light component (`target`), with bilinear history.
-
-    target `components`: each component by itself (Composition).
     clamp: what happens to history outside μ ± σ of the current 3×3 neighbourhood: `none`, `clamp` (per
     channel) or `clip` (along the line to μ). alpha: weight of the current frame, in (0, 1].
     """
 
-    optional: tuple[str, ...] = ()
+    clamp: Literal["none", "clamp", "clip"] = "clamp"
+    alpha: Alpha = 0.1
+    target: Target = "color"
 
-    def __init__(self, clamp: str = "clamp", alpha: float = 0.1, target: str = "color", device: str = "cpu") -> None:
-        check_target("taa", target)
-        if clamp not in CLAMPS:
-            raise NteError(f"taa: clamp is '{clamp}', expected one of {', '.join(CLAMPS)}")
-        if not 0 < alpha <= 1:
-            raise NteError(f"taa: alpha is {alpha}, expected a weight of the current frame in (0, 1]")
-        self.clamp, self.alpha, self.target, self.device = clamp, alpha, target, device
-        self.needs: tuple[str, ...] = (target, "motion")
+
+class Taa(Filter[TaaOptions]):
+    """Temporal accumulation of `color`, or of one light component (`target`), with bilinear history."""
+
+    options_type = TaaOptions
+
+    def __init__(self, options: TaaOptions | None = None, *, device: str = "cpu") -> None:
+        super().__init__(options, device=device)
+        self.target = self.options.target
+        self.needs = (self.target, "motion")
 
     @sanitised
-    def step(self, frame: Frame, state: Any, extras: tuple[str, ...] = ()) -> tuple[Result, Any]:
+    def step(self, frame: Frame, state: State, extras: tuple[str, ...] = ()) -> tuple[Result, State]:
         """Blend the frame into the history, which is the state: the previous output (N, C, H, W)."""
-        tensors = frame.torch(self.device)
-        current = tensors[self.target]
+        current = frame[self.target]
         output, valid = current, torch.zeros_like(current[:, :1], dtype=torch.bool)
         if state is not None:
             check_size(frame, state)
-            history, valid = fetch_history(state, traditional_motion(tensors["motion"]), tensors.reset)
+            history, valid = fetch_history(state, traditional_motion(frame["motion"]), frame.reset)
             limited = history
-            if self.clamp != "none":
-                limit = clamp_history if self.clamp == "clamp" else clip_history
+            if self.options.clamp != "none":
+                limit = clamp_history if self.options.clamp == "clamp" else clip_history
                 limited = limit(history, neighbourhood_moments(current))
-            output = accumulate(current, limited, valid, self.alpha)
-            output = keep_where_bad(output, history, valid, tensors, self.target)
-        return Result(output).like(frame), remembered(output, valid, tensors, self.target)
+            output = accumulate(current, limited, valid, self.options.alpha)
+            output = keep_where_bad(output, history, valid, frame, self.target)
+        return Result(output), remembered(output, valid, frame, self.target)

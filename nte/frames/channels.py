@@ -1,6 +1,6 @@
 """The table of channels: everything that readers, augmentation, checks and the report know of a channel.
 
-Adding a channel is adding a row. What each channel means is defined in datasets/README.md.
+Adding a channel is adding a row. What each channel means is written in docs/clip_format.md.
 """
 
 from dataclasses import dataclass
@@ -11,13 +11,13 @@ Kind = Literal["radiance", "reflectance", "scalar", "depth", "point", "direction
 Augment = Literal["colour", "world", "image", "covariance", "keep"]
 Downsample = Literal["mean", "unit", "nearest", "motion"]
 Shown = Literal["radiance", "reflectance", "direction", "heat", "labels", "motion"]
+Group = Literal["every clip", "components", "shutter"]
 
 RGB = ("R", "G", "B")
 XYZ = ("X", "Y", "Z")
 XY = ("X", "Y")
 LP = ("L", "P")  # of a surface point now, and of the same one in the previous frame
 NO_PAIR = "no gradient sample in this pixel"
-LIGHT, SHUTTER = "components: true", "shutter: 1"
 
 
 @dataclass(frozen=True)
@@ -31,7 +31,7 @@ class Channel:
     kind: Kind
     noisy: bool = False  # differs from seed to seed
     nan_means: str = ""  # what a NaN says, where it is no fault
-    rendered_with: str = ""  # what a recipe's group has to say for `nte render` to write it; nothing: it always does
+    group: Group = "every clip"  # those that are rendered together: with light components, over an open shutter
 
     @property
     def augment(self) -> Augment:
@@ -82,41 +82,65 @@ _ROWS = (
     ),
     Channel("motion_error", ("V",), "half", "log distance", "scalar"),
     Channel("motion_mask", ("V",), "half", "1", "scalar"),
-    Channel("diffuse_albedo", RGB, "half", "1", "reflectance", rendered_with=LIGHT),
-    Channel("geometric_normal", XYZ, "half", "1, world", "direction", rendered_with=LIGHT),
-    Channel("direct", RGB, "half", "radiance", "radiance", rendered_with=LIGHT),
-    Channel("visibility", ("V",), "half", "1", "scalar", noisy=True, rendered_with=LIGHT),
-    Channel("indirect", RGB, "half", "radiance", "radiance", noisy=True, rendered_with=LIGHT),
-    Channel("indirect_radiance", RGB, "half", "radiance", "radiance", noisy=True, rendered_with=LIGHT),
-    Channel("indirect_direction", XYZ, "half", "1, world; 0 = no sample", "direction", noisy=True, rendered_with=LIGHT),
-    Channel("glossy", RGB, "half", "radiance", "radiance", noisy=True, rendered_with=LIGHT),
-    Channel("reference_visibility", ("V",), "half", "1", "scalar", rendered_with=LIGHT),
-    Channel("reference_indirect", RGB, "half", "radiance", "radiance", rendered_with=LIGHT),
-    Channel("reference_glossy", RGB, "half", "radiance", "radiance", rendered_with=LIGHT),
+    Channel("diffuse_albedo", RGB, "half", "1", "reflectance", group="components"),
+    Channel("geometric_normal", XYZ, "half", "1, world", "direction", group="components"),
+    Channel("direct", RGB, "half", "radiance", "radiance", group="components"),
+    Channel("visibility", ("V",), "half", "1", "scalar", noisy=True, group="components"),
+    Channel("indirect", RGB, "half", "radiance", "radiance", noisy=True, group="components"),
+    Channel("indirect_radiance", RGB, "half", "radiance", "radiance", noisy=True, group="components"),
+    Channel("indirect_direction", XYZ, "half", "1, world; 0 = no sample", "direction", noisy=True, group="components"),
+    Channel("glossy", RGB, "half", "radiance", "radiance", noisy=True, group="components"),
+    Channel("reference_visibility", ("V",), "half", "1", "scalar", group="components"),
+    Channel("reference_indirect", RGB, "half", "radiance", "radiance", group="components"),
+    Channel("reference_glossy", RGB, "half", "radiance", "radiance", group="components"),
     Channel(
         "shadow_motion", XY, "float", "px, to the previous frame", "motion", noisy=True,
-        nan_means="unshadowed or invalid", rendered_with=LIGHT,
+        nan_means="unshadowed or invalid", group="components",
     ),
     Channel(
         "reflection_motion", XY, "float", "px, to the previous frame", "motion", noisy=True,
-        nan_means="not glossy", rendered_with=LIGHT,
+        nan_means="not glossy", group="components",
     ),
     Channel(
         "reflection_covariance", ("XX", "XY", "YY"), "float", "px²", "covariance", noisy=True,
-        nan_means="not glossy", rendered_with=LIGHT,
+        nan_means="not glossy", group="components",
     ),
-    Channel("gradient", LP, "float", "luminance", "scalar", noisy=True, nan_means=NO_PAIR, rendered_with=LIGHT),
-    Channel("gradient_visibility", LP, "half", "1", "scalar", noisy=True, nan_means=NO_PAIR, rendered_with=LIGHT),
+    Channel("gradient", LP, "float", "luminance", "scalar", noisy=True, nan_means=NO_PAIR, group="components"),
+    Channel("gradient_visibility", LP, "half", "1", "scalar", noisy=True, nan_means=NO_PAIR, group="components"),
     Channel(
-        "gradient_indirect", LP, "float", "luminance", "scalar", noisy=True, nan_means=NO_PAIR, rendered_with=LIGHT
+        "gradient_indirect", LP, "float", "luminance", "scalar", noisy=True, nan_means=NO_PAIR, group="components"
     ),
-    Channel("gradient_glossy", LP, "float", "luminance", "scalar", noisy=True, nan_means=NO_PAIR, rendered_with=LIGHT),
-    Channel("time", ("T",), "half", "open shutter, [0, 1]", "scalar", noisy=True, rendered_with=SHUTTER),
+    Channel("gradient_glossy", LP, "float", "luminance", "scalar", noisy=True, nan_means=NO_PAIR, group="components"),
+    Channel("time", ("T",), "half", "open shutter, [0, 1]", "scalar", noisy=True, group="shutter"),
     Channel(
         "shutter_motion", XY, "float", "px over the open shutter, forward in time", "motion", noisy=True,
-        rendered_with=SHUTTER,
+        group="shutter",
     ),
-    Channel("shutter_depth", ("Z",), "float", "scene units", "depth", noisy=True, rendered_with=SHUTTER),
+    Channel("shutter_depth", ("Z",), "float", "scene units", "depth", noisy=True, group="shutter"),
 )  # fmt: skip
 
 CHANNELS: dict[str, Channel] = {row.name: row for row in _ROWS}
+
+GUIDES = ("albedo", "normal")  # of the surface seen: what `clean_guides` of a frame is about
+COMPONENTS = ("visibility", "glossy", "indirect")  # parts of `color` with noise; emission and direct have none
+# What a denoiser may have as its target, and may be scored for.
+TARGETS = ("color", *COMPONENTS)
+VECTORS = tuple(row.name for row in _ROWS if row.kind == "motion" and not row.nan_means)  # known in every pixel
+
+
+def channels_of(group: Group, noisy: bool) -> tuple[str, ...]:
+    """Names of a group's channels: the noisy ones, which differ from seed to seed, or those that do not."""
+    return tuple(row.name for row in _ROWS if row.group == group and row.noisy == noisy)
+
+
+def reference_of(target: str) -> str:
+    """The channel that a denoiser's output is compared with: the reference of its target."""
+    return "reference" if target == "color" else f"reference_{target}"
+
+
+REFERENCES = tuple(reference_of(target) for target in TARGETS)
+
+
+def width_of(channel: str) -> int:
+    """How many components a channel has."""
+    return len(CHANNELS[channel].components)

@@ -1,4 +1,4 @@
-"""A clip on disk: a folder with clip.json and one layered OpenEXR file per frame (datasets/README.md)."""
+"""A clip on disk: a folder with clip.json and one layered OpenEXR file per frame (docs/clip_format.md)."""
 
 import json
 from collections.abc import Iterable, Iterator, Mapping, Sequence
@@ -13,7 +13,7 @@ from nte.errors import NteError
 from nte.files import make_folder, write_whole
 from nte.frames.channels import CHANNELS
 from nte.frames.exr import HALF_MAX, HALF_TINY, read_exr, write_exr
-from nte.frames.frame import Frame
+from nte.frames.frame import About, Frame
 
 FORMAT = "nte-clip/1"
 Pixels = npt.NDArray[np.float32]
@@ -30,12 +30,12 @@ def write_frame(path: Path, channels: Mapping[str, Pixels]) -> None:
     write_exr(path, as_layers(channels))
 
 
-def as_layers(channels: Mapping[str, Pixels]) -> dict[str, npt.NDArray[np.floating[Any]]]:
+def as_layers(channels: Mapping[str, Pixels]) -> dict[str, npt.NDArray[np.floating]]:
     """Channels, each (C, H, W), as the layers that are stored: full layered name → (H, W).
 
     Half floats where the table says so and the values survive them (see half_keeps).
     """
-    layers: dict[str, npt.NDArray[np.floating[Any]]] = {}
+    layers: dict[str, npt.NDArray[np.floating]] = {}
     for name, values in channels.items():
         row = CHANNELS[name]
         half = row.storage == "half" and half_keeps(values, dark_counts=row.kind == "radiance")
@@ -97,6 +97,14 @@ class Clip:
     """A sequence of frames on disk, read lazily.
 
     Raises NteError if the folder has no clip.json, if that is not ours, or if a frame is missing.
+
+    >>> clip = nte.Clip("data/clips/disc_000")
+    >>> len(clip), clip.height, clip.width
+    (4, 40, 56)
+    >>> clip.frame(1, ["color", "motion"])["motion"].shape
+    (1, 2, 40, 56)
+    >>> len([frame for frame in clip])
+    4
     """
 
     def __init__(self, folder: Path | str) -> None:
@@ -182,9 +190,9 @@ class Clip:
         path = frame_path(self.folder, index - 1)
         return self._pick(self._read(path), "forward_motion", path)
 
-    def _about(self, index: int) -> dict[str, Any]:
+    def _about(self, index: int) -> About:
         """Scalars and cameras that clip.json has for a frame, with the batch axis."""
-        about: dict[str, Any] = {"clean_guides": self.clean_guides}
+        about: About = {"clean_guides": self.clean_guides}
         for key in ("exposure", "depth_scale", "shutter"):
             if key in self.info:
                 about[key] = np.array([self.info[key]], np.float32)
@@ -224,7 +232,7 @@ def _read_info(folder: Path) -> dict[str, Any]:
     return info
 
 
-def _check_cameras(path: Path, cameras: Any, frames: int) -> None:
+def _check_cameras(path: Path, cameras: object, frames: int) -> None:
     if not isinstance(cameras, list) or len(cameras) != frames:
         found = len(cameras) if isinstance(cameras, list) else repr(cameras)
         raise NteError(f"{path}: 'cameras' has {found} for {frames} frames")

@@ -7,7 +7,7 @@ from collections.abc import Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager, redirect_stderr, redirect_stdout
 from io import StringIO
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 import numpy.typing as npt
@@ -15,7 +15,7 @@ import OpenEXR
 
 from nte.errors import NteError
 from nte.files import make_folder, write_whole
-from nte.frames.exr_header import unbelievable, window_size
+from nte.frames.exr_header import Header, unbelievable, window_size
 
 HALF_MAX = 65504.0
 HALF_TINY = 2.0**-14  # below this, half floats have fewer digits
@@ -34,7 +34,7 @@ class Part(NamedTuple):
 
     name: str  # empty where the file has only one part
     view: str  # of a stereo image, such as left; empty where the file does not say
-    layers: dict[str, npt.NDArray[Any]]  # channel name → (H, W), as stored
+    layers: dict[str, npt.NDArray[np.generic]]  # channel name → (H, W), as stored
     views: tuple[str, ...] = ()  # of a part that holds several, the default one first
 
     def full(self, channel: str) -> str:
@@ -42,7 +42,7 @@ class Part(NamedTuple):
         return f"{self.name}.{channel}" if self.name and "." not in channel else channel
 
 
-def read_layers(path: Path, size: tuple[int, int] | None = None) -> dict[str, npt.NDArray[Any]]:
+def read_layers(path: Path, size: tuple[int, int] | None = None) -> dict[str, npt.NDArray[np.generic]]:
     """Read every channel of an OpenEXR file: full layered name → array (H, W), float16, float32 or uint32 as stored.
 
     The arrays have the size of the display window; pixels outside the data window are 0. Parts of a
@@ -80,7 +80,7 @@ def read_parts(path: Path, size: tuple[int, int] | None = None) -> list[Part]:
     return parts
 
 
-def write_exr(path: Path, channels: Mapping[str, npt.NDArray[Any]]) -> None:
+def write_exr(path: Path, channels: Mapping[str, npt.NDArray[np.generic]]) -> None:
     """Write (H, W) float16, float32 or uint32 arrays under their layered names, ZIP-compressed (lossless).
 
     The file appears under its name only when it is complete: it is written beside it and renamed. Makes the folder.
@@ -98,7 +98,7 @@ def write_exr(path: Path, channels: Mapping[str, npt.NDArray[Any]]) -> None:
     write_whole(path, write)
 
 
-def _check_headers(path: Path, headers: Sequence[Mapping[str, Any]], size: tuple[int, int] | None) -> None:
+def _check_headers(path: Path, headers: Sequence[Header], size: tuple[int, int] | None) -> None:
     """Raise NteError, before pixels are read, for a file that cannot hold what it promises, or has another size."""
     if why := unbelievable(headers, path.stat().st_size):
         raise NteError(f"{path}: the OpenEXR file is damaged: {why}: render or copy it again")
@@ -108,9 +108,9 @@ def _check_headers(path: Path, headers: Sequence[Mapping[str, Any]], size: tuple
             raise NteError(f"{path}: is {found[1]}x{found[0]}, clip.json says {size[1]}x{size[0]}")
 
 
-def merge_parts(path: Path, parts: Sequence[Part]) -> dict[str, npt.NDArray[Any]]:
+def merge_parts(path: Path, parts: Sequence[Part]) -> dict[str, npt.NDArray[np.generic]]:
     """The channels of several parts under their full layered names; raises NteError for a name that comes twice."""
-    merged: dict[str, npt.NDArray[Any]] = {}
+    merged: dict[str, npt.NDArray[np.generic]] = {}
     first: dict[str, Part] = {}
     for part in parts:
         for channel, pixels in part.layers.items():
@@ -130,7 +130,7 @@ def split_views(parts: Iterable[Part]) -> list[Part]:
     """
     cut: list[Part] = []
     for part in parts:
-        views: dict[str, dict[str, npt.NDArray[Any]]] = {view: {} for view in part.views}
+        views: dict[str, dict[str, npt.NDArray[np.generic]]] = {view: {} for view in part.views}
         for name, pixels in part.layers.items() if views else ():
             *words, component = name.split(".")
             view = words.pop() if words and words[-1] in views else part.views[0]
@@ -151,7 +151,7 @@ def _read_part(path: Path, part: OpenEXR.Part, one_of_several: bool) -> Part:
     return Part(name, str(part.header.get("view", "")), layers, tuple(part.header.get("multiView", ())))
 
 
-def _to_display_window(header: dict[str, object], pixels: npt.NDArray[Any]) -> npt.NDArray[Any]:
+def _to_display_window(header: dict[str, object], pixels: npt.NDArray[np.generic]) -> npt.NDArray[np.generic]:
     """Place the data window's pixels (inclusive corners, x first) into the display window."""
     data, display = np.array(header["dataWindow"]), np.array(header["displayWindow"])
     if np.array_equal(data, display):

@@ -2,7 +2,6 @@
 
 from collections.abc import Mapping
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import numpy.typing as npt
@@ -12,7 +11,7 @@ from nte.errors import NteError
 from nte.files import make_folder, write_whole
 from nte.frames.clip import half_keeps
 from nte.frames.exr import merge_parts, quiet, read_parts
-from nte.frames.exr_header import window_size
+from nte.frames.exr_header import Header, window_size
 
 # Compressions that lose nothing: the channels that stay are decoded and encoded again.
 _LOSSLESS = {
@@ -20,7 +19,7 @@ _LOSSLESS = {
     OpenEXR.PIZ_COMPRESSION,
 }  # fmt: skip
 Place = tuple[int, str]  # the number of a part, and a channel's name in it
-Planes = Mapping[str, npt.NDArray[np.floating[Any]]] | Mapping[Place, npt.NDArray[np.floating[Any]]]
+Planes = Mapping[str, npt.NDArray[np.floating]] | Mapping[Place, npt.NDArray[np.floating]]
 
 
 def copy_exr(source: Path, out: Path, planes: Planes, dark_counts: bool = True) -> None:
@@ -34,7 +33,7 @@ def copy_exr(source: Path, out: Path, planes: Planes, dark_counts: bool = True) 
     NteError, and writes nothing, for a channel that the file does not have, and for a name that two parts have.
     """
     parts = read_parts(source)  # raises for what is damaged
-    left: dict[str | Place, npt.NDArray[np.floating[Any]]] = dict(planes.items())
+    left: dict[str | Place, npt.NDArray[np.floating]] = dict(planes.items())
     if any(isinstance(key, str) for key in left):
         merge_parts(source, parts)  # raises for two channels of one name
     with quiet():
@@ -64,8 +63,8 @@ def copy_exr(source: Path, out: Path, planes: Planes, dark_counts: bool = True) 
 
 
 def _placed(
-    plane: npt.NDArray[Any], stored: npt.NDArray[Any], header: Mapping[str, Any], dark_counts: bool
-) -> npt.NDArray[Any]:
+    plane: npt.NDArray[np.floating], stored: npt.NDArray[np.generic], header: Header, dark_counts: bool
+) -> npt.NDArray[np.generic]:
     """The pixels of a data window, with those of the display window taken from `plane`."""
     data, display = np.array(header["dataWindow"]), np.array(header["displayWindow"])
     size = window_size(header["displayWindow"])
@@ -81,6 +80,6 @@ def _placed(
     return placed
 
 
-def _rectangle(low: npt.NDArray[Any], high: npt.NDArray[Any]) -> tuple[slice, slice]:
+def _rectangle(low: npt.NDArray[np.generic], high: npt.NDArray[np.generic]) -> tuple[slice, slice]:
     """Rows and columns between two corners, x first."""
     return slice(low[1], high[1]), slice(low[0], high[0])

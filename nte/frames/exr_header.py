@@ -1,7 +1,7 @@
 """Is an OpenEXR file's header believable? Asked before pixels are allocated: one flipped bit may ask for gigabytes."""
 
-from collections.abc import Mapping, Sequence
-from typing import Any
+from collections.abc import Iterable, Mapping, Sequence
+from typing import Any, TypeAlias
 
 import OpenEXR
 
@@ -17,8 +17,10 @@ _OFFSET = 8  # bytes of a chunk's place in the file's table
 _SMALL = 1 << 24  # bytes: what is never too much to ask for
 _LARGEST = 1 << 26  # pixels: of a display window around a smaller picture, 8192×8192
 
+Header: TypeAlias = Mapping[str, Any]  # attributes of an OpenEXR part, by their names
 
-def unbelievable(headers: Sequence[Mapping[str, Any]], file_size: int) -> str | None:
+
+def unbelievable(headers: Sequence[Header], file_size: int) -> str | None:
     """Say why a file of `file_size` bytes cannot hold the pixels that its parts' headers promise; None if it can."""
     for header in headers:
         data, display = window_size(header["dataWindow"]), window_size(header["displayWindow"])
@@ -37,7 +39,7 @@ def unbelievable(headers: Sequence[Mapping[str, Any]], file_size: int) -> str | 
     return None
 
 
-def window_size(corners: Any) -> tuple[int, int]:
+def window_size(corners: Iterable[tuple[int, int]]) -> tuple[int, int]:
     """(height, width) of a window: its inclusive corners, x first."""
     (left, top), (right, bottom) = corners
     return int(bottom) - int(top) + 1, int(right) - int(left) + 1

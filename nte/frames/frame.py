@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Any, TypeAlias
 
@@ -14,6 +14,7 @@ if TYPE_CHECKING:
     import torch
 
 Array: TypeAlias = Any  # a NumPy array or a PyTorch tensor: base code uses only what both have
+About: TypeAlias = dict[str, Any]  # fields of a Frame, by name, that are known before it is made
 
 
 @dataclass(frozen=True)
@@ -25,6 +26,10 @@ class Frame:
     first frame». shutter is the open share of the frame that `shutter_motion` spans, in (0, 1]; None means 1.
     reset marks batch elements that start a new sequence. clean_guides: whether albedo and normal are free of noise
     and antialiased, the mean over each pixel; None where nobody said so, and then they count as noisy.
+
+    >>> frame = nte.Frame({"color": np.zeros((1, 3, 24, 32), np.float32)}, index=7)
+    >>> frame.size, "depth" in frame
+    ((24, 32), False)
     """
 
     channels: Mapping[str, Array]
@@ -49,7 +54,7 @@ class Frame:
             listed = ", ".join(f"{name} {type(values).__name__}" for name, values in self.channels.items())
             raise NteError(f"frame {self.index}: channels must be all NumPy or all PyTorch: {listed}")
 
-    def __getitem__(self, name: str) -> Any:
+    def __getitem__(self, name: str) -> Array:
         try:
             return self.channels[name]
         except KeyError:
@@ -59,7 +64,7 @@ class Frame:
     def __contains__(self, name: object) -> bool:
         return name in self.channels
 
-    def get(self, name: str) -> Any:
+    def get(self, name: str) -> Array:
         """The channel, or None where the frame does not have it."""
         return self.channels.get(name)
 
@@ -75,7 +80,7 @@ class Frame:
         return int(self._any().shape[0])
 
     @property
-    def hit(self) -> Any:
+    def hit(self) -> Array:
         """(N, 1, H, W), true where a surface is seen; a miss (sky) has depth 0."""
         return self["depth"] > 0
 
@@ -103,13 +108,13 @@ class Frame:
 
         return self._map(convert)
 
-    def _any(self) -> Any:
+    def _any(self) -> Array:
         for values in self.channels.values():
             return values
         raise NteError(f"frame {self.index}: it has no channels")
 
-    def _map(self, convert: Any) -> Frame:
-        changed: dict[str, Any] = {"channels": {name: convert(array) for name, array in self.channels.items()}}
+    def _map(self, convert: Callable[[Array], Array]) -> Frame:
+        changed: About = {"channels": {name: convert(array) for name, array in self.channels.items()}}
         for name in ("exposure", "depth_scale", "shutter", "reset", "view", "projection"):
             value = getattr(self, name)
             changed[name] = None if value is None else convert(value)

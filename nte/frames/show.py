@@ -7,7 +7,6 @@ import io
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import numpy.typing as npt
@@ -16,6 +15,7 @@ from PIL import Image, ImageDraw, ImageFont
 from nte.errors import NteError
 from nte.files import write_whole
 from nte.frames.channels import CHANNELS, Channel
+from nte.frames.srgb import encode_srgb
 
 RGB = npt.NDArray[np.uint8]  # (H, W, 3)
 Pixels = npt.NDArray[np.floating]  # (C, H, W)
@@ -34,7 +34,7 @@ class Picture:
     note: str = ""
 
 
-def show(name: str, values: npt.NDArray[Any], exposure: float = 1.0, scale: float | None = None) -> Picture:
+def show(name: str, values: npt.NDArray[np.generic], exposure: float = 1.0, scale: float | None = None) -> Picture:
     """A picture of channel `name`, values (C, H, W), drawn as the table of channels says.
 
     exposure: linear factor for radiance. scale: the value that gets the full colour, for motion (px), depth
@@ -75,8 +75,7 @@ def display(radiance: Pixels, exposure: float = 1.0) -> Pixels:
     """Display transform of radiance (C, H, W) to [0, 1]: exposure, x/(1+x), then the sRGB curve."""
     exposed = np.maximum(radiance, 0) * np.float32(exposure)
     tonemapped = exposed / (1 + exposed)
-    curve = 1.055 * np.maximum(tonemapped, 0.0031308) ** (1 / 2.4) - 0.055
-    return np.where(tonemapped <= 0.0031308, 12.92 * tonemapped, curve).astype(np.float32)
+    return encode_srgb(tonemapped).astype(np.float32)
 
 
 def heat(values: Pixels, table: str = "viridis") -> Pixels:
@@ -86,7 +85,7 @@ def heat(values: Pixels, table: str = "viridis") -> Pixels:
     return np.stack([np.interp(values, at, c) for c in colours.T]).astype(np.float32)
 
 
-def quantise(image: npt.NDArray[Any]) -> RGB:
+def quantise(image: npt.NDArray[np.generic]) -> RGB:
     """(3, H, W) in [0, 1], clamped, or one component for grey → (H, W, 3) uint8; NaN becomes 0."""
     levels = np.rint(np.clip(np.nan_to_num(image), 0, 1) * 255).astype(np.uint8).transpose(1, 2, 0)
     return np.broadcast_to(levels, (*levels.shape[:2], 3)).copy()

@@ -17,7 +17,6 @@ the exported graph agree. Usable values come out bit for bit.
 
 from collections.abc import Callable, Iterable
 from math import inf
-from typing import Any
 
 import numpy as np
 import numpy.typing as npt
@@ -204,5 +203,5 @@ def _like(array: Array, like: Array) -> Array:
     return array.to(like.dtype)
 
 
-def _numpy(array: Any) -> npt.NDArray[Any]:
+def _numpy(array: Array) -> npt.NDArray[np.float32]:
     return np.asarray(array.detach().cpu() if hasattr(array, "detach") else array)

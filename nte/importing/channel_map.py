@@ -13,7 +13,7 @@ from omegaconf import MISSING, OmegaConf
 from omegaconf.errors import OmegaConfBaseException
 from yaml import YAMLError
 
-from nte.config import load_config, problem_of, refuse_resolvers
+from nte.config import load_config, problem_of, problem_with, refuse_resolvers
 from nte.errors import NteError
 from nte.frames.channels import CHANNELS, Channel
 from nte.motion.conventions import UNITS, Convention
@@ -203,10 +203,9 @@ def _source(path: Path, name: str, given: Any, how: ChannelMap) -> Source:
         source: Source = OmegaConf.to_object(merged)  # type: ignore[assignment]
     except OmegaConfBaseException as error:
         key = getattr(error, "full_key", None)
-        message = str(error).splitlines()[0]
         if key and key.startswith("layer"):
             raise NteError(f"{where}: {given!r}: expected a layer, or {_names(row)}") from error
-        raise NteError(f"{where.removesuffix(chr(39))}{f'.{key}' if key else ''}': {message}") from error
+        raise NteError(f"{where.removesuffix(chr(39))}{f'.{key}' if key else ''}': {problem_with(error)}") from error
     _check_source(where, row, given, source)
     return source
 

@@ -1,4 +1,4 @@
-"""From a producer's conventions to nte's (datasets/README.md), one frame at a time."""
+"""From a producer's conventions to nte's (docs/conventions.md), one frame at a time."""
 
 from collections.abc import Iterable, Iterator, Mapping
 from itertools import product
@@ -7,6 +7,7 @@ import numpy as np
 import numpy.typing as npt
 import torch
 
+from nte.frames.channels import VECTORS
 from nte.frames.clip import Pixels
 from nte.importing.cameras import Camera, camera_of_fov
 from nte.importing.channel_map import SKY, ChannelMap
@@ -15,7 +16,6 @@ from nte.motion.camera import points_from_depth
 from nte.motion.conventions import Convention
 from nte.motion.geometric import scatter_forward_motion
 
-VECTORS = ("motion", "forward_motion", "shutter_motion")
 _RINGS = 8  # px from the known ones within which unknown vectors follow depth
 
 

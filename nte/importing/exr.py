@@ -3,8 +3,8 @@
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any
 
+from nte.frames.frame import About
 from nte.importing.channel_map import MAPS, Vectors
 from nte.importing.sequence import ForeignSequence
 from nte.importing.write import refuse_existing, write_imported
@@ -40,7 +40,7 @@ def import_exr(
     refuse_existing(out, force)
     sequence = ForeignSequence(source, map_name, reference, overrides)
     how, shutter = sequence.how, sequence.how.shutter
-    about: dict[str, Any] = {"shutter": shutter} if shutter != 1 else {}
+    about: About = {"shutter": shutter} if shutter != 1 else {}
     write_imported(out, sequence.frames(), len(sequence), how.producer, sequence.cameras, force, **about)
     called = {name: f"'{' '.join(s.layer) or s.file}'" for name, s in how.channels.items() if s.layer or s.file}
     own_map = sequence.map if sequence.map.parent != MAPS else None

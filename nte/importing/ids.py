@@ -1,7 +1,5 @@
 """Object ids of any kind, renumbered where float32 would not tell them apart."""
 
-from typing import Any
-
 import numpy as np
 import numpy.typing as npt
 
@@ -22,7 +20,7 @@ class Ids:
     def __init__(self) -> None:
         self.renumbered: dict[float, int] = {}
 
-    def keep(self, ids: npt.NDArray[Any]) -> Pixels:
+    def keep(self, ids: npt.NDArray[np.generic]) -> Pixels:
         """Ids as stored, of any type → the sequence's float32 numbers, same shape; non-finite ones become 0.
 
         Raises NteError where there are more than eight million to renumber.

@@ -10,13 +10,13 @@ import numpy as np
 import numpy.typing as npt
 
 from nte.errors import NteError
-from nte.frames.channels import CHANNELS, Channel
+from nte.frames.channels import CHANNELS, VECTORS, Channel
 from nte.frames.clip import Pixels
 from nte.frames.exr import Part, merge_parts, split_views
 from nte.frames.exr_copy import Place
 from nte.importing.channel_map import SKY, Source
 
-Stored = Mapping[str, npt.NDArray[Any]]  # full layered name → (H, W), float16, float32 or uint32
+Stored = Mapping[str, npt.NDArray[np.generic]]  # full layered name → (H, W), float16, float32 or uint32
 _OWN = "."  # stands for the components that belong to no layer: R, G, B
 _SUFFIXES = {2: ("xy", "rg", "uv"), 3: ("rgb", "xyz")}  # of a layer's components, in their order
 _DARK = 1e-3  # a colour below this is that of a surface without such a lobe
@@ -105,7 +105,7 @@ def partly_there(stored: Stored, source: Source, prefix: str) -> bool:
     return any(name in stored or _below(stored, name) for name in full)
 
 
-def read(stored: Stored, name: str, source: Source, found: Found) -> npt.NDArray[Any]:
+def read(stored: Stored, name: str, source: Source, found: Found) -> npt.NDArray[np.generic]:
     """Channel `name` (C, H, W), decoded: summed, scaled and shifted; unknown vectors are NaN. Ids stay as stored."""
     if CHANNELS[name].kind == "id":
         return np.stack([stored[n] for n in found.names[0]])
@@ -114,7 +114,7 @@ def read(stored: Stored, name: str, source: Source, found: Found) -> npt.NDArray
     if rest := layers[found.dark_from :]:
         values = np.where(values.max(0) < _DARK, np.sum([values, *rest], axis=0), values)
     unknown = [float(value) for value in source.unknown if value != SKY]
-    if CHANNELS[name].kind == "motion" and not CHANNELS[name].nan_means:
+    if name in VECTORS:
         values = np.where(np.isfinite(values).all(0), values, np.nan)
     for value in unknown:
         values = np.where((values == np.float32(value)).all(0), np.nan, values)

@@ -1,9 +1,8 @@
 """Reading noisebase's zip files: zarr arrays of one sequence, or of one frame each."""
 
 import zipfile
-from collections.abc import Sequence
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeAlias
 
 import numpy as np
 import numpy.typing as npt
@@ -18,6 +17,8 @@ ARRAYS: dict[str, tuple[int | str, ...]] = {
     "camera_position": (3,), "camera_target": (3,), "camera_up": (3,), "view_proj_mat": (4, 4),
 }  # fmt: skip
 
+_Arrays: TypeAlias = Any  # a dictionary of zarr arrays, which need not be installed
+
 
 class NoisebaseSequence:
     """Random access to the frames of a sequence: one zip that holds them all, or a folder of one zip a frame.
@@ -27,7 +28,7 @@ class NoisebaseSequence:
 
     def __init__(self, source: Path) -> None:
         self._files = list(numbered_files(source, ".zip").values())
-        self._open: tuple[Path, Any] | None = None
+        self._open: tuple[Path, _Arrays] | None = None
         color = self._arrays(self._files[0])["color"]
         self.in_one_file = color.ndim == len(ARRAYS["color"]) + 1
         if self.in_one_file and len(self._files) > 1:
@@ -51,13 +52,13 @@ class NoisebaseSequence:
         array = arrays[name]
         if array.shape != (*lead, *expected):
             raise NteError(f"{path}: '{name}' has the shape {array.shape}, expected {(*lead, *expected)}")
-        index: Sequence[Any] = [*([frame] if lead else []), ..., *([samples] if samples else [])]
+        index = [*([frame] if lead else []), ..., *([samples] if samples else [])]
         try:
             return np.asarray(array[tuple(index)])
         except Exception as error:  # zarr and its codecs raise whatever they like for damaged chunks
             raise NteError(f"{path}: '{name}' is damaged in frame {frame}: copy the file again") from error
 
-    def _arrays(self, path: Path) -> Any:
+    def _arrays(self, path: Path) -> _Arrays:
         """The file's zarr arrays by name; the file that was asked for last stays open."""
         if self._open and self._open[0] == path:
             return self._open[1]

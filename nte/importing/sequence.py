@@ -3,7 +3,6 @@
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
@@ -12,6 +11,7 @@ from nte.frames.channels import CHANNELS
 from nte.frames.clip import Pixels
 from nte.frames.exr import Part, read_parts
 from nte.frames.exr_copy import Place
+from nte.frames.frame import About, Array
 from nte.frames.numbering import by_number
 from nte.importing.cameras import Camera, load_cameras
 from nte.importing.channel_map import ChannelMap, Source, find_map, load_channel_map, needs_camera
@@ -75,9 +75,9 @@ class ForeignSequence:
             frames = with_still_geometry(frames, positions[0], self.cameras)
         return with_motion(map(fill_unknown, with_sky_motion(frames, self.cameras)))
 
-    def about(self, index: int) -> dict[str, Any]:
+    def about(self, index: int) -> About:
         """What a Frame has besides channels: the shutter's open share, and the camera where the map names them."""
-        found: dict[str, Any] = {"shutter": np.array([self.how.shutter], np.float32)}
+        found: About = {"shutter": np.array([self.how.shutter], np.float32)}
         if self.cameras:
             found |= {key: np.array([matrix], np.float32) for key, matrix in self.cameras[index]._asdict().items()}
         return found
@@ -128,7 +128,7 @@ class ForeignSequence:
             self.odd.look(ours, {channel.name: channel.files[index] for channel in self.inputs})
             yield ours
 
-    def _read(self, channel: Input, index: int, parts: Sequence[Part]) -> Any:
+    def _read(self, channel: Input, index: int, parts: Sequence[Part]) -> Array:
         name, source, path = channel.name, channel.source, channel.files[index]
         stored = choose(path, parts, source)
         prefix = self.how.prefix

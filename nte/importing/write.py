@@ -5,13 +5,13 @@ from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
-import nte
 from nte.checking import guides_are_clean
 from nte.errors import NteError
-from nte.files import make_folder, refuse_other_writers, sweep, temporary_name
+from nte.files import already_there, make_folder, refuse_other_writers, sweep, temporary_name
 from nte.frames.clip import Clip, Pixels, frame_path, write_clip_info, write_frame
 from nte.importing.cameras import Camera
 from nte.progress import Progress
+from nte.version import __version__
 
 
 def refuse_existing(out: Path, force: bool) -> None:
@@ -19,7 +19,7 @@ def refuse_existing(out: Path, force: bool) -> None:
     if not out.exists() or (out.is_dir() and not any(out.iterdir())):
         return
     if not force:
-        raise NteError(f"{out}: exists: choose another name, or replace the clip with --force")
+        raise already_there(out, remedy="replace the clip")
     try:
         Clip(out)
     except NteError as error:
@@ -49,7 +49,7 @@ def write_imported(
         make_folder(working)
         refuse_other_writers(out, working)
         if not force and out.exists() and any(out.iterdir()):
-            raise NteError(f"{out}: exists: choose another name, or replace the clip with --force")
+            raise already_there(out, remedy="replace the clip")
         height = width = 0
         names: list[str] = []
         with Progress("import", count, "frame") as progress:
@@ -64,7 +64,7 @@ def write_imported(
             progress.say(out.name)
         if cameras:
             info["cameras"] = [{key: matrix.tolist() for key, matrix in c._asdict().items()} for c in cameras]
-        origin = {"generator": generator, "imported_by": f"nte {nte.__version__}"}
+        origin = {"generator": generator, "imported_by": f"nte {__version__}"}
         about = {"width": width, "height": height, "frames": count, "origin": origin, **info}
         write_clip_info(working, about)
         write_clip_info(working, {**about, "clean_guides": guides_are_clean(Clip(working))})

@@ -28,7 +28,7 @@ def apply_kernels(image: Tensor, kernels: Tensor) -> Tensor:
 class _ApplyKernels(torch.autograd.Function):
     """The sum over taps with a backward pass of its own.
 
-    That of the slices writes a padded image of zeros for each tap; tests/benchmarks/kernels.py has the times.
+    That of the slices writes a padded image of zeros for each tap; benchmarks/kernels.py has the times.
     """
 
     @staticmethod

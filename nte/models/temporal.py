@@ -1,10 +1,11 @@
 """The paper's network: multi-scale and temporal kernel prediction with dual motion vectors.
 
 Zeng et al., «Neural Temporal Denoising for Indirect Illumination». What the text leaves open is a setting;
-docs of each choice are in `NetworkConfig`.
+docs of each choice are in `TemporalConfig`.
 """
 
 from dataclasses import dataclass, field
+from types import MappingProxyType
 from typing import NamedTuple
 
 import torch
@@ -12,10 +13,7 @@ import torch.nn.functional as F
 from torch import Tensor, nn
 
 from nte.color import compress, divisor, per_sequence
-from nte.denoiser import Result, check_size
 from nte.errors import NteError
-from nte.frames.frame import Frame
-from nte.frames.scalars import known_scalars
 from nte.frames.usable import (
     BRIGHTEST,
     usable_depth,
@@ -25,15 +23,18 @@ from nte.frames.usable import (
     usable_vector,
 )
 from nte.models.kernels import apply_kernels, combine_scales
+from nte.models.trainable import NetworkConfig, TrainableDenoiser
 from nte.models.unet import UNet
-from nte.motion.geometric import dual_motion, scatter_forward_motion, traditional_motion
+from nte.motion.geometric import dual_motion, traditional_motion
 from nte.motion.warp import warp
+from nte.recurrence import FORWARD, Recurrent
 
 
 @dataclass
-class NetworkConfig:
+class TemporalConfig(NetworkConfig):
     """The network's choices; the defaults are the paper's, where it states them."""
 
+    kind: str = "temporal"
     channels: list[int] = field(default_factory=lambda: [32, 48, 64, 80, 96])  # U-Net, finest level first
     front: int = 1  # pixel-unshuffle before the U-Net: 2 lets it work at half resolution
     scales: int = 3  # kernels at full, 1/2 and 1/4 resolution; 1 is a single-scale network
@@ -61,32 +62,11 @@ class NetworkConfig:
             raise NteError(f"network.scales is {self.scales}: network.channels has {len(self.channels)} levels")
 
 
-class TemporalState(NamedTuple):
-    """What the denoiser carries: its last output (exposed, demodulated if so configured) and depth."""
-
-    history: Tensor  # (N, 3, H, W)
-    depth: Tensor  # (N, 1, H, W)
-    exposure: Tensor  # (N,), NaN until there was light
-    depth_scale: Tensor  # (N,), NaN until a surface was seen
-
-    def begun(self, frame: Frame, reset: Tensor) -> "TemporalState":
-        """With the exposure and depth scale of sequences that start here, or that had none yet."""
-        start = (reset > 0, ~self.exposure.isfinite(), ~self.depth_scale.isfinite())
-        if not torch.stack(start).any():
-            return self
-        own = (torch.as_tensor(scalar, device=reset.device) for scalar in known_scalars(frame))
-        exposure, depth_scale = (
-            torch.where(start[0] | unknown, scalar, carried)
-            for scalar, carried, unknown in zip(own, self[2:], start[1:], strict=True)
-        )
-        return self._replace(exposure=exposure, depth_scale=depth_scale)
-
-
 class Denoised(NamedTuple):
     """Outputs of the graph: the image in the input's units, the next history, and how it came about."""
 
     image: Tensor
-    history: Tensor
+    next_history: Tensor
     disoccluded: Tensor  # (N, 1, H, W), 0 or 1
     valid: Tensor  # (N, 1, H, W), 0 or 1
     alpha: Tensor  # (N, 1, H, W), weight of the current frame
@@ -95,7 +75,7 @@ class Denoised(NamedTuple):
 class KernelHeads(nn.Module):
     """Predicts, for each scale, K·K spatial weights and α; at the finest K·K temporal weights as well."""
 
-    def __init__(self, config: NetworkConfig) -> None:
+    def __init__(self, config: TemporalConfig) -> None:
         super().__init__()
         self.taps = config.kernel_size**2
         front_levels = config.front.bit_length() - 1
@@ -120,17 +100,19 @@ class KernelHeads(nn.Module):
         return predicted
 
 
-class TemporalDenoiser(nn.Module):
-    """Kernel-predicting recurrent denoiser of `color`; a Denoiser, and the module that is trained and exported."""
+class TemporalDenoiser(TrainableDenoiser):
+    """Kernel-predicting recurrent denoiser of `color`. It carries its last output (exposed, demodulated if so
+    configured) and the last depth."""
 
-    target = "color"
+    Config = TemporalConfig
+    extras = ("disoccluded", "valid", "alpha")
+    recurrent = MappingProxyType({"history": Recurrent("next_history", 3), "previous_depth": Recurrent("depth", 1)})
+    config: TemporalConfig
 
-    def __init__(self, config: NetworkConfig) -> None:
-        super().__init__()
-        config.check()
-        self.config = config
-        self.needs = ("color", "albedo", "normal", "depth", "motion")
-        self.optional = ("previous_forward_motion",) if config.motion == "dual" else ()
+    def __init__(self, config: TemporalConfig) -> None:
+        super().__init__(config)
+        self.needs: tuple[str, ...] = ("color", "albedo", "normal", "depth", "motion")
+        self.optional: tuple[str, ...] = (FORWARD,) if config.motion == "dual" else ()
         inputs = 3 + 3 + 3 + 1 + (3 if config.feed_warped and config.temporal else 0) + (2 if config.feed_masks else 0)
         self.unet = UNet(inputs * config.front**2, config.channels)
         self.heads = KernelHeads(config)
@@ -141,32 +123,6 @@ class TemporalDenoiser(nn.Module):
         """Image sizes are padded to a multiple of this inside."""
         levels, scales = len(self.config.channels), self.config.scales
         return max(self.config.front << (levels - 1), 1 << (scales - 1))
-
-    def step(
-        self, frame: Frame, state: TemporalState | None, extras: tuple[str, ...] = ()
-    ) -> tuple[Result, TemporalState]:
-        """Denoise one frame. extras: history, disoccluded, valid, alpha."""
-        tensors = frame.torch(next(self.parameters()).device)
-        color, depth = tensors["color"], tensors["depth"]
-        reset = torch.zeros(frame.batch, device=color.device) if tensors.reset is None else tensors.reset
-        if state is None:
-            reset = torch.ones(frame.batch, device=color.device)
-            state = TemporalState(torch.zeros_like(color), torch.zeros_like(depth), reset, reset)
-        check_size(frame, state.history)
-        state = state.begun(frame, reset)
-        forward = tensors.get("previous_forward_motion")
-        if forward is None:
-            forward = scatter_forward_motion(tensors["motion"], depth)
-        denoised = self(
-            color, tensors["albedo"], tensors["normal"], depth, tensors["motion"], forward,
-            reset, state.exposure.nan_to_num(1), state.depth_scale.nan_to_num(1), state.history, state.depth,
-        )  # fmt: skip
-        available = denoised._asdict()
-        unknown = [name for name in extras if name not in available]
-        if unknown:
-            raise NteError(f"extra '{unknown[0]}' is unknown; there are {', '.join(available)}")
-        result = Result(denoised.image, {name: available[name] for name in extras}).like(frame)
-        return result, TemporalState(denoised.history, depth, state.exposure, state.depth_scale)
 
     def forward(
         self, color: Tensor, albedo: Tensor, normal: Tensor, depth: Tensor, motion: Tensor,

@@ -28,7 +28,7 @@ from nte.motion.pyramid import (
     upsample,
 )
 from nte.motion.search import SEARCHES, Search, noise_of, searches_for
-from nte.motion.warp import warp
+from nte.motion.warp import fetch_bilinear, pixel_centres, warp
 from nte.motion.whole_shift import whole_shift
 
 __all__ = [
@@ -72,8 +72,12 @@ def find_motion(
     motion overwrites what is found on every level, and so guides the search around it. search: one for all images, or
     one for each; without it the noise of each image of `current` chooses one of SEARCHES. An image of a batch is
     searched as it would be alone. Small images get fewer levels (FewerLevelsWarning). The same input gives the same
-    output. docs/correspondence.md tells its time beside that of optical flow; no gradients. Raises NteError for images
-    that differ in size.
+    output. Without gradients. Raises NteError for images that differ in size.
+
+    >>> previous = torch.rand(1, 1, 64, 64, generator=torch.Generator().manual_seed(0))
+    >>> current = previous.roll((2, 3), (2, 3))  # two pixels down, three to the right
+    >>> nte.find_motion(current, previous)[0, :, 32, 32].round().tolist()
+    [-3.0, -2.0]
     """
     _check_sizes(current, previous)
     searches = _for_each(search or searches_for(current), current)
@@ -253,9 +257,14 @@ def _search_from(now: Tensor, before: Tensor, start: Tensor, search: Search, lev
     radius, refine = search.radii[level], level < search.refined
     if not start.any():
         return best_shift(now, before, radius, search.norm, refine)
-    shift, distance = best_shift(now, warp(before, start).image, radius, search.norm, refine)
+    shift, distance = best_shift(now, _fetched(before, start), radius, search.norm, refine)
     # What was compared lies at x + shift in the warped image, which shows the previous one from there on.
-    return shift + warp(start, shift).image, distance
+    return shift + _fetched(start, shift), distance
+
+
+def _fetched(image: Tensor, motion: Tensor) -> Tensor:
+    """Fetch the image along the motion as `warp` does, without its mask, which would cost as much again."""
+    return fetch_bilinear(image, pixel_centres(image) + motion)
 
 
 def _scaled(image: Tensor, search: Search) -> Tensor:
@@ -272,7 +281,7 @@ def _error(now: Tensor, before: Tensor, motion: Tensor, search: Search) -> Tenso
 
 def _distance(now: Tensor, before: Tensor, motion: Tensor, search: Search, radius: int, shrink: int = 1) -> Tensor:
     """Patch distance of scaled images along a motion, in images that are smaller by `shrink`."""
-    difference = smaller(now, shrink) - smaller(warp(before, motion).image, shrink)
+    difference = smaller(now, shrink) - smaller(_fetched(before, motion), shrink)
     distance = difference.square_() if search.norm == "l2" else difference.abs_()
     distance = distance.mean(1, keepdim=True)
     if search.norm.startswith("log"):

@@ -79,7 +79,7 @@ def _quadric(point: Tensor, normal: Tensor, frame: Tensor, bend: Tensor, step: T
 
 def _half_vector(place: Tensor, frame: Tensor, target: Tensor, eye: Tensor) -> tuple[Tensor, Tensor]:
     """Sum (R, 3) of the unit vectors to target and eye, and its change (R, 2, 2) with steps in the frame."""
-    total, change = torch.zeros_like(place), torch.zeros_like(frame.mT @ frame)
+    total, change = torch.zeros_like(place), place.new_zeros(())
     unit = torch.eye(2, dtype=place.dtype, device=place.device)
     for end in (target, eye):
         way = end - place
@@ -87,13 +87,13 @@ def _half_vector(place: Tensor, frame: Tensor, target: Tensor, eye: Tensor) -> t
         way = way / distance
         total = total + way
         inside = _in(frame, way)
-        change = change - (unit - inside[..., :, None] * inside[..., None, :]) / distance[..., None]
+        change = change - (unit - inside[..., :, None] @ inside[..., None, :]) / distance[..., None]
     return total, change
 
 
 def _in(frame: Tensor, vectors: Tensor) -> Tensor:
     """Components (R, 2) of vectors (R, 3) along the axes of frames (R, 3, 2)."""
-    return (frame * vectors[..., None]).sum(-2)
+    return (frame.mT @ vectors[..., None])[..., 0]
 
 
 def length(vectors: Tensor, dim: int = -1) -> Tensor:

@@ -35,12 +35,34 @@ def shadow_motion(
     (N, 2, H, W): where x is in the current frame; the pixels' centres unless given. NaN where the line is parallel to
     the plane, where it meets the plane on this side of the blocker, which then cannot shadow it, and where it meets it
     behind the camera.
+
+    A light 4 above the floor and a blocker at half the way: as the light was 1 to the left, the shadow was 1 to the
+    right, half a pixel for this camera, which looks down on 4×4 units with 2×2 pixels.
+
+    >>> view, projection = torch.eye(4)[None], torch.eye(4)[None]
+    >>> projection[0, 0, 3] = projection[0, 1, 3] = 0.5
+    >>> projection[0, 0, 0], projection[0, 1, 1] = 0.25, 0.25
+    >>> light, blocker, point, normal = (
+    ...     torch.tensor(xyz).view(1, 3, 1, 1).expand(1, 3, 2, 2)
+    ...     for xyz in ((-1.0, 0.0, 4.0), (0.0, 0.0, 2.0), (0.0, 0.0, 0.0), (0.0, 0.0, 1.0))
+    ... )
+    >>> centre = torch.ones(1, 2, 2, 2)
+    >>> nte.shadow_motion(light, blocker, point, normal, view, projection, centre)[0, :, 0, 0].tolist()
+    [0.5, 0.0]
     """
     return project(shadow_point(light, blocker, point, normal), view, projection) - _position(position, point)
 
 
 def shadow_point(light: Tensor, blocker: Tensor, point: Tensor, normal: Tensor) -> Tensor:
-    """Intersect lines from lights through blockers with planes, all (N, 3, H, W); NaN unless beyond the blocker."""
+    """Intersect lines from lights through blockers with planes, all (N, 3, H, W); NaN unless beyond the blocker.
+
+    >>> light, blocker, point, normal = (
+    ...     torch.tensor(xyz).view(1, 3, 1, 1)
+    ...     for xyz in ((-1.0, 0.0, 4.0), (0.0, 0.0, 2.0), (0.0, 0.0, 0.0), (0.0, 0.0, 1.0))
+    ... )
+    >>> nte.shadow_point(light, blocker, point, normal).flatten().tolist()
+    [1.0, 0.0, 0.0]
+    """
     along, reach = blocker - light, point - blocker
     t = _dot(reach, normal) / _dot(along, normal)  # from the blocker on: a sun is so far away that t from there rounds
     # Where blocker and plane touch, t is 0 but for rounding.
@@ -55,6 +77,12 @@ def mirror_image(target: Tensor, point: Tensor, normal: Tensor, eye: Tensor, cur
     (N, 3, 3, H, W): the change of the unit normal with a step along the surface, per scene unit; where there is any,
     the result lies behind the place near by that mirrors h by it, as far as h is before it. NaN where h and the camera
     are on different sides of the plane: no reflection is seen.
+
+    >>> target, point, normal = (
+    ...     torch.tensor(xyz).view(1, 3, 1, 1) for xyz in ((1.0, 2.0, 3.0), (0.0, 0.0, 0.0), (0.0, 0.0, 1.0))
+    ... )
+    >>> nte.mirror_image(target, point, normal, torch.tensor([[0.0, 0.0, 5.0]])).flatten().tolist()
+    [1.0, 2.0, -3.0]
     """
     from_eye = eye[:, :, None, None]
     height = _dot(target - point, normal)
@@ -79,6 +107,12 @@ def reflection_motion(image: Tensor, view: Tensor, projection: Tensor, position:
 
     image: from `mirror_image`. view and projection: the camera before. position: where x is; pixel centres unless
     given.
+
+    >>> image = torch.tensor([0.5, 0.0, -3.0]).view(1, 3, 1, 1)
+    >>> view, projection = torch.eye(4)[None], torch.eye(4)[None]
+    >>> projection[0, 0, 3] = projection[0, 1, 3] = 0.5  # parallel rays, one unit is one pixel
+    >>> nte.reflection_motion(image, view, projection).flatten().tolist()
+    [0.5, 0.0]
     """
     return project(image, view, projection) - _position(position, image)
 
@@ -107,6 +141,18 @@ def reflection_covariance(
 
     Zeng et al. trace the whole lobe from the image, which is too wide by (d + d')/d: four times where a floor
     nearby reflects what is far away; and know no curvature.
+
+    A camera 1 above a floor looks straight down on the image of what is 1 above the floor too:
+
+    >>> view, projection = torch.eye(4)[None], torch.zeros(1, 4, 4)
+    >>> projection[0, 0, 0] = projection[0, 1, 1] = projection[0, 3, 2] = 1.0
+    >>> image, point, normal = (
+    ...     torch.tensor(xyz).view(1, 3, 1, 1) for xyz in ((0.0, 0.0, 2.0), (0.0, 0.0, 1.0), (0.0, 0.0, -1.0))
+    ... )
+    >>> rough = torch.full((1, 1, 1, 1), 0.1)
+    >>> xx, xy, yy = nte.reflection_covariance(image, point, normal, rough, view, projection, size=(100, 100)).flatten()
+    >>> [round(value.sqrt().item(), 3) for value in (xx, yy)]  # px
+    [0.707, 0.707]
     """
     eye = _eye(view)[:, :, None, None].expand_as(point)
     height, width = size or point.shape[-2:]

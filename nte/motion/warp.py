@@ -37,6 +37,14 @@ def warp(image: Tensor, motion: Tensor) -> Warped:
 
     Outside the image the border repeats and `valid` is false; so it is where the motion is not finite.
     Costs one grid_sample; differentiable in the image.
+
+    >>> previous = torch.arange(4.0).view(1, 1, 1, 4)
+    >>> motion = torch.tensor([1.0, 0.0]).view(1, 2, 1, 1).expand(1, 2, 1, 4)  # everything was one pixel to the right
+    >>> found = nte.warp(previous, motion)
+    >>> found.image.flatten().tolist()
+    [1.0, 2.0, 3.0, 3.0]
+    >>> found.valid.flatten().tolist()
+    [True, True, True, False]
     """
     position = pixel_centres(image) + motion
     return Warped(fetch_bilinear(image, position), inside(position))
@@ -48,7 +56,7 @@ def fetch_bilinear(image: Tensor, position: Tensor) -> Tensor:
     # Clamped here too: a position far outside, or NaN, would overflow the integer pixel index.
     x = position[:, 0].nan_to_num().clamp(0, width) / width
     y = position[:, 1].nan_to_num().clamp(0, height) / height
-    grid = torch.stack([x, y], 3) * 2 - 1
+    grid = torch.stack([x, y], 3).mul_(2).sub_(1)
     return F.grid_sample(image, grid, mode="bilinear", padding_mode="border", align_corners=False)
 
 

@@ -1,7 +1,37 @@
 """Rendering training and test clips with Mitsuba: `nte render RECIPE.yaml --out DIR`.
 
-recipe.py says what to render, clips.py renders it into the folder that output.py looks after. A scene
-(scene.py, made by scenes/) is NumPy only; stage.py puts it into Mitsuba at a time; integrator.py renders the
-radiance and gbuffer.py, with rays.py, the channels without noise. backend.py is the only place that may import
-Mitsuba, because it has to choose the LLVM first.
+Six layers, each of which knows only those before it. `world` says what there is to render and when, in NumPy alone;
+`scenes` makes worlds of it. `engine` puts a world, or a Mitsuba XML file, into Mitsuba; `engine.backend` is the only
+place that may import Mitsuba, because it has to choose the LLVM first. `passes` render radiance and the channels
+without noise, `components` the light components with their vectors, and `recipes` make folders of clips of them all.
 """
+
+import sys
+from pathlib import Path
+from types import ModuleType
+
+
+class _Package(ModuleType):
+    """The package as a function: `nte.render(recipe, out)`."""
+
+    def __call__(
+        self, recipe: Path | str, out: Path | str, jobs: int = 1, force: bool = False, progress: bool = True,
+        scheduler: str | None = None,
+    ) -> list[Path]:  # fmt: skip
+        """Render every clip of a recipe below the folder `out` and return the clips' folders.
+
+        Continues where an earlier run stopped: whole frames are kept, and the files have the same bytes for any number
+        of jobs, workers and interruptions. jobs: processes; one uses all cores already. force: replace another recipe's
+        clips. progress: show it on stderr. scheduler: address of a Dask cluster that renders instead, whose workers see
+        `out`. Raises NteError for a faulty recipe, a folder with other files in it, a full disk.
+
+        >>> [folder] = nte.render("recipe.yaml", "data/spheres", progress=False)  # one clip of 16×16 pixels
+        >>> nte.Clip(folder).frame(0)["reference"].shape
+        (1, 3, 16, 16)
+        """
+        from nte.render.recipes.clips import render_recipe
+
+        return render_recipe(recipe, out, jobs, force, progress, scheduler)
+
+
+sys.modules[__name__].__class__ = _Package

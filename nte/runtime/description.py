@@ -2,17 +2,17 @@
 
 import json
 import re
-from collections.abc import Collection
+from collections.abc import Mapping, Sequence
 from hashlib import sha256
 from pathlib import Path
 from typing import Any
 
 from nte.errors import NteError
-from nte.frames.channels import CHANNELS
+from nte.frames.channels import CHANNELS, TARGETS
+from nte.recurrence import FORWARD, SCALARS, Recurrent
 
 FORMAT = "nte-onnx/1"
 METADATA_KEY = "nte"
-STATE = {"history": 3, "previous_depth": 1}  # recurrent inputs, which start at 0: channels of each
 UNSEALED = "0" * 64  # stands in the metadata where the checksum is to be
 _SEAL = re.compile(rb'"sha256": "([0-9a-f]{64})"')
 
@@ -31,9 +31,11 @@ def check_seal(path: Path) -> None:
         raise NteError(f"{path}: damaged: its checksum does not fit: copy or export it again")
 
 
-def read_description(path: Path, text: str | None, outputs: Collection[str]) -> dict[str, Any]:
-    """Return the description of the model at `path`, whose graph has these outputs. (Inputs may be fewer than it says:
-    the exporter drops those that a network does not use.)
+def read_description(
+    path: Path, text: str | None, inputs: Mapping[str, Sequence[Any]], outputs: Sequence[str]
+) -> dict[str, Any]:
+    """Return the description of the model at `path`, whose graph has these inputs, with their shapes, and outputs.
+    (Inputs may be fewer than it says: the exporter drops those that a network does not use.)
 
     Raises NteError where it is missing, of another format, or says what cannot be.
     """
@@ -45,24 +47,40 @@ def read_description(path: Path, text: str | None, outputs: Collection[str]) -> 
     if found != FORMAT:
         what = f"{found!r:.40}" if found else "no description of ours"
         raise NteError(f"{path}: {what} in the model's metadata, expected '{FORMAT}': use nte export")
-    state = info.get("state")
+    state: Any = info.get("state")
+    scales: Any = info.get("scales", {})
     known = {
         "version": isinstance(info.get("version"), str),
         "needs": _are_channels(info.get("needs")),
         "optional": _are_channels(info.get("optional")),
-        "target": _are_channels([info.get("target")]),
+        "target": info.get("target") in TARGETS,
         "smallest": type(info.get("smallest")) is int and 0 < info["smallest"] < 2**16,
         "conventions": isinstance(info.get("conventions"), dict),
         "sha256": isinstance(info.get("sha256"), str),
-        "state": isinstance(state, dict) and "history" in state and state.keys() <= STATE.keys() and all(
+        "state": isinstance(state, dict) and all(
             isinstance(source, str) and (source in outputs or source in CHANNELS) for source in state.values()
         ),
+        "scales": isinstance(scales, dict) and all(type(n) is int and 0 < n < 2**16 for n in scales.values()),
     }  # fmt: skip
     if wrong := next((key for key, fits in known.items() if not fits), None):
         raise NteError(f"{path}: '{wrong}' in the model's metadata is {info.get(wrong)!r:.60}: export it again")
+    taken = {*info["needs"], *info["optional"], FORWARD, *SCALARS}
+    for name, shape in inputs.items():
+        if name not in taken and not (name in state and len(shape) == 4 and type(shape[1]) is int):
+            raise NteError(f"{path}: 'state' in the model's metadata is {state!r:.60}: export it again")
     if "image" not in outputs:
         raise NteError(f"{path}: the graph has no output 'image': export it again")
     return dict(info)
+
+
+def recurrent_of(info: Mapping[str, Any], inputs: Mapping[str, Sequence[Any]]) -> dict[str, Recurrent]:
+    """The recurrent tensors of a graph with these inputs and their shapes."""
+    scales = info.get("scales", {})
+    return {
+        name: Recurrent(source, inputs[name][1], scales.get(name, 1))
+        for name, source in info["state"].items()
+        if name in inputs
+    }
 
 
 def _are_channels(names: Any) -> bool:

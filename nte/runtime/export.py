@@ -3,35 +3,71 @@
 import json
 import tempfile
 import warnings
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from pathlib import Path
+from typing import Any
 
 import numpy as np
+import numpy.typing as npt
 import onnx
 import torch
 
-from nte import __version__
 from nte.errors import NteError
-from nte.files import make_folder, write_whole
+from nte.files import make_folder, only_writer_of, write_whole
+from nte.frames.channels import CHANNELS, Channel, Kind, width_of
 from nte.frames.frame import Frame
-from nte.models.temporal import TemporalDenoiser
-from nte.runtime.description import FORMAT, METADATA_KEY, STATE, UNSEALED, seal
+from nte.models.trainable import TrainableDenoiser
+from nte.recurrence import FORWARD, SCALARS
+from nte.runtime.description import FORMAT, METADATA_KEY, UNSEALED, seal
 from nte.runtime.session import OnnxDenoiser
+from nte.version import __version__
 
-IMAGES = {
-    "color": 3, "albedo": 3, "normal": 3, "depth": 1, "motion": 2, "previous_forward_motion": 2,
-}  # fmt: skip
-SCALARS = ("reset", "exposure", "depth_scale")
-OUTPUTS = ("image", "next_history", "disoccluded", "valid", "alpha")
+Numbers = npt.NDArray[Any]
 OPSET = 18
 SMALLEST = 16
+
+LAYOUT = "float32 (N, C, H, W); x to the right, y down, pixel centres at +0.5"
+CONVENTIONS_OF_KINDS: dict[Kind, str] = {  # for the others, the unit in the table of channels says it
+    "radiance": "linear radiance, scene-referred; bad pixels are sanitised, exposed light capped at 65504",
+    "reflectance": "[0, 1]",
+    "direction": "unit, world space",
+    "depth": "along the view axis, scene units; 0 = miss",
+}
+CONVENTIONS = {
+    "motion": "pixels, current to previous: previous = current + motion",
+    FORWARD: "pixels, previous frame to the current one; NaN = unknown, 0 = stands still",
+}
+OF_SEQUENCES = {
+    "reset": "(N,), 1 starts a sequence: history is ignored",
+    "exposure": "(N,), 0.18 / exp(mean log luminance of the first frame), constant over a sequence",
+    "depth_scale": "(N,), median hit depth of the first frame, constant over a sequence",
+}
 
 CHECK_SIZES = ((64, 96), (45, 77), (16, 16))
 CHECK_FRAMES = 20
 TYPICAL, WORST = 1e-4, 0.05  # of |a − b| / (|b| + 0.01): the 99.9th percentile, and the maximum
 
 
-def export_onnx(denoiser: TemporalDenoiser, path: Path, progress: Callable[[str], None] = print) -> None:
+def export(run: Path | str, out: Path | str, force: bool = False, progress: Callable[[str], None] = print) -> Path:
+    """Export a trained run as one ONNX file, checked against PyTorch, and return its path.
+
+    run: a run folder, which stands for its last checkpoint, or a .safetensors file in one. out: the file to write.
+    progress: called with a line for each size at which both agree. Raises NteError where the results differ, and where
+    `out` exists, unless `force`.
+
+    >>> model = nte.export("runs/mine", "mine.onnx", progress=lambda line: None)
+    >>> nte.load_denoiser("mine.onnx").target
+    'color'
+    """
+    from nte.training.run import load_run
+
+    out = Path(out)
+    with only_writer_of(out, force):
+        export_onnx(load_run(Path(run)), out, progress)
+    return out
+
+
+def export_onnx(denoiser: TrainableDenoiser, path: Path, progress: Callable[[str], None] = print) -> None:
     """Export to `path` after checking ONNX Runtime against PyTorch over recurrent frames at several sizes.
 
     The graph takes what export/README.md lists; height, width and batch are free (sizes from 16).
@@ -56,13 +92,13 @@ def export_onnx(denoiser: TemporalDenoiser, path: Path, progress: Callable[[str]
 
 
 def compare_with_torch(
-    denoiser: TemporalDenoiser, exported: OnnxDenoiser, size: tuple[int, int]
+    denoiser: TrainableDenoiser, exported: OnnxDenoiser, size: tuple[int, int]
 ) -> tuple[float, float]:
     """(99.9th percentile, maximum) of |a − b| / (|b| + 0.01), b PyTorch's output, over a recurrent sequence."""
     ours, theirs = None, None
     errors = []
     with torch.no_grad():
-        for frame in _test_sequence(size, CHECK_FRAMES):
+        for frame in _test_sequence((*exported.needs, *exported.optional), size, CHECK_FRAMES):
             expected, ours = denoiser.step(frame, ours)
             found, theirs = exported.step(frame, theirs)
             errors.append(np.abs(found.image - expected.image) / (np.abs(expected.image) + 0.01))
@@ -70,41 +106,74 @@ def compare_with_torch(
     return float(np.quantile(every, 0.999)), float(every.max())
 
 
-def _test_sequence(size: tuple[int, int], frames: int, seed: int = 0) -> Iterator[Frame]:
-    """Frames with everything that a graph must cope with: motion across borders, disocclusions, sky, bad pixels."""
+def _test_sequence(names: Iterable[str], size: tuple[int, int], frames: int, seed: int = 0) -> Iterator[Frame]:
+    """Frames of these channels, and of what exposure and scattering look at, with everything that a graph must cope
+    with: motion across borders, disocclusions, sky, bad pixels."""
     rng = np.random.default_rng(seed)
-    shape = (2, *size)
-    depth = np.where(rng.random((2, 1, *size)) < 0.05, 0, 4).astype(np.float32)
+    rows = [CHANNELS[name] for name in dict.fromkeys(("color", "depth", "motion", *names))]
+    first: list[Kind] = ["radiance", "motion"]  # depth and ids stay: what is seen moves only by its vectors
+    rows.sort(key=lambda row: (row.kind not in first, row.storage == "derived"))
+    still = {row.name: _values(row, rng, size) for row in rows if row.kind in ("depth", "id")}
     for index in range(frames):
-        color = rng.exponential(1.0, (2, 3, *size)).astype(np.float32) * rng.random((2, 1, 1, 1), np.float32) * 10
-        color[rng.random(color.shape) < 1e-3] = rng.choice([np.nan, np.inf, -1.0])
-        motion = rng.normal(0, 2, (2, 2, 1, 1)) + rng.normal(0, 0.2, (2, 2, *size))
-        motion[rng.random(shape)[:, None].repeat(2, 1) < 1e-3] = rng.choice([np.nan, 1e20])
-        forward = -motion + np.where(rng.random((2, 1, *size)) < 0.1, 6.0, 0.0)
-        forward[rng.random(shape)[:, None].repeat(2, 1) < 0.02] = np.nan
-        channels = {
-            "color": color, "albedo": rng.random((2, 3, *size)), "normal": rng.uniform(-0.6, 0.6, (2, 3, *size)),
-            "depth": depth, "motion": motion, "previous_forward_motion": forward,
-        }  # fmt: skip
-        yield Frame({name: values.astype(np.float32) for name, values in channels.items()}, index)
+        made = dict(still)
+        for row in rows:
+            if row.name == FORWARD:
+                made[row.name] = _against(made["motion"], rng)
+            elif row.name not in still:
+                made[row.name] = _values(row, rng, size)
+        yield Frame({name: values.astype(np.float32) for name, values in made.items()}, index)
 
 
-def _graph(denoiser: TemporalDenoiser) -> onnx.ModelProto:
-    """Trace the denoiser with free batch, height and width.
+def _values(row: Channel, rng: np.random.Generator, size: tuple[int, int]) -> Numbers:
+    """Values (2, C, H, W) of a channel, without structure; light and vectors have some that are none."""
+    shape = 2, width_of(row.name), *size
+    match row.kind:
+        case "radiance":
+            light = rng.exponential(1.0, shape).astype(np.float32) * rng.random((2, 1, 1, 1), np.float32) * 10
+            light[rng.random(shape) < 1e-3] = rng.choice([np.nan, np.inf, -1.0])
+            return light
+        case "motion":
+            motion = rng.normal(0, 2, (2, 2, 1, 1)) + rng.normal(0, 0.2, shape)
+            motion[rng.random((2, *size))[:, None].repeat(2, 1) < 1e-3] = rng.choice([np.nan, 1e20])
+            return motion
+        case "depth":
+            return np.where(rng.random(shape) < 0.05, 0, 4)
+        case "direction" | "point":
+            return rng.uniform(-0.6, 0.6, shape)
+        case "id":
+            return rng.integers(0, 4, shape)
+        case _:
+            return rng.random(shape)
+
+
+def _against(motion: Numbers, rng: np.random.Generator) -> Numbers:
+    """previous_forward_motion for a motion: a tenth of the pixels is hidden by others, some are unknown."""
+    batch, _, *size = motion.shape
+    forward = -motion + np.where(rng.random((batch, 1, *size)) < 0.1, 6.0, 0.0)
+    forward[rng.random((batch, *size))[:, None].repeat(2, 1) < 0.02] = np.nan
+    return forward
+
+
+def _graph(denoiser: TrainableDenoiser) -> onnx.ModelProto:
+    """Trace the denoiser with free batch, height and width; channels that it can do without are inputs too.
 
     By the tracing exporter: measured on two cores it takes 2 s, where torch.export needs 150 s to reason about
     the sizes of 75 shifted images. What tracing could silently freeze, the check at several sizes would find.
     """
-    order = [*IMAGES, *SCALARS, *STATE]
-    channels = IMAGES | STATE
-    example = tuple(torch.rand(2, channels[n], 64, 96) if n in channels else torch.ones(2) for n in order)
-    axes = {name: {0: "batch", 2: "height", 3: "width"} for name in (*channels, *OUTPUTS)}
+    shapes = {name: tensor.shape(2, 64, 96) for name, tensor in denoiser.recurrent.items()}
+    shapes |= {name: (2, width_of(name), 64, 96) for name in denoiser.inputs if name in CHANNELS}
+    example = tuple(torch.rand(shapes[name]) if name in shapes else torch.ones(2) for name in denoiser.inputs)
+    axes = {name: {0: "batch", 2: "height", 3: "width"} for name in (*shapes, *denoiser.outputs)}
     axes |= {name: {0: "batch"} for name in SCALARS}
+    for name, tensor in denoiser.recurrent.items():
+        if tensor.scale > 1:
+            smaller = {0: "batch", 2: f"height_{tensor.scale}", 3: f"width_{tensor.scale}"}
+            axes |= {name: smaller, tensor.source: smaller}
     with tempfile.TemporaryDirectory() as folder, warnings.catch_warnings(), torch.no_grad():
         warnings.simplefilter("ignore")  # of the tracer, about what the check looks at
         torch.onnx.export(
-            denoiser, example, f"{folder}/graph.onnx", dynamo=False, input_names=order, output_names=list(OUTPUTS),
-            dynamic_axes=axes, opset_version=OPSET,
+            denoiser, example, f"{folder}/graph.onnx", dynamo=False, input_names=list(denoiser.inputs),
+            output_names=list(denoiser.outputs), dynamic_axes=axes, opset_version=OPSET,
         )  # fmt: skip
         model = onnx.load(f"{folder}/graph.onnx")
     onnx.helper.set_model_props(model, {METADATA_KEY: json.dumps(_description(denoiser))})
@@ -112,28 +181,28 @@ def _graph(denoiser: TemporalDenoiser) -> onnx.ModelProto:
     return model
 
 
-def _description(denoiser: TemporalDenoiser) -> dict[str, object]:
+def _description(denoiser: TrainableDenoiser) -> dict[str, object]:
     """What a runtime must know, as JSON in the model's metadata (export/README.md explains it)."""
+    used = dict.fromkeys((*denoiser.needs, *denoiser.optional))
+    conventions = {"layout": LAYOUT} | {name: _convention(CHANNELS[name]) for name in used}
+    image = f"the denoised target in the units of {denoiser.target}"
+    scales = {name: tensor.scale for name, tensor in denoiser.recurrent.items() if tensor.scale > 1}
     return {
         "format": FORMAT,
         "version": __version__,
         "sha256": UNSEALED,  # of the whole file, with zeros here
-        "needs": list(denoiser.needs),
-        "optional": list(denoiser.optional),
+        "needs": [name for name in used if name != FORWARD],  # a graph has no optional input; only this one can be made
+        "optional": [FORWARD] if FORWARD in used else [],
         "target": denoiser.target,
-        "state": {"history": "next_history", "previous_depth": "depth"},  # input ← output or input of the frame before
+        # recurrent input ← output or input of the frame before
+        "state": {name: tensor.source for name, tensor in denoiser.recurrent.items()},
+        **({"scales": scales} if scales else {}),
         "smallest": SMALLEST,
-        "conventions": {
-            "layout": "float32 (N, C, H, W); x to the right, y down, pixel centres at +0.5",
-            "color": "linear radiance, scene-referred; bad pixels are sanitised, exposed light capped at 65504",
-            "albedo": "[0, 1]",
-            "normal": "unit, world space",
-            "depth": "along the view axis, scene units; 0 = miss",
-            "motion": "pixels, current to previous: previous = current + motion",
-            "previous_forward_motion": "pixels, previous frame to the current one; NaN = unknown, 0 = stands still",
-            "reset": "(N,), 1 starts a sequence: history is ignored",
-            "exposure": "(N,), 0.18 / exp(mean log luminance of the first frame), constant over a sequence",
-            "depth_scale": "(N,), median hit depth of the first frame, constant over a sequence",
-            "image": "the denoised target in the units of color",
-        },
+        "conventions": conventions | OF_SEQUENCES | {"image": image} | dict(denoiser.conventions),
     }
+
+
+def _convention(row: Channel) -> str:
+    """What the values of a channel mean: in short what datasets/README.md says."""
+    said = CONVENTIONS.get(row.name) or CONVENTIONS_OF_KINDS.get(row.kind) or row.unit
+    return said if "NaN" in said or not row.nan_means else f"{said}; NaN = {row.nan_means}"

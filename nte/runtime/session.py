@@ -2,40 +2,23 @@
 
 from collections.abc import Sequence
 from pathlib import Path
-from typing import NamedTuple
 
 import numpy as np
 import numpy.typing as npt
 import onnxruntime
 
-from nte.denoiser import Result, check_size
+from nte.denoiser import Denoiser, Result, check_extras
 from nte.errors import NteError
-from nte.frames.channels import CHANNELS
+from nte.frames.channels import width_of
 from nte.frames.frame import Frame
-from nte.frames.scalars import known_scalars
-from nte.runtime.description import METADATA_KEY, STATE, check_seal, read_description
+from nte.recurrence import FORWARD, NetworkState, begin, hand_on
+from nte.runtime.description import METADATA_KEY, check_seal, read_description, recurrent_of
 
 Pixels = npt.NDArray[np.float32]
 Provider = str | tuple[str, dict[str, str]]
 
 
-class OnnxState(NamedTuple):
-    """The recurrent inputs of the next frame, and the sequence's scalars."""
-
-    tensors: dict[str, Pixels]
-    exposure: Pixels  # (N,), NaN until there was light
-    depth_scale: Pixels  # (N,), NaN until a surface was seen
-
-    def begun(self, frame: Frame, reset: Pixels) -> "OnnxState":
-        """With the exposure and depth scale of sequences that start here, or that had none yet."""
-        starts = [(reset > 0) | np.isnan(carried) for carried in self[1:]]
-        if not np.any(starts):
-            return self
-        own = zip(starts, known_scalars(frame), self[1:], strict=True)
-        return OnnxState(self.tensors, *(np.where(start, scalar, carried) for start, scalar, carried in own))
-
-
-class OnnxDenoiser:
+class OnnxDenoiser(Denoiser):
     """An exported model with its state handling. Takes and returns NumPy (or what the frame has).
 
     providers: ONNX Runtime execution providers, best first, by name or as (name, options); None: the CPU. threads: 0
@@ -61,59 +44,47 @@ class OnnxDenoiser:
             self._session = onnxruntime.InferenceSession(str(self.path), options, providers=chosen)
         except Exception as error:  # ONNX Runtime raises classes of its own that share no public base
             raise NteError(f"{path}: not a readable ONNX model: {str(error).splitlines()[0]}") from error
-        self._inputs = {i.name: i for i in self._session.get_inputs()}
+        self._inputs = {i.name: i.shape for i in self._session.get_inputs()}
         self._outputs = [o.name for o in self._session.get_outputs()]
         text = self._session.get_modelmeta().custom_metadata_map.get(METADATA_KEY)
-        self.info = read_description(self.path, text, self._outputs)
+        self.info = read_description(self.path, text, self._inputs, self._outputs)
+        self._recurrent = recurrent_of(self.info, self._inputs)
         self.needs: tuple[str, ...] = tuple(self.info["needs"])
-        self.optional: tuple[str, ...] = tuple(self.info["optional"])
-        self.target: str = self.info["target"]
+        self.optional = tuple(self.info["optional"])
+        self.target = self.info["target"]
+        kept = {"image", *(tensor.source for tensor in self._recurrent.values())}
+        self.extras = tuple(name for name in self._outputs if name not in kept)
 
-    def step(self, frame: Frame, state: OnnxState | None, extras: tuple[str, ...] = ()) -> tuple[Result, OnnxState]:
+    def step(
+        self, frame: Frame, state: NetworkState | None, extras: tuple[str, ...] = ()
+    ) -> tuple[Result, NetworkState]:
         """Denoise one frame; None starts a sequence. extras: further outputs of the graph.
 
         Raises NteError for a channel that is missing or has the wrong type or shape, and for a size that
         changes within a sequence.
         """
-        unknown = [name for name in extras if name not in self._outputs]
-        if unknown:
-            raise NteError(f"{self.path}: no output '{unknown[0]}'; there are {', '.join(self._outputs)}")
+        check_extras(self, extras, self.path)
         arrays = frame.numpy()
         feed = {name: self._checked(arrays, name) for name in self.needs}
-        if "previous_forward_motion" in self._inputs:
-            feed["previous_forward_motion"] = (
-                self._checked(arrays, "previous_forward_motion") if "previous_forward_motion" in arrays
-                else scatter_forward_motion(feed["motion"], feed["depth"])
-            )  # fmt: skip
-        reset = np.asarray(np.zeros(frame.batch) if arrays.reset is None else arrays.reset, np.float32)
-        if state is None:
-            reset = np.ones(frame.batch, np.float32)
-            state = self._begin(frame)
-        check_size(frame, state.tensors["history"])
-        state = state.begun(arrays, reset)
-        scalars = {name: np.nan_to_num(getattr(state, name), nan=1.0) for name in ("exposure", "depth_scale")}
-        feed |= {"reset": reset, **scalars, **state.tensors}
-        kept: dict[str, str] = self.info["state"]
-        wanted = list(dict.fromkeys(["image", *(n for n in kept.values() if n in self._outputs), *extras]))
-        outputs = dict(zip(wanted, self._session.run(wanted, self._only_inputs(feed)), strict=True))
-        following = {name: outputs[source] if source in outputs else feed[source] for name, source in kept.items()}
-        result = Result(outputs["image"], {name: outputs[name] for name in extras}).like(frame)
-        return result, OnnxState(following, state.exposure, state.depth_scale)
-
-    def _only_inputs(self, feed: dict[str, Pixels]) -> dict[str, Pixels]:
-        """What the graph still has as an input: the exporter drops those that a network does not use."""
-        return {name: array for name, array in feed.items() if name in self._inputs}
-
-    def _begin(self, frame: Frame) -> OnnxState:
-        zeros = {name: np.zeros((frame.batch, c, *frame.size), np.float32) for name, c in STATE.items()}
-        scalar = np.ones(frame.batch, np.float32)
-        return OnnxState(zeros, scalar, scalar)
+        if FORWARD in self._inputs:
+            given = FORWARD in arrays
+            feed[FORWARD] = (
+                self._checked(arrays, FORWARD) if given else scatter_forward_motion(arrays["motion"], arrays["depth"])
+            )
+        state, reset = begin(arrays, state, self._recurrent, lambda shape: np.zeros(shape, np.float32))
+        feed |= {"reset": reset, **state.scalars.known(), **state.tensors}
+        sources = (tensor.source for tensor in self._recurrent.values())
+        wanted = list(dict.fromkeys(["image", *(name for name in sources if name in self._outputs), *extras]))
+        used = {name: array for name, array in feed.items() if name in self._inputs}
+        made = dict(zip(wanted, self._session.run(wanted, used), strict=True))
+        result = Result(made["image"], {name: made[name] for name in extras}).like(frame)
+        return result, hand_on(state, self._recurrent, feed | made)
 
     def _checked(self, frame: Frame, name: str) -> Pixels:
         array = frame[name]
         if array.dtype != np.float32:
             raise NteError(f"frame {frame.index}: channel '{name}' is {array.dtype}, expected float32")
-        expected = len(CHANNELS[name].components)
+        expected = width_of(name)
         if array.shape[1] != expected:
             raise NteError(f"frame {frame.index}: channel '{name}' is {array.shape}, expected (N, {expected}, H, W)")
         if min(frame.size) < self.info["smallest"]:

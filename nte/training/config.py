@@ -1,15 +1,18 @@
 """The schema of configs/*.yaml: every choice of a training run."""
 
 import math
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
+from typing import Any
 
 from omegaconf import MISSING
 
 from nte.config import load_config
 from nte.errors import NteError
 from nte.files import is_folder_name
-from nte.models.temporal import NetworkConfig
+from nte.models.registry import DEFAULT, network_type
+from nte.models.trainable import NetworkConfig
 from nte.training.losses import LossConfig
 
 
@@ -65,7 +68,7 @@ class TrainConfig:
     name: str = MISSING
     seed: int = 1
     data: DataConfig = field(default_factory=DataConfig)
-    network: NetworkConfig = field(default_factory=NetworkConfig)
+    network: NetworkConfig = MISSING  # of the kind that it names: read_train_config
     loss: LossConfig = field(default_factory=LossConfig)
     optimiser: OptimiserConfig = field(default_factory=OptimiserConfig)
     phases: list[PhaseConfig] = field(default_factory=lambda: MISSING)
@@ -80,12 +83,24 @@ class TrainConfig:
 
 def load_train_config(path: Path, overrides: list[str]) -> TrainConfig:
     """Read and check a training configuration; raises NteError naming the key."""
-    config = load_config(TrainConfig, path, overrides)
+    config = read_train_config(path, overrides)
     try:
         _check(config)
     except NteError as error:
         raise NteError(f"{path}: {error}") from error
     return config
+
+
+def read_train_config(path: Path, overrides: Sequence[str] = ()) -> TrainConfig:
+    """Read a training configuration, such as a run folder's, whose choices have been checked before."""
+    return load_config(TrainConfig, path, overrides, _of_its_network)
+
+
+def _of_its_network(said: Callable[[str], Any]) -> TrainConfig:
+    """The defaults of a configuration with the kind of network that it names; where it names none, DEFAULT."""
+    kind = said("network.kind")
+    kind = DEFAULT if kind is None else kind
+    return TrainConfig(network=network_type(kind).Config(kind=kind))
 
 
 def _check(config: TrainConfig) -> None:

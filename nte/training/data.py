@@ -11,10 +11,11 @@ from torch.utils.data import DataLoader, Dataset
 
 from nte.errors import NteError
 from nte.frames.clip import Clip, find_clips
+from nte.recurrence import FORWARD
 from nte.training.augment import Augmentation
 from nte.training.batch import Batch, collate
 from nte.training.config import DataConfig
-from nte.training.tiles import FORWARD, SCATTERED, ClipStore
+from nte.training.tiles import SCATTERED, ClipStore
 
 
 class Sample(NamedTuple):

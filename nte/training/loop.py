@@ -16,38 +16,52 @@ from tqdm import tqdm
 
 from nte.errors import NteError
 from nte.files import only_writer
+from nte.frames.channels import reference_of
 from nte.frames.clip import Clip
 from nte.interrupt import InterruptFlag
-from nte.models.temporal import TemporalDenoiser
+from nte.models.registry import make_network
+from nte.models.trainable import TrainableDenoiser
 from nte.training.checkpoint import CHECKPOINT, load_module, load_optimiser, module_state, optimiser_state
-from nte.training.config import OptimiserConfig, TrainConfig
+from nte.training.config import OptimiserConfig, TrainConfig, load_train_config
 from nte.training.data import TrainingSteps, open_clips, training_loader
-from nte.training.losses import SequenceLoss
+from nte.training.losses import HIDDEN, SequenceLoss
 from nte.training.meter import Meter
 from nte.training.plan import Plan, digests
 from nte.training.run import DECODED, RunFolder
-from nte.training.tiles import REFERENCE
+from nte.training.target import Target
 from nte.training.validation import ValidationSet, spread, validate
 
 
-def train(config: TrainConfig, force: bool = False, device: str = "auto") -> Path:
+def train(
+    config: TrainConfig | Path | str, force: bool = False, device: str = "auto", overrides: Sequence[str] = ()
+) -> Path:
     """Train as configured and return the run folder.
 
-    Ends after the steps that the phases have, never by the clock; stops after the current step on Ctrl-C.
-    Raises NteError for wrong data or configuration, where another process trains in the run's folder, and where the
-    loss is no longer finite.
+    config: the configuration, or the YAML file that has it. force: replace a run that exists. overrides: `key=value`
+    for the file, such as `resume=true`. Ends after the steps that the phases have, never by the clock; stops after the
+    current step on Ctrl-C. Raises NteError for wrong data or configuration, where another process trains in the run's
+    folder, and where the loss is no longer finite.
+
+    >>> run = nte.train("config.yaml", device="cpu", overrides=["name=mine"])
+    step 1: loss ...
+    >>> str(run)
+    'runs/mine'
     """
+    if not isinstance(config, TrainConfig):
+        config = load_train_config(Path(config), list(overrides))
+    elif overrides:
+        raise NteError("overrides are for a configuration's file: set the values of a TrainConfig itself")
     fabric = _launch(device)
     torch.use_deterministic_algorithms(fabric.device.type == "cpu")
     fabric.seed_everything(config.seed, verbose=False)
-    denoiser = TemporalDenoiser(config.network)
+    denoiser = make_network(config.network)
     run = RunFolder(Path(config.runs) / config.name)
     clips = open_clips(config.data.clips)
-    channels = (*denoiser.needs, *denoiser.optional, REFERENCE)
+    channels = _channels(denoiser, config)
     data = TrainingSteps(
         clips, channels, config.data, config.seed, fabric.global_rank, fabric.world_size, run.folder / DECODED
     )
-    chosen = _validation_set(config, clips, (*denoiser.needs, REFERENCE))
+    chosen = _validation_set(config, clips, (*denoiser.needs, reference_of(denoiser.target)))
     plan = Plan(
         fabric.world_size, [phase.length(data.epoch) for phase in config.phases], digests(clips), digests(chosen.clips)
     )
@@ -64,7 +78,7 @@ def train(config: TrainConfig, force: bool = False, device: str = "auto") -> Pat
 
 
 def _run(
-    config: TrainConfig, fabric: Fabric, denoiser: TemporalDenoiser, data: TrainingSteps, chosen: ValidationSet,
+    config: TrainConfig, fabric: Fabric, denoiser: TrainableDenoiser, data: TrainingSteps, chosen: ValidationSet,
     plan: Plan, run: RunFolder,
 ) -> None:  # fmt: skip
     """Train, from the run's checkpoint where there is one."""
@@ -115,7 +129,7 @@ def _run(
                 values = {"loss": loss.item()} | {name: part.item() for name, part in parts.items()} | meter.read()
                 _log(run, writer, done, values, optimiser.param_groups[0]["lr"], bar)
             if done % config.validate_every == 0 or done == last:
-                trained = cast(TemporalDenoiser, average.module) if config.optimiser.ema else denoiser
+                trained = cast(TrainableDenoiser, average.module) if config.optimiser.ema else denoiser
                 found = validate(trained, chosen)
                 _log(run, writer, done, found.scores, None, bar)
                 writer.add_image("validation/noisy, denoised, reference", found.picture, done)
@@ -129,6 +143,16 @@ def _run(
         writer.close()
     if done < last and fabric.is_global_zero:
         print(f"stopped after step {done} of {last}; continue with resume=true")
+
+
+def _channels(denoiser: TrainableDenoiser, config: TrainConfig) -> tuple[str, ...]:
+    """What of the clips is trained on. Raises NteError for losses that the network does not give what they need."""
+    for i, phase in enumerate(config.phases):
+        if phase.occlusion * config.loss.occlusion > 0 and HIDDEN not in denoiser.extras:
+            what = f"network '{config.network.kind}' gives no '{HIDDEN}'"
+            raise NteError(f"'phases[{i}].occlusion' is {phase.occlusion}, but the {what}: set it to 0")
+    channels = (*denoiser.needs, *denoiser.optional, *config.loss.channels(Target(denoiser.target)))
+    return tuple(dict.fromkeys(channels))
 
 
 def _validation_set(config: TrainConfig, clips: Sequence[Clip], channels: Sequence[str]) -> ValidationSet:
@@ -209,7 +233,7 @@ def _log(
     run: RunFolder, writer: SummaryWriter, step: int, values: dict[str, float], rate: float | None, bar: Any
 ) -> None:
     values = values if rate is None else values | {"learning_rate": rate}
-    run.log({"step": step} | values)
+    run.log({"step": step, **values})
     for name, value in values.items():
         writer.add_scalar(name, value, step)
     line = f"step {step}: " + ", ".join(f"{name} {value:.4g}" for name, value in values.items())

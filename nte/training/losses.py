@@ -10,12 +10,14 @@ from dataclasses import dataclass, field, replace
 import torch
 from torch import Tensor, nn
 
-from nte.color import compress, demodulate, display, per_sequence
+from nte.color import demodulate, per_sequence
+from nte.denoiser import Denoiser, State
 from nte.errors import NteError
-from nte.models.temporal import TemporalDenoiser, TemporalState
 from nte.training.batch import Batch, as_frames
+from nte.training.target import Target
 
 LEAST_HIDDEN = 0.01  # share of the pixels
+HIDDEN = "disoccluded"  # extra of a network (N, 1, H, W): 1 where the previous frame did not see the surface
 BRIGHTEST = 65504.0  # of an exposed reference: beyond, nobody sees a difference
 
 
@@ -38,13 +40,13 @@ class LossConfig:
         if self.space not in ("linear", "log", "display"):
             raise NteError(f"loss.space is '{self.space}', expected linear, log or display")
 
-
-def to_space(radiance: Tensor, exposure: Tensor, space: str) -> Tensor:
-    """Radiance (N, 3, H, W) in the space where losses are measured."""
-    if space == "display":
-        return display(radiance, exposure)
-    exposed = radiance * per_sequence(exposure)
-    return compress(exposed) if space == "log" else exposed
+    def channels(self, target: Target) -> tuple[str, ...]:
+        """Channels that the loss of a target needs. Raises NteError where it cannot be measured."""
+        if not self.irradiance:
+            return (target.reference,)
+        if target.texture is None:
+            raise NteError(f"loss.irradiance is {self.irradiance}, but '{target.name}' has no texture: set it to 0")
+        return target.reference, target.texture
 
 
 def masked_mean(values: Tensor, usable: Tensor) -> Tensor:
@@ -85,10 +87,11 @@ class SequenceLoss(nn.Module):
     recurrence as one forward pass.
     """
 
-    def __init__(self, denoiser: TemporalDenoiser, config: LossConfig, precision: str = "32-true") -> None:
+    def __init__(self, denoiser: Denoiser, config: LossConfig, precision: str = "32-true") -> None:
         super().__init__()
         config.check()
         self.denoiser, self.config, self.mixed = denoiser, config, precision == "bf16-mixed"
+        self.target = Target(denoiser.target)
 
     def forward(self, batch: Batch, occlusion: float, warmup: int = 0) -> tuple[Tensor, dict[str, Tensor]]:
         """(loss, its parts as means per frame); the first `warmup` frames are denoised but not counted.
@@ -97,15 +100,19 @@ class SequenceLoss(nn.Module):
         """
         weights = replace(self.config, occlusion=occlusion * self.config.occlusion)
         parts: dict[str, list[Tensor]] = {}
-        state: TemporalState | None = None
+        state: State | None = None
+        target = self.target
+        asked = (HIDDEN,) if weights.occlusion else ()
         masks: list[Tensor] = []
         before: tuple[Tensor, Tensor, Tensor] | None = None
         for i, frame in enumerate(as_frames(batch)):
-            with torch.autocast(frame["color"].device.type, torch.bfloat16, enabled=self.mixed):
-                result, state = self.denoiser.step(frame, state, ("disoccluded",))
-            masks.insert(0, result.extras["disoccluded"])
-            target, usable = usable_reference(frame["reference"], state.exposure)
-            image, reference = (to_space(x, state.exposure, weights.space) for x in (result.image, target))
+            clean, exposure = frame[target.reference], frame.exposure
+            assert exposure is not None  # batches have it
+            with torch.autocast(clean.device.type, torch.bfloat16, enabled=self.mixed):
+                result, state = self.denoiser.step(frame, state, asked)
+            clean, usable = usable_reference(clean, exposure)
+            image, reference = (target.in_space(x, exposure, weights.space) for x in (result.image, clean))
+            masks = [result.extras[name] for name in asked] + masks
             if i >= warmup:
                 parts.setdefault("spatial", []).append(masked_mean((image - reference).abs(), usable))
                 if before is not None:
@@ -115,10 +122,10 @@ class SequenceLoss(nn.Module):
                     hidden = self._mask(masks) * usable
                     masked = occlusion_loss(image, reference, hidden, weights.normalise_occlusion)
                     parts.setdefault("occlusion", []).append(masked)
-                if weights.irradiance:
+                if weights.irradiance and target.texture:
+                    texture = frame[target.texture]
                     light = [
-                        to_space(demodulate(x, frame["albedo"]), state.exposure, weights.space)
-                        for x in (result.image, target)
+                        target.in_space(demodulate(x, texture), exposure, weights.space) for x in (result.image, clean)
                     ]
                     parts.setdefault("irradiance", []).append(masked_mean((light[0] - light[1]).abs(), usable))
             before = image, reference, usable

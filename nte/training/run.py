@@ -18,17 +18,17 @@ from collections.abc import Mapping
 from dataclasses import asdict, replace
 from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
-from typing import Any
 
 import torch
 from torch import Tensor
 
-from nte.config import load_config, to_yaml
+from nte.config import to_yaml
 from nte.errors import DISTRIBUTION, NteError
 from nte.files import write_whole
-from nte.models.temporal import TemporalDenoiser
+from nte.models.registry import make_network
+from nte.models.trainable import TrainableDenoiser
 from nte.training.checkpoint import BEST, CHECKPOINT, load_module, read_checkpoint, write_checkpoint
-from nte.training.config import TrainConfig
+from nte.training.config import TrainConfig, read_train_config
 from nte.training.plan import PLAN, Plan
 
 DECODED = "decoded"
@@ -74,7 +74,7 @@ class RunFolder:
         write_whole(run.folder / "config.yaml", lambda path: path.write_text(text, encoding="utf-8"))
         return run
 
-    def log(self, values: Mapping[str, Any]) -> None:
+    def log(self, values: Mapping[str, object]) -> None:
         """Append a line to metrics.jsonl."""
         with (self.folder / "metrics.jsonl").open("a", encoding="utf-8") as file:
             file.write(json.dumps(dict(values)) + "\n")
@@ -110,11 +110,11 @@ class RunFolder:
 
     def _check_same(self, config: TrainConfig) -> None:
         """Raise NteError naming the first key whose value differs; where the folder lies may differ."""
-        saved = _choices(load_config(TrainConfig, self.folder / "config.yaml"))
+        saved = _choices(read_train_config(self.folder / "config.yaml"))
         for key, now in _choices(config).items():
-            if saved[key] != now:
+            if saved.get(key) != now:  # another kind of network has other keys; its kind is the first that differs
                 raise NteError(
-                    f"{self.folder}: made by another configuration: '{key}' is {saved[key]} there and {now} here; "
+                    f"{self.folder}: made by another configuration: '{key}' is {saved.get(key)} there and {now} here; "
                     "give the run another name, or restore the value"
                 )
 
@@ -130,7 +130,7 @@ class RunFolder:
                 path.unlink()
 
 
-def load_run(folder: Path, device: str = "cpu") -> TemporalDenoiser:
+def load_run(folder: Path, device: str = "cpu") -> TrainableDenoiser:
     """The denoiser that a run has trained so far: the moving average of its weights where it keeps one.
 
     folder: a run folder, or a checkpoint in it: RUN/best.safetensors is the one whose validation was best.
@@ -138,10 +138,10 @@ def load_run(folder: Path, device: str = "cpu") -> TemporalDenoiser:
     folder, name = (folder, CHECKPOINT) if folder.suffix != ".safetensors" else (folder.parent, folder.name)
     if not (folder / "config.yaml").is_file():
         raise NteError(f"{folder}: no run folder: config.yaml is missing")
-    config = load_config(TrainConfig, folder / "config.yaml")
+    config = read_train_config(folder / "config.yaml")
     _, state = read_checkpoint(folder, name)
     prefix = "average.module." if "average.n_averaged" in state else "denoiser."
-    denoiser = TemporalDenoiser(config.network)
+    denoiser = make_network(config.network)
     load_module(denoiser, state, prefix, folder / name)
     return denoiser.to(device).eval().requires_grad_(False)
 
@@ -155,11 +155,11 @@ def _step_of(line: str) -> float:
     return step if type(step) is int else math.inf
 
 
-def _choices(config: TrainConfig) -> dict[str, Any]:
+def _choices(config: TrainConfig) -> dict[str, object]:
     """Every choice by its dotted key, without those that do not change what is learned."""
-    flat: dict[str, Any] = {}
+    flat: dict[str, object] = {}
 
-    def collect(prefix: str, values: Mapping[str, Any]) -> None:
+    def collect(prefix: str, values: Mapping[str, object]) -> None:
         for key, value in values.items():
             if isinstance(value, dict):
                 collect(f"{prefix}{key}.", value)
@@ -172,7 +172,7 @@ def _choices(config: TrainConfig) -> dict[str, Any]:
 
 def _versions() -> str:
     packages = (DISTRIBUTION, "torch", "numpy", "lightning-fabric", "safetensors", "omegaconf", "OpenEXR")
-    found: dict[str, Any] = {"python": platform.python_version(), "machine": platform.machine()}
+    found: dict[str, object] = {"python": platform.python_version(), "machine": platform.machine()}
     for package in packages:
         try:
             found[package] = version(package)

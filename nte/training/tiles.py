@@ -22,18 +22,18 @@ from torch import Tensor
 
 from nte.errors import NteError
 from nte.files import make_folder, sweep, temporary_name
-from nte.frames.channels import CHANNELS
+from nte.frames.channels import REFERENCES, width_of
 from nte.frames.clip import Clip, frame_path
 from nte.frames.frame import Frame
 from nte.frames.reference import BadReferenceWarning, count_bad_pixels, describe_bad_pixels
 from nte.frames.scalars import sequence_scalars
 from nte.motion.geometric import scatter_forward_motion
+from nte.recurrence import FORWARD
 from nte.training.plan import digest_of
 
 TILE = 64  # pixels; a crop of 256 reads 1.6 times its size
 FORMAT = "nte-tiles/1"
-FORWARD, SCATTERED = "previous_forward_motion", "scattered_forward_motion"
-REFERENCE = "reference"
+SCATTERED = "scattered_forward_motion"
 Pixels = npt.NDArray[np.float32]
 SCALARS = ("exposure", "depth_scale", "shutter")  # those of a frame that belong to its sequence
 
@@ -55,8 +55,8 @@ class TiledClip(NamedTuple):
         inside = inside[:, :, : rows.stop - rows.start, : columns.stop - columns.start]
         images, first = {}, 0
         for name in self.channels:
-            images[name] = torch.from_numpy(inside[:, first : first + width_of(name)].copy())
-            first += width_of(name)
+            images[name] = torch.from_numpy(inside[:, first : first + _width(name)].copy())
+            first += _width(name)
         return images
 
     def sequence_scalars(self) -> dict[str, Tensor]:
@@ -91,7 +91,7 @@ class ClipStore:
         return sum(4.0 * np.prod(self._shape(clip)) * clip.seeds for clip in self.clips) / 2**30
 
     def _shape(self, clip: Clip) -> tuple[int, ...]:
-        components = sum(map(width_of, self.channels))
+        components = sum(map(_width, self.channels))
         return -(-clip.height // TILE), -(-clip.width // TILE), len(clip), components, TILE, TILE
 
     def _mapped(self, folder: Path, key: tuple[int, int]) -> TiledClip:
@@ -130,7 +130,9 @@ class ClipStore:
         index, seed = key
         clip = self.clips[index]
         tiles = allocate(self._shape(clip), np.float32)
-        stored = [name for name in self.channels if name in clip.channels]
+        # Besides what is kept, what exposure, depth scale and scattering are made of.
+        wanted = dict.fromkeys((*self.channels, "color", "depth", "motion"))
+        stored = [name for name in wanted if name in clip.channels]
         scalars = np.ones((len(SCALARS), 1), np.float32)
         for i in range(len(clip)):
             frame = clip.frame(i, stored, (seed,))
@@ -149,13 +151,12 @@ class ClipStore:
         return np.asarray(frame[name])
 
     def _look(self, frame: Frame, index: int) -> None:
-        if REFERENCE not in frame:
-            return
         folder = self.clips[index].folder
-        bad = count_bad_pixels(frame, REFERENCE, folder)
-        if bad and index not in self._told:
-            self._told.add(index)
-            warnings.warn(describe_bad_pixels(bad, REFERENCE, folder, frame.index), BadReferenceWarning, stacklevel=2)
+        for name in REFERENCES:
+            bad = count_bad_pixels(frame, name, folder) if name in frame else 0
+            if bad and index not in self._told:
+                self._told.add(index)
+                warnings.warn(describe_bad_pixels(bad, name, folder, frame.index), BadReferenceWarning, stacklevel=2)
 
     def _digest(self, clip: Clip, seed: int) -> str:
         """Of all that the tiles are made from: a clip that is rendered again has other tiles."""
@@ -167,9 +168,9 @@ class ClipStore:
         return digest_of(clip, FORMAT, TILE, self.channels, seed, str(clip.folder.resolve()), stats)
 
 
-def width_of(channel: str) -> int:
-    """How many components a channel has."""
-    return len(CHANNELS[FORWARD if channel == SCATTERED else channel].components)
+def _width(channel: str) -> int:
+    """How many components a channel has, SCATTERED among them."""
+    return width_of(FORWARD if channel == SCATTERED else channel)
 
 
 def _tiled(planes: Pixels) -> Pixels:

@@ -8,13 +8,13 @@ from typing import NamedTuple
 import torch
 from torch import Tensor
 
-from nte.color import compress, display, per_sequence
+from nte.color import psnr
 from nte.frames.clip import Clip
 from nte.frames.reference import count_bad_pixels
-from nte.models.temporal import TemporalDenoiser
+from nte.frames.scalars import sequence_exposure
+from nte.models.trainable import TrainableDenoiser
 from nte.training.losses import masked_mean, usable_reference
-
-PSNR_MAX = 100.0  # dB, also that of identical images
+from nte.training.target import Target
 
 
 class ValidationSet(NamedTuple):
@@ -58,14 +58,14 @@ def spread(clips: Sequence[Clip], count: int) -> list[Clip]:
 
 
 @torch.no_grad()
-def validate(denoiser: TemporalDenoiser, chosen: ValidationSet) -> Validation:
+def validate(denoiser: TrainableDenoiser, chosen: ValidationSet) -> Validation:
     """Run whole clips and score the frames that count: log-L1 and PSNR (peak 1, display transform).
 
     A family's score is the mean of its frames, validation_l1 and validation_psnr that of the families; with several of
     them validation_psnr/NAME is each one's. Bad pixels of a reference are left out; raises NteError for too many.
     """
     l1: list[float] = []
-    psnr: dict[str, float] = {}
+    ratios: dict[str, float] = {}
     pictures: list[Tensor] = []
     for family, clips in families(chosen.clips).items():
         errors: list[Tensor] = []
@@ -76,30 +76,33 @@ def validate(denoiser: TemporalDenoiser, chosen: ValidationSet) -> Validation:
             decibels += scored[1]
             pictures = scored[2]
         l1.append(torch.stack(errors).mean().item())
-        psnr[family] = torch.stack(decibels).mean().item()
-    scores = {"validation_l1": sum(l1) / len(l1), "validation_psnr": sum(psnr.values()) / len(psnr)}
-    if len(psnr) > 1:
-        scores |= {f"validation_psnr/{family}": value for family, value in psnr.items()}
+        ratios[family] = torch.stack(decibels).mean().item()
+    scores = {"validation_l1": sum(l1) / len(l1), "validation_psnr": sum(ratios.values()) / len(ratios)}
+    if len(ratios) > 1:
+        scores |= {f"validation_psnr/{family}": value for family, value in ratios.items()}
     return Validation(scores, torch.cat(pictures, 3)[0].cpu())
 
 
-def _score(denoiser: TemporalDenoiser, clip: Clip, first: int) -> tuple[list[Tensor], list[Tensor], list[Tensor]]:
+def _score(denoiser: TrainableDenoiser, clip: Clip, first: int) -> tuple[list[Tensor], list[Tensor], list[Tensor]]:
     """log-L1 and PSNR of each frame that counts, and noisy, denoised and reference image of the last."""
-    channels = [name for name in (*denoiser.needs, *denoiser.optional, "reference") if name in clip.channels]
+    target, device = Target(denoiser.target), next(denoiser.parameters()).device
+    wanted = dict.fromkeys((*denoiser.needs, *denoiser.optional, target.reference, target.name, "color"))
+    channels = [name for name in wanted if name in clip.channels]
     errors, decibels = [], []
     pictures: list[Tensor] = []
-    state = None
+    state = known = None
     for i in range(len(clip)):
-        frame = clip.frame(i, channels).torch(next(denoiser.parameters()).device)
+        frame = clip.frame(i, channels).torch(device)
         result, state = denoiser.step(frame, state)
+        known = sequence_exposure(frame, known)
         if i < first:
             continue
-        count_bad_pixels(frame, "reference", clip.folder)
-        exposure = state.exposure.nan_to_num(1)  # unknown where there was no light yet
-        reference, usable = usable_reference(frame["reference"], exposure)
-        scale = per_sequence(exposure)
-        errors.append(masked_mean((compress(result.image * scale) - compress(reference * scale)).abs(), usable))
-        pictures = [display(x, exposure) for x in (frame["color"], result.image, reference)]
+        count_bad_pixels(frame, target.reference, clip.folder)
+        exposure = torch.from_numpy(known).to(device).nan_to_num(1)  # unknown where there was no light yet
+        reference, usable = usable_reference(frame[target.reference], exposure)
+        ours, clean = (target.in_space(image, exposure, "log") for image in (result.image, reference))
+        errors.append(masked_mean((ours - clean).abs(), usable))
+        pictures = [target.displayed(x, exposure) for x in (frame[target.name], result.image, reference)]
         error = masked_mean((pictures[1] - pictures[2]).square(), usable)
-        decibels.append((-10 * error.log10()).clamp(max=PSNR_MAX))
-    return errors, decibels, pictures
+        decibels.append(psnr(error))
+    return errors, decibels, [picture.expand(-1, 3, -1, -1) for picture in pictures]

@@ -6,7 +6,7 @@ from pathlib import Path
 
 import pytest
 
-from nte.checking import CheckReport, check_clip
+from nte.checking import CheckReport, check
 from nte.checking.report import Mean
 from nte.frames.clip import Clip, find_clips
 
@@ -16,7 +16,7 @@ BASELINES = ("noisy", "taa:clamp=none", "taa", "taa:clamp=clip")
 
 @pytest.fixture(scope="module")
 def reports() -> list[CheckReport]:
-    return [check_clip(Clip(folder)) for folder in find_clips([DATA])]
+    return [check(Clip(folder)) for folder in find_clips([DATA])]
 
 
 def pooled(means: list[Mean]) -> float:

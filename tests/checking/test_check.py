@@ -3,7 +3,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from nte.checking import check_clip
+from nte.checking import check
 from nte.frames.clip import Clip
 from tests.synthetic import Pixels, disc_clip, disc_frame, write_clip
 
@@ -18,7 +18,7 @@ def wrong(folder: Path, change: object) -> Clip:
 
 
 def test_good_vectors_explain_the_albedo(tmp_path: Path) -> None:
-    report = check_clip(Clip(disc_clip(tmp_path / "clip", **MOVING)))
+    report = check(Clip(disc_clip(tmp_path / "clip", **MOVING)))
     assert report.verdict == "plausible"
     assert report.ratio > 10
     assert report.errors["albedo", "dual", "visible"].value < report.errors["albedo", "none", "visible"].value / 10
@@ -42,7 +42,7 @@ def motion_times(x: float, y: float) -> object:
     ],
 )
 def test_another_convention_is_named(tmp_path: Path, change: object, named: str) -> None:
-    report = check_clip(wrong(tmp_path, change))
+    report = check(wrong(tmp_path, change))
     assert report.verdict == "implausible"
     assert named in report.reason
 
@@ -57,14 +57,14 @@ def test_forward_vectors_are_told_from_a_wrong_sign(tmp_path: Path) -> None:
         frame["albedo"] = shift["albedo"]
         frame["motion"][0] = places[i + 1] - places[i]
         frames.append(frame)
-    report = check_clip(Clip(write_clip(tmp_path / "clip", frames)))
+    report = check(Clip(write_clip(tmp_path / "clip", frames)))
     assert report.verdict == "implausible"
     assert "direction" in report.reason
 
 
 def test_noise_in_the_vectors_is_implausible(tmp_path: Path) -> None:
     rng = np.random.default_rng(0)
-    report = check_clip(wrong(tmp_path, lambda f: {"motion": rng.normal(0, 8, f["motion"].shape).astype("f")}))
+    report = check(wrong(tmp_path, lambda f: {"motion": rng.normal(0, 8, f["motion"].shape).astype("f")}))
     assert report.verdict == "implausible"
     assert "does not explain" in report.reason
 
@@ -77,20 +77,20 @@ def test_a_few_pixels_do_not_outvote_the_clip(tmp_path: Path) -> None:
         frame["albedo"][:, :8] = np.roll(chance, 4 * i, 2)[:, :8]
         frame["motion"][:, :8] = np.array([-4 / 48, 0], np.float32).reshape(2, 1, 1)
         frame["instance"][:, :8] = 3
-    report = check_clip(Clip(write_clip(tmp_path / "clip", frames)))
+    report = check(Clip(write_clip(tmp_path / "clip", frames)))
     assert len(report.votes.against) >= 6  # enough to be misled by
     assert report.verdict == "plausible"
 
 
 @pytest.mark.parametrize("factor", [0.0, 1 / 64, 1 / 8])
 def test_a_picture_that_moves_without_its_vectors(tmp_path: Path, factor: float) -> None:
-    report = check_clip(wrong(tmp_path, motion_times(factor, factor)))
+    report = check(wrong(tmp_path, motion_times(factor, factor)))
     assert report.verdict == "implausible"
     assert "the picture changes and the vectors do not" in report.reason or "unit" in report.reason
 
 
 def test_vectors_of_a_wrong_length_are_measured(tmp_path: Path) -> None:
-    report = check_clip(wrong(tmp_path, motion_times(0.4, 0.4)))
+    report = check(wrong(tmp_path, motion_times(0.4, 0.4)))
     assert report.verdict == "implausible"
     factor = float(report.reason.split("the vectors are ")[1].split(" times too short")[0])
     assert factor == pytest.approx(2.5, rel=0.15)
@@ -99,22 +99,22 @@ def test_vectors_of_a_wrong_length_are_measured(tmp_path: Path) -> None:
 def test_one_bad_frame_does_not_condemn_the_clip(tmp_path: Path) -> None:
     frames = [disc_frame(i, **MOVING) for i in range(8)]  # type: ignore[arg-type]
     frames[4]["motion"] *= -1
-    report = check_clip(Clip(write_clip(tmp_path / "clip", frames)))
+    report = check(Clip(write_clip(tmp_path / "clip", frames)))
     assert report.votes.against
     assert report.verdict == "plausible"
 
 
 def test_without_instances_and_depth(tmp_path: Path) -> None:
     bare = [{n: disc_frame(i, **MOVING)[n] for n in ("color", "albedo", "motion")} for i in range(4)]  # type: ignore[arg-type]
-    assert check_clip(Clip(write_clip(tmp_path / "right", bare))).verdict == "plausible"
+    assert check(Clip(write_clip(tmp_path / "right", bare))).verdict == "plausible"
     for frame in bare:
         frame["motion"] = frame["motion"] * np.float32([1, -1]).reshape(2, 1, 1)
-    report = check_clip(Clip(write_clip(tmp_path / "wrong", bare)))
+    report = check(Clip(write_clip(tmp_path / "wrong", bare)))
     assert "sign of y" in report.reason
 
 
 def test_a_still_clip_is_undecidable(tmp_path: Path) -> None:
-    report = check_clip(Clip(disc_clip(tmp_path / "clip", velocity=(0.0, 0.0))))
+    report = check(Clip(disc_clip(tmp_path / "clip", velocity=(0.0, 0.0))))
     assert report.verdict == "undecidable"
 
 
@@ -127,16 +127,16 @@ def test_bad_geometry_fails_and_bad_radiance_is_counted(tmp_path: Path) -> None:
 
         return change
 
-    radiance = check_clip(wrong(tmp_path / "radiance", nan("color")))
+    radiance = check(wrong(tmp_path / "radiance", nan("color")))
     assert radiance.verdict == "plausible"
     assert radiance.tallies["color"].bad == 8
-    geometry = check_clip(wrong(tmp_path / "geometry", nan("depth")))
+    geometry = check(wrong(tmp_path / "geometry", nan("depth")))
     assert geometry.verdict == "implausible"
     assert "8 pixels of depth" in geometry.reason
 
 
 def test_dual_vectors_serve_disoccluded_pixels_better(tmp_path: Path) -> None:
-    report = check_clip(Clip(disc_clip(tmp_path / "clip", velocity=(6.0, 0.0), start=(14.0, 24.0))))
+    report = check(Clip(disc_clip(tmp_path / "clip", velocity=(6.0, 0.0), start=(14.0, 24.0))))
     # The wall beside is a better guess than the disc's normal.
     error = {vectors: report.errors["normal", vectors, "disoccluded"].value for vectors in ("dual", "traditional")}
     assert error["dual"] < error["traditional"] / 2
@@ -144,7 +144,7 @@ def test_dual_vectors_serve_disoccluded_pixels_better(tmp_path: Path) -> None:
 
 def test_a_clip_without_vectors_is_checked_for_its_values(tmp_path: Path) -> None:
     frames = [{"color": np.ones((3, 8, 8), np.float32), "roughness": np.full((1, 8, 8), 7, np.float32)}] * 2
-    report = check_clip(Clip(write_clip(tmp_path / "clip", frames)))
+    report = check(Clip(write_clip(tmp_path / "clip", frames)))
     assert "roughness: 7 to 7" in report.reason
     bare = write_clip(tmp_path / "bare", [{"color": frame["color"]} for frame in frames])
-    assert check_clip(Clip(bare)).verdict == "undecidable"
+    assert check(Clip(bare)).verdict == "undecidable"

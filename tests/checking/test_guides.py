@@ -5,7 +5,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from nte.checking import check_clip, guides_are_clean
+from nte.checking import check, guides_are_clean
 from nte.frames.clip import Clip
 from tests.synthetic import Pixels, smooth_texture, write_clip
 
@@ -43,7 +43,7 @@ def shrink(frame: dict[str, Pixels], kind: str) -> dict[str, Pixels]:
 def test_only_means_of_samples_are_clean(tmp_path: Path, kind: str, told: str) -> None:
     clip = Clip(write_clip(tmp_path / "clip", [shrink(fine_frame(), kind)] * 2))
     assert guides_are_clean(clip) == (not told)
-    report = check_clip(clip)
+    report = check(clip)
     assert report.verdict == "undecidable"  # told, not failed
     assert any(f.channel == "albedo" and f.found.startswith(told) for f in report.findings) == bool(told)
 

@@ -4,11 +4,11 @@ from pathlib import Path
 
 import pytest
 
-from nte.checking import check_clip
+from benchmarks.check import WRONG, Changed, judge
+from nte.checking import check
 from nte.frames.clip import Clip
-from nte.render.clips import render_clip
-from nte.render.recipe import ClipPlan, Group
-from tests.benchmarks.check import WRONG, Changed, judge
+from nte.render.recipes.clips import render_clip
+from nte.render.recipes.recipe import ClipPlan, Group
 
 
 @pytest.fixture(scope="module")
@@ -22,7 +22,7 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 @pytest.mark.slow
 def test_right_vectors_pass_without_a_word(folder: Path) -> None:
-    report = check_clip(Clip(folder))
+    report = check(Clip(folder))
     assert report.verdict == "plausible"
     assert not report.findings
 
@@ -31,4 +31,4 @@ def test_right_vectors_pass_without_a_word(folder: Path) -> None:
 @pytest.mark.parametrize("name", WRONG)
 def test_other_conventions_fail(folder: Path, name: str) -> None:
     change, words = WRONG[name]
-    assert judge(check_clip(Changed(folder, change)), words) in ("named", "failed")
+    assert judge(check(Changed(folder, change)), words) in ("named", "failed")

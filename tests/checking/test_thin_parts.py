@@ -5,7 +5,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from nte.checking import check_clip
+from nte.checking import check
 from nte.frames.clip import Clip
 from tests.checking.thin import thin_frames
 from tests.synthetic import write_clip
@@ -14,17 +14,17 @@ from tests.synthetic import write_clip
 @pytest.mark.parametrize("size", [(120, 160), pytest.param((480, 640), marks=pytest.mark.slow)])
 @pytest.mark.parametrize("travel", [0.0, 0.8])
 def test_right_vectors_of_thin_parts_never_fail(tmp_path: Path, size: tuple[int, int], travel: float) -> None:
-    report = check_clip(Clip(write_clip(tmp_path / "clip", thin_frames(3, size, travel=travel))))
+    report = check(Clip(write_clip(tmp_path / "clip", thin_frames(3, size, travel=travel))))
     assert report.verdict != "implausible", report.reason
     assert not report.votes.against
 
 
 def test_thin_parts_that_move_far_tell_a_wrong_sign(tmp_path: Path) -> None:
     frames = thin_frames(3, (120, 160), travel=8.0)
-    assert check_clip(Clip(write_clip(tmp_path / "right", frames))).verdict == "plausible"
+    assert check(Clip(write_clip(tmp_path / "right", frames))).verdict == "plausible"
     for frame in frames:
         frame["motion"] = -frame["motion"]
-    report = check_clip(Clip(write_clip(tmp_path / "wrong", frames)))
+    report = check(Clip(write_clip(tmp_path / "wrong", frames)))
     assert report.verdict == "implausible"
     assert "sign" in report.reason
 
@@ -33,6 +33,6 @@ def test_thin_parts_that_move_without_vectors(tmp_path: Path) -> None:
     frames = thin_frames(3, (120, 160), travel=8.0)
     for frame in frames:
         frame["motion"] = np.zeros_like(frame["motion"])
-    report = check_clip(Clip(write_clip(tmp_path / "clip", frames)))
+    report = check(Clip(write_clip(tmp_path / "clip", frames)))
     assert report.verdict == "implausible"
     assert "the picture changes and the vectors do not" in report.reason

@@ -6,7 +6,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from nte.checking import CheckReport, check_clip, describe
+from nte.checking import CheckReport, check, describe
 from nte.frames.clip import Clip
 from nte.importing.convert import unit
 from tests.synthetic import Pixels, disc_frame, write_clip
@@ -21,16 +21,16 @@ def ball_normals(size: tuple[int, int]) -> Pixels:
     return np.stack([x, -y, np.sqrt(1 - x**2 - y**2)]).astype(np.float32)
 
 
-def check(folder: Path, change: Callable[[dict[str, Pixels], int], dict[str, Pixels]]) -> CheckReport:
+def checked(folder: Path, change: Callable[[dict[str, Pixels], int], dict[str, Pixels]]) -> CheckReport:
     frames = [disc_frame(i, **MOVING) for i in range(3)]  # type: ignore[arg-type]
     for i, frame in enumerate(frames):
         frame["normal"] = ball_normals((64, 96))
         frame |= {name: np.asarray(values, np.float32) for name, values in change(frame, i).items()}
-    return check_clip(Clip(write_clip(folder / "clip", frames)))
+    return check(Clip(write_clip(folder / "clip", frames)))
 
 
 def test_nothing_is_said_of_right_values(tmp_path: Path) -> None:
-    report = check(tmp_path, lambda f, i: {})
+    report = checked(tmp_path, lambda f, i: {})
     assert [f for f in report.findings if not f.found.startswith("aliased")] == []  # the disc really is aliased
     assert report.verdict == "plausible"
 
@@ -53,7 +53,7 @@ def test_nothing_is_said_of_right_values(tmp_path: Path) -> None:
     ],
 )
 def test_what_a_channel_cannot_be_fails(tmp_path: Path, change: Callable[..., dict[str, Pixels]], told: str) -> None:
-    report = check(tmp_path, change)
+    report = checked(tmp_path, change)
     assert report.verdict == "implausible"
     assert told in report.reason
 
@@ -65,7 +65,7 @@ def test_a_few_bad_pixels_of_the_reference_are_counted_and_named(tmp_path: Path)
             reference[0, 3, 4], reference[1, 5, 6], reference[2, 7, 8] = np.nan, np.inf, -20
         return {"reference": reference}
 
-    report = check(tmp_path, harm)
+    report = checked(tmp_path, harm)
     assert report.verdict == "plausible"
     told = describe(report)
     assert "note: reference: not finite, or negative in 3 pixels of reference, the first in frame 2" in told
@@ -74,18 +74,18 @@ def test_a_few_bad_pixels_of_the_reference_are_counted_and_named(tmp_path: Path)
 
 def test_one_direction_is_not_taken_for_an_encoding(tmp_path: Path) -> None:
     slanted = np.full((3, 64, 96), 3**-0.5)  # a wall seen at an angle: every component is positive, and right
-    assert check(tmp_path, lambda f, i: {"normal": slanted}).verdict == "plausible"
+    assert checked(tmp_path, lambda f, i: {"normal": slanted}).verdict == "plausible"
 
 
 def test_noise_is_no_other_exposure(tmp_path: Path) -> None:
     rng = np.random.default_rng(0)
     # One pixel in 40 carries all the light: what a path tracer gives with a small lamp.
-    report = check(tmp_path, lambda f, i: {"color": f["reference"] * 40 * (rng.random((1, 64, 96)) < 1 / 40)})
+    report = checked(tmp_path, lambda f, i: {"color": f["reference"] * 40 * (rng.random((1, 64, 96)) < 1 / 40)})
     assert [finding for finding in report.findings if finding.channel == "reference"] == []
 
 
 def test_light_that_never_meets_says_nothing_of_exposure(tmp_path: Path) -> None:
     """Colour on the left half only, reference on the right half only: no block has both, so there is no ratio."""
     left = np.arange(96) < 48
-    report = check(tmp_path, lambda f, i: {"color": f["color"] * left, "reference": f["reference"] * ~left})
+    report = checked(tmp_path, lambda f, i: {"color": f["color"] * left, "reference": f["reference"] * ~left})
     assert [finding for finding in report.findings if finding.channel == "reference"] == []

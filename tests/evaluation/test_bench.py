@@ -10,8 +10,8 @@ import pytest
 from nte.cli import main
 from nte.denoiser import Noisy
 from nte.errors import NteError
-from nte.evaluation.bench import _psnr, bench, named_steps
-from nte.evaluation.bench_frames import clip_frames, scaled, synthetic_frames
+from nte.evaluation.benchmark.bench import _psnr, bench, named_steps
+from nte.evaluation.benchmark.frames import clip_frames, scaled, synthetic_frames
 from nte.filters.svgf import Svgf
 from nte.frames.channels import CHANNELS
 from nte.frames.frame import Frame

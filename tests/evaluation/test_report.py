@@ -11,9 +11,10 @@ import numpy as np
 import pytest
 from PIL import Image
 
-from nte.evaluation.compare import Evaluation, evaluate
-from nte.evaluation.report import render_report, write_report
-from nte.evaluation.table import format_table
+from nte.evaluation.evaluate import evaluate
+from nte.evaluation.metric_table import format_table
+from nte.evaluation.report.page import render_report, write_report
+from nte.evaluation.results import Evaluation
 from tests.evaluation.conftest import noisy_frames
 from tests.synthetic import write_clip
 

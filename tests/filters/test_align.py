@@ -9,13 +9,13 @@ import pytest
 import torch
 
 from nte.cli import main
-from nte.denoiser import Result, Session
+from nte.denoiser import Denoiser, Result, Session
 from nte.errors import NteError
 from nte.filters.align import align
-from nte.filters.align_accumulate import AlignAccumulate
-from nte.filters.align_taa import AlignTaa
-from nte.filters.estimated import Chooser, EstimatedMotion, Estimator, matched_grey
-from nte.filters.taa import Taa
+from nte.filters.align_accumulate import AlignAccumulate, AlignAccumulateOptions
+from nte.filters.align_taa import AlignTaa, AlignTaaOptions
+from nte.filters.estimated import Chooser, EstimatedMotion, EstimateOptions, Estimator, matched_grey
+from nte.filters.taa import Taa, TaaOptions
 from nte.frames.clip import Clip
 from nte.frames.frame import Frame
 from nte.motion.catmull_rom import warp_catmull_rom
@@ -50,7 +50,7 @@ def test_accumulation_along_estimated_motion_beats_zero_and_wrong_geometric_moti
     frames = moving(8, noise=0.5)
     errors = {}
     for motion in ("estimate", "zero", "geometric"):
-        session = Session(AlignAccumulate(motion, noise="moderate", kappa=0, eta=0))
+        session = Session(AlignAccumulate(AlignAccumulateOptions(motion, noise="moderate", kappa=0, eta=0)))
         image = [session.denoise(frame) for frame in frames][-1]
         errors[motion] = error(image, frames[-1])
     assert errors["estimate"] < 0.6 * errors["zero"]
@@ -63,7 +63,9 @@ def test_without_motion_and_rejection_it_is_the_mean_and_then_the_exponential_me
     rng = np.random.default_rng(1)
     albedo = rng.uniform(0.2, 0.9, (1, 3, 12, 16)).astype(np.float32)
     colors = rng.exponential(size=(6, 1, 3, 12, 16)).astype(np.float32)
-    session = Session(AlignAccumulate("zero", kappa=0, eta=0, alpha=0.25, demodulate=demodulate))
+    session = Session(
+        AlignAccumulate(AlignAccumulateOptions("zero", kappa=0, eta=0, alpha=0.25, demodulate=demodulate))
+    )
     mean = colors[0]
     for index, color in enumerate(colors):
         image = session.denoise(Frame({"color": color, "albedo": albedo}, index))
@@ -78,7 +80,7 @@ def test_demodulation_keeps_a_texture_that_moves_apart_from_the_light() -> None:
     light = disc_frame(0, (96, 128))["albedo"][None]
     errors = []
     for demodulated in (False, True):
-        session = Session(AlignAccumulate("zero", kappa=0, eta=0, demodulate=demodulated))
+        session = Session(AlignAccumulate(AlignAccumulateOptions("zero", kappa=0, eta=0, demodulate=demodulated)))
         for frame in texture:
             truth = frame["albedo"] * light
             image = session.denoise(frame.with_channels(color=truth))
@@ -90,7 +92,7 @@ def test_demodulation_keeps_a_texture_that_moves_apart_from_the_light() -> None:
 def test_the_mask_rejects_history_that_differs_and_keeps_what_agrees() -> None:
     dark, bright = (np.full((1, 3, 64, 64), value, np.float32) for value in (0.1, 5.0))
     mixed = np.concatenate([dark[..., :32], bright[..., 32:]], 3)
-    denoiser = AlignAccumulate("zero", noise="clean", kappa=4, eta=0.2)
+    denoiser = AlignAccumulate(AlignAccumulateOptions("zero", noise="clean", kappa=4, eta=0.2))
     _, state = denoiser.step(Frame({"color": dark}), None)
     result, _ = denoiser.step(Frame({"color": mixed}, 1), state, ("mask", "history_length", "motion"))
     mask = result.extras["mask"]
@@ -126,7 +128,7 @@ def test_true_vectors_are_kept_at_one_sample_per_pixel() -> None:
         vectors = np.full_like(frame["motion"], 0) - np.array([SPEED, 0], np.float32).reshape(1, 2, 1, 1)
         frames.append(frame.with_channels(color=frame["color"] * noise, motion=vectors))
     for preset in ("noisy", "auto"):
-        session = Session(AlignAccumulate("geometric", noise=preset))
+        session = Session(AlignAccumulate(AlignAccumulateOptions("geometric", noise=preset)))
         for frame in frames:
             mask = session.step(frame, ("mask",)).extras["mask"]
         assert (mask[..., 4:64] > 0).mean() < 0.02
@@ -169,7 +171,7 @@ def edges(count: int) -> tuple[list[Frame], np.ndarray]:
 @pytest.mark.parametrize("options", [{}, {"guides": True}, {"tolerance": "adaptive"}])
 def test_taa_smooths_edges_and_leaves_flat_areas_alone(options: dict[str, object]) -> None:
     frames, truth = edges(24)
-    session = Session(AlignTaa(**options))  # type: ignore[arg-type]
+    session = Session(AlignTaa(AlignTaaOptions(**options)))  # type: ignore[arg-type]
     images = [session.denoise(frame)[0, 0] for frame in frames]
     aliased = np.mean([np.abs(frame["color"][0, 0] - truth).mean() for frame in frames[8:]])
     smoothed = np.mean([np.abs(image - truth).mean() for image in images[8:]])
@@ -183,11 +185,11 @@ def test_taa_smooths_edges_and_leaves_flat_areas_alone(options: dict[str, object
 def test_taa_weighs_the_current_frame_with_alpha_where_the_mask_is_1_and_wholly_where_it_is_0() -> None:
     rng = np.random.default_rng(0)
     frames = [Frame({"color": rng.random((1, 3, 24, 24), np.float32)}, i) for i in range(2)]
-    changed = AlignTaa("zero", kappa=1e6, alpha=0.25)
+    changed = AlignTaa(AlignTaaOptions("zero", kappa=1e6, alpha=0.25))
     _, state = changed.step(frames[0], None)
     image = changed.step(frames[1], state, ("mask",))[0]
     assert (image.extras["mask"] == 1).all()
-    everything = AlignTaa("zero", kappa=0)
+    everything = AlignTaa(AlignTaaOptions("zero", kappa=0))
     _, state = everything.step(frames[0], None)
     kept = everything.step(frames[1], state, ("mask",))[0]
     assert not kept.extras["mask"].any()
@@ -206,19 +208,18 @@ def test_the_adaptive_tolerance_is_looser_where_albedo_and_normal_agree() -> Non
     normal = np.zeros_like(same)
     distances = {}
     for name, albedo in (("same", same), ("other", same + 0.4)):
-        denoiser = AlignTaa("zero", tolerance="adaptive", kappa=1e6, alpha=0.1)
+        denoiser = AlignTaa(AlignTaaOptions("zero", tolerance="adaptive", kappa=1e6, alpha=0.1))
         _, state = denoiser.step(Frame({"color": before, "albedo": same, "normal": normal}), None)
         image = denoiser.step(Frame({"color": now, "albedo": albedo, "normal": normal}, 1), state)[0].image
         distances[name] = np.abs(image - now).mean()
     assert distances["same"] > 1.5 * distances["other"]
 
 
-class Recorder:
+class Recorder(Denoiser):
     """A denoiser that keeps the frames it was given."""
 
     needs: tuple[str, ...] = ("color", "motion")
     optional: tuple[str, ...] = ("previous_forward_motion",)
-    target = "color"
 
     def __init__(self) -> None:
         self.frames: list[Frame] = []
@@ -231,7 +232,7 @@ class Recorder:
 @pytest.mark.parametrize("kind", ["numpy", "torch"])
 def test_the_wrapper_supplies_the_motion_that_the_images_show(kind: str) -> None:
     inner = Recorder()
-    wrapped = EstimatedMotion(inner, "moderate")
+    wrapped = EstimatedMotion(inner, EstimateOptions("moderate"))
     assert wrapped.needs == ("color",)
     assert wrapped.optional == ()
     session = Session(wrapped)
@@ -248,7 +249,10 @@ def test_the_wrapper_supplies_the_motion_that_the_images_show(kind: str) -> None
 def test_the_wrapper_makes_taa_without_vectors_better_than_with_none() -> None:
     frames = moving(6, noise=0.5)
     bare = [Frame({"color": frame["color"]}, frame.index) for frame in frames]
-    estimated, zero = Session(EstimatedMotion(Taa("none"), "moderate")), Session(Taa("none"))
+    estimated, zero = (
+        Session(EstimatedMotion(Taa(TaaOptions("none")), EstimateOptions("moderate"))),
+        Session(Taa(TaaOptions("none"))),
+    )
     for without, still in zip(bare, frames, strict=True):
         images = estimated.denoise(without), zero.denoise(still)
     assert error(images[0], frames[-1]) < 0.7 * error(images[1], frames[-1])
@@ -268,7 +272,7 @@ def test_known_vectors_are_kept_and_the_rest_is_searched() -> None:
     vectors = np.full_like(frames[1]["motion"], np.nan)
     vectors[rows] = 7.5
     inner = Recorder()
-    wrapped = EstimatedMotion(inner, "clean", known=True)
+    wrapped = EstimatedMotion(inner, EstimateOptions("clean", known=True))
     assert "motion" in wrapped.needs
     _, state = wrapped.step(frames[0], None)
     wrapped.step(frames[1].with_channels(motion=vectors), state)
@@ -281,13 +285,13 @@ def test_known_vectors_are_kept_and_the_rest_is_searched() -> None:
 def test_guides_are_searched_where_light_is_only_noise() -> None:
     rng = np.random.default_rng(0)
     inner = Recorder()
-    session = Session(EstimatedMotion(inner, guides=True))
+    session = Session(EstimatedMotion(inner, EstimateOptions(guides=True)))
     for frame in moving(2):
         session.step(frame.with_channels(color=rng.exponential(size=frame["color"].shape).astype(np.float32)))
     motion = inner.frames[1]["motion"][..., 12:-12, 24:-12]
     assert np.abs(motion - np.array([-SPEED, 0]).reshape(1, 2, 1, 1)).mean() < 0.3
     with pytest.raises(NteError, match="albedo, normal"):
-        Session(EstimatedMotion(Recorder(), guides=True)).step(Frame({"color": frame["color"]}))
+        Session(EstimatedMotion(Recorder(), EstimateOptions(guides=True))).step(Frame({"color": frame["color"]}))
 
 
 def test_the_search_runs_on_the_device_that_is_asked_for(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -299,7 +303,7 @@ def test_the_search_runs_on_the_device_that_is_asked_for(monkeypatch: pytest.Mon
         return current.repeat(1, 2, 1, 1)
 
     monkeypatch.setattr("nte.filters.estimated.find_motion", record)
-    estimator, state = Estimator("clean", device="meta"), None
+    estimator, state = Estimator(EstimateOptions("clean"), device="meta"), None
     for frame in moving(2):
         found, state = estimator.step(frame, state)
     assert searched == ["meta", "meta"]
@@ -311,7 +315,7 @@ def test_the_search_runs_on_the_device_that_is_asked_for(monkeypatch: pytest.Mon
 
 def test_a_sequence_that_restarts_has_no_motion() -> None:
     inner = Recorder()
-    session = Session(EstimatedMotion(inner, "moderate"))
+    session = Session(EstimatedMotion(inner, EstimateOptions("moderate")))
     frames = moving(2)
     twice = [Frame({"color": f["color"].repeat(2, 0)}, f.index, reset=np.array([0, 1], np.float32)) for f in frames]
     for frame in twice:
@@ -325,7 +329,7 @@ def test_names_and_options_of_the_registry() -> None:
     wrapped = load_denoiser("estimate+taa:clamp=clip")
     assert isinstance(wrapped, EstimatedMotion)
     assert isinstance(wrapped.denoiser, Taa)
-    assert wrapped.denoiser.clamp == "clip"
+    assert wrapped.denoiser.options.clamp == "clip"
     chosen = load_denoiser("estimate:noise=strong,guides=true,known=1+taa:clamp=clip")
     assert isinstance(chosen, EstimatedMotion)
     assert chosen.estimator.choose.noise == "strong"
@@ -338,16 +342,16 @@ def test_names_and_options_of_the_registry() -> None:
     assert load_denoiser("align_taa:guides=true").needs == ("color", "albedo", "normal")
     for spec, message in (
         ("estimate:noise=grain+taa", "noise is 'grain', expected one of auto, clean"),
-        ("estimate:speed=2+taa", "unknown option 'speed'; it has noise, guides, known"),
+        ("estimate:speed=2+taa", "unknown option 'speed'; it has noise, guides, known$"),
         ("estimate:denoiser=svgf+taa", "unknown option 'denoiser'"),
         ("estimate:noise=clean", "'estimate:noise=clean' is no denoiser"),
         ("align_accumulate:motion=optical", "motion is 'optical', expected one of estimate, zero, geometric"),
-        ("align_accumulate:radii=2-x", "radii are '2-x', expected whole numbers"),
+        ("align_accumulate:radii=2-x", "radii is '2-x', expected whole numbers"),
         ("align_accumulate:norm=l7", "norm is 'l7', expected one of"),
-        ("align_accumulate:target=visibility", "target is 'visibility', expected color, indirect or glossy"),
+        ("align_accumulate:target=visibility", "target is 'visibility', expected one of color, indirect, glossy"),
         ("align_accumulate:alpha=0", "alpha is 0.0, expected a weight"),
-        ("align_accumulate:kappa=-1", "kappa is -1.0, expected a number of at least 0"),
-        ("align_taa:tolerance=none", "tolerance is 'none', expected fixed or adaptive"),
+        ("align_accumulate:kappa=-1", "kappa is -1.0, expected a finite number of 0 or more"),
+        ("align_taa:tolerance=none", "tolerance is 'none', expected one of fixed, adaptive"),
         ("align_taa:noise=grain", "noise is 'grain', expected one of auto, clean, moderate, noisy, strong"),
     ):
         with pytest.raises(NteError, match=message):

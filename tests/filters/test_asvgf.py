@@ -5,9 +5,9 @@ import pytest
 import torch
 
 from nte.denoiser import Session
-from nte.filters.asvgf import Asvgf, stratify
-from nte.filters.reproject import surface_of
-from nte.filters.svgf import Svgf
+from nte.filters.asvgf import Asvgf, AsvgfOptions, stratify
+from nte.filters.reproject import geometry_of
+from nte.filters.svgf import Svgf, SvgfOptions
 from nte.frames.frame import Frame
 from tests.filters.sequences import noisy_frames, run, still_channels
 
@@ -36,7 +36,7 @@ def test_strata_hold_the_pair_wherever_it_lies_and_moments_of_the_pixels_that_ex
     gradient[1, :, 3:6, 3:6] = np.nan
     light = torch.rand(2, 1, 7, 8)
     depth = 2 + torch.rand(2, 1, 7, 8)
-    strata = stratify(torch.from_numpy(gradient), light, surface_of(depth, torch.rand(2, 3, 7, 8)))
+    strata = stratify(torch.from_numpy(gradient), light, geometry_of(depth, torch.rand(2, 3, 7, 8)))
     assert strata.change.shape == (2, 1, 3, 3)
     assert strata.known.flatten().tolist().count(0) == 1
     for n, i, j in ((0, 0, 0), (1, 2, 1), (0, 2, 2), (1, 1, 1)):
@@ -47,13 +47,13 @@ def test_strata_hold_the_pair_wherever_it_lies_and_moments_of_the_pixels_that_ex
         assert float(strata.change[n, 0, i, j]) == pytest.approx(pair[0] - pair[1], abs=1e-6)
         assert float(strata.brightest[n, 0, i, j]) == pytest.approx(pair.max(), abs=1e-6)
         expected = depth[n, 0, rows, columns][torch.from_numpy(valid)][0] if valid.any() else depth[n, 0, 4, 4]
-        assert float(strata.surface.depth[n, 0, i, j]) == pytest.approx(float(expected))
+        assert float(strata.geometry.depth[n, 0, i, j]) == pytest.approx(float(expected))
         assert float(strata.moments[n, 0, i, j]) == pytest.approx(float(light[n, 0, rows, columns].mean()), rel=1e-5)
 
 
 def alphas(gradients: list[np.ndarray], **options: float) -> list[np.ndarray]:
     """α of each frame of a still scene."""
-    session = Session(Asvgf(**options))  # type: ignore[arg-type]
+    session = Session(Asvgf(AsvgfOptions(**options)))  # type: ignore[arg-type]
     frames = noisy_frames(len(gradients), still_channels(size=gradients[0].shape[2:]))  # type: ignore[arg-type]
     return [
         session.step(f.with_channels(gradient=g), ("alpha",)).extras["alpha"]
@@ -91,7 +91,7 @@ def test_where_half_of_the_picture_changed_that_half_is_young_and_the_other_keep
     left = np.broadcast_to(np.arange(96) < 48, shape)
     half = gradient_of(shape, np.where(left, 0.0, 1.0), 1.0)
     frames = noisy_frames(9, still_channels(shape[1:]))
-    session = Session(Asvgf(gradient_iterations=0))
+    session = Session(Asvgf(AsvgfOptions(gradient_iterations=0)))
     for frame in frames[:-1]:
         session.step(frame.with_channels(gradient=np.full_like(half, np.nan)))
     result = session.step(frames[-1].with_channels(gradient=half), ("history_length", "alpha"))
@@ -148,7 +148,8 @@ def test_noise_of_the_gradients_themselves_can_be_kept_from_shortening_history()
     ]
     means = {}
     for noise in (0.0, 1.0):
-        session = Session(Asvgf("indirect", gradient_noise=noise, gradient_iterations=2))  # as on narrow surfaces
+        # Two iterations, as on narrow surfaces.
+        session = Session(Asvgf(AsvgfOptions("indirect", gradient_noise=noise, gradient_iterations=2)))
         means[noise] = [session.step(frame, ("history_length",)).extras["history_length"].mean() for frame in given][-1]
     assert means[0.0] < 0.6 * frames
     assert means[1.0] > 0.75 * frames
@@ -167,7 +168,7 @@ def test_a_component_follows_its_own_gradient_and_without_one_that_of_all_light(
     }  # fmt: skip
 
     def length(target: str, *without: str) -> float:
-        session = Session(Asvgf(target))
+        session = Session(Asvgf(AsvgfOptions(target)))
         seen = {name: values for name, values in (channels | pairs).items() if name not in without}
         found = [session.step(Frame(seen, i), ("history_length",)).extras["history_length"] for i in range(frames)]
         return float(found[-1].mean())
@@ -177,8 +178,8 @@ def test_a_component_follows_its_own_gradient_and_without_one_that_of_all_light(
         assert length(target, f"gradient_{target}") < 1.5
     assert length("visibility") < 1.5
     assert length("color") < 1.5
-    assert "gradient" in Asvgf("indirect").needs
-    assert Asvgf("indirect").optional == ("gradient_indirect",)
+    assert "gradient" in Asvgf(AsvgfOptions("indirect")).needs
+    assert Asvgf(AsvgfOptions("indirect")).optional == ("gradient_indirect",)
 
 
 def test_a_change_stays_near_where_it_is() -> None:
@@ -199,5 +200,8 @@ def test_it_follows_a_light_that_is_switched_off_where_svgf_lags() -> None:
     nothing = np.full_like(channels["motion"], np.nan)
     pairs = [nothing] * 10 + [gradient_of((1, 24, 32), 0.1, 2.0), nothing]
     given = [Frame({**f.channels, "gradient": g}, i) for i, (f, g) in enumerate(zip(frames, pairs, strict=True))]
-    lag, follow = (np.abs(run(d, given)[11] - dark["reference"]).mean() for d in (Svgf(alpha=0.1), Asvgf(alpha=0.1)))
+    lag, follow = (
+        np.abs(run(d, given)[11] - dark["reference"]).mean()
+        for d in (Svgf(SvgfOptions(alpha=0.1)), Asvgf(AsvgfOptions(alpha=0.1)))
+    )
     assert follow < 0.1 * lag

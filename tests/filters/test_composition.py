@@ -63,7 +63,7 @@ def test_missing_components_and_wrong_parts_are_named() -> None:
     with pytest.raises(NteError, match="composition: expected a denoiser for each of visibility, glossy, indirect"):
         Composition({"visibility": Taa()})
     frames, _ = component_frames(1)
-    with pytest.raises(NteError, match="extra 'color' is unknown; there are visibility, glossy, indirect"):
+    with pytest.raises(NteError, match="Composition has no extra 'color'; it has visibility, glossy, indirect"):
         denoiser.step(frames[0], None, ("color",))
     with pytest.raises(NteError, match="taa: target is 'depth'"):
         load_denoiser("taa:target=depth")

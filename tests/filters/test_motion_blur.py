@@ -9,6 +9,7 @@ import pytest
 from nte.denoiser import Session, check_needs
 from nte.errors import NteError
 from nte.filters.motion_blur import MotionBlur
+from nte.filters.motion_blur.options import MotionBlurOptions
 from nte.frames.bad import BadPixelWarning
 from nte.frames.frame import Frame
 from tests.filters.bars import Bar
@@ -33,7 +34,7 @@ def still(frame):
 def test_constant_stays_constant(options):
     frames = [blurred_disc(i, velocity=(5.0, 2.0)) for i in range(3)]
     frames = [f.with_channels(color=np.full_like(f["color"], 0.7)) for f in frames]
-    for image in run(MotionBlur(**options), frames):
+    for image in run(MotionBlur(MotionBlurOptions(**options)), frames):
         np.testing.assert_allclose(image, 0.7, rtol=1e-5)
 
 
@@ -44,7 +45,7 @@ def test_switches_change_the_result(options):
         y, x = np.indices(frames[0].size) - 20.0
         turning = np.stack([8 - 0.15 * y, 0.15 * x])[None].astype(np.float32)
         frames = [f.with_channels(shutter_motion=turning) for f in frames]
-    ours, theirs = (run(MotionBlur(**chosen), frames)[-1] for chosen in ({}, options))
+    ours, theirs = (run(MotionBlur(MotionBlurOptions(**chosen)), frames)[-1] for chosen in ({}, options))
     assert np.abs(ours - theirs).max() > 1e-3
 
 
@@ -67,7 +68,7 @@ def test_disc_of_twenty_pixels_is_blurred_as_computed():
 def test_history_lowers_the_noise_of_a_pattern_that_slides():
     bar, errors = Bar((24, 24), (9, 2), stripes=8.0, image=(40, 64)), {}
     for history in (True, False):
-        image = run(MotionBlur(history=history), [bar.frame(i - 2, batch=4) for i in range(3)])[-1]
+        image = run(MotionBlur(MotionBlurOptions(history=history)), [bar.frame(i - 2, batch=4) for i in range(3)])[-1]
         errors[history] = np.sqrt(np.square(image - bar.truth(0)).mean())
     assert errors[True] < 0.9 * errors[False]
 
@@ -132,7 +133,7 @@ def test_nothing_moves_nothing_changes_and_it_is_cheap():
 def test_reset_is_a_new_start_bit_for_bit():
     frames = sequence(4, batch=2)
     reset = Frame(frames[2].channels, 2, reset=np.array([1.0, 0.0], np.float32))
-    denoiser = MotionBlur(prefilter=True)
+    denoiser = MotionBlur(MotionBlurOptions(prefilter=True))
     through = run(denoiser, [*frames[:2], reset, frames[3]])
     fresh = run(denoiser, frames[2:])
     kept = run(denoiser, frames)
@@ -144,15 +145,15 @@ def test_reset_is_a_new_start_bit_for_bit():
 
 def test_a_batch_is_its_sequences_one_by_one():
     frames = sequence(3, batch=2, velocity=(6.0, 3.0))
-    both = run(MotionBlur(prefilter=True), frames)
+    both = run(MotionBlur(MotionBlurOptions(prefilter=True)), frames)
     for number in (0, 1):
         single = [Frame({k: v[number : number + 1] for k, v in f.channels.items()}, f.index) for f in frames]
-        for ours, alone in zip(both, run(MotionBlur(prefilter=True), single), strict=True):
+        for ours, alone in zip(both, run(MotionBlur(MotionBlurOptions(prefilter=True)), single), strict=True):
             np.testing.assert_allclose(ours[number], alone[0], atol=2e-5)
 
 
 def test_the_same_input_gives_the_same_output():
-    first, second = (run(MotionBlur(prefilter=True), sequence()) for _ in range(2))
+    first, second = (run(MotionBlur(MotionBlurOptions(prefilter=True)), sequence()) for _ in range(2))
     np.testing.assert_array_equal(first, second)
 
 
@@ -170,7 +171,9 @@ def test_extras_say_what_was_done():
 
 @pytest.mark.parametrize("size", [(1, 1), (2, 3), (5, 4)])
 def test_images_smaller_than_the_kernels(size):
-    for image in run(MotionBlur(prefilter=True), sequence(size=size, velocity=(9.0, 4.0), radius=3.0)):
+    for image in run(
+        MotionBlur(MotionBlurOptions(prefilter=True)), sequence(size=size, velocity=(9.0, 4.0), radius=3.0)
+    ):
         assert image.shape[-2:] == size
         assert np.isfinite(image).all()
 
@@ -180,13 +183,13 @@ def test_bad_pixels_are_sanitised_and_reported():
     for name, value in (("color", np.nan), ("time", np.nan), ("shutter_motion", np.inf), ("shutter_depth", np.nan)):
         frame[name][:, :, 20:22, 30] = value
     with pytest.warns(BadPixelWarning):
-        assert np.isfinite(run(MotionBlur(prefilter=True), [frame, blurred_disc(1)])).all()
+        assert np.isfinite(run(MotionBlur(MotionBlurOptions(prefilter=True)), [frame, blurred_disc(1)])).all()
 
 
 def test_vectors_longer_than_the_image():
     frame = blurred_disc(velocity=(1e4, 0.0), flat=True)
     frame["shutter_motion"][:, 0, 10:20] = 1e6
-    image = run(MotionBlur(prefilter=True), [frame, frame])[1]
+    image = run(MotionBlur(MotionBlurOptions(prefilter=True)), [frame, frame])[1]
     assert np.isfinite(image).all()
     assert image.min() >= 0.99
     assert image.max() <= 3.01
@@ -210,7 +213,7 @@ def test_missing_channels_name_the_recipe_that_has_them():
 )  # fmt: skip
 def test_options_out_of_range_are_refused(options):
     with pytest.raises(NteError, match=f"motion_blur: .*{next(iter(options))}"):
-        MotionBlur(**options)
+        MotionBlur(MotionBlurOptions(**options))
 
 
 @pytest.mark.parametrize("share", [0.5, 0.2])
@@ -218,7 +221,7 @@ def test_the_shutter_is_that_of_the_frame(share):
     """Bit for bit as when the number is given by hand, and history is found by it and not by another."""
     frames = [Bar((12, 20), (15, 4), 0.3, image=(48, 80), shutter=share).frame(i - 1) for i in range(3)]
     mute = [replace(frame, shutter=None) for frame in frames]
-    told, by_hand = run(MotionBlur(), frames), run(MotionBlur(shutter=share), mute)
+    told, by_hand = run(MotionBlur(), frames), run(MotionBlur(MotionBlurOptions(shutter=share)), mute)
     np.testing.assert_array_equal(told, by_hand)
     assert np.abs(told[-1] - run(MotionBlur(), mute)[-1]).max() > 0
     found = {}

@@ -5,7 +5,6 @@ import pytest
 import torch
 
 from nte.denoiser import Session
-from nte.filters.motion_blur import PAPER
 from nte.frames.frame import Frame
 from nte.registry import load_denoiser
 from tests.filters.bars import Bar
@@ -35,7 +34,7 @@ def light_of(spec: str, bar: Bar) -> tuple[float, float, float]:
     return float(ours.sum()), float(given.sum()), float(truth.sum())
 
 
-SPECS = {"ours": "motion_blur", "plain share": "motion_blur:factor=share", "as the paper": f"motion_blur:{PAPER}"}
+SPECS = {"ours": "motion_blur", "plain share": "motion_blur:factor=share", "as the paper": "motion_blur:preset=paper"}
 
 
 @pytest.mark.parametrize(

@@ -20,6 +20,8 @@ from nte.filters.motion_blur.first_stage import (
     first_stage,
     normalise,
 )
+from nte.filters.motion_blur.history import find
+from nte.filters.motion_blur.options import MotionBlurOptions
 from nte.filters.motion_blur.prefilter import SLOWEST, prefilter
 from nte.filters.motion_blur.samples import (
     COLOR,
@@ -27,15 +29,14 @@ from nte.filters.motion_blur.samples import (
     MOTION,
     MOVING,
     TIME,
-    Pixels,
+    PixelList,
     Size,
     near_moving,
     read_samples,
     square,
 )
 from nte.filters.motion_blur.second_stage import fixed_steps, scaled_steps, second_stage
-from nte.filters.motion_blur.temporal import Reprojection, find
-from nte.filters.motion_blur.variance import Estimate, estimate_variance
+from nte.filters.motion_blur.variance import MotionStatistics, estimate_variance
 from nte.filters.motion_blur.weight import B3, kernel, motion_weight, segment_distance
 from nte.filters.noise import uniform_noise
 from tests.filters.blurred import blurred_disc
@@ -50,13 +51,13 @@ def samples(velocity=(6.0, 3.0), radius=6.0) -> tuple[Tensor, Size]:
     return read_samples(frame.with_channels(shutter_motion=frame["shutter_motion"] + noise.astype(np.float32)).torch())
 
 
-def everywhere(size: Size) -> Pixels:
-    return Pixels.at(torch.arange(size.batch * size.height * size.width), size)
+def everywhere(size: Size) -> PixelList:
+    return PixelList.at(torch.arange(size.batch * size.height * size.width), size)
 
 
-def estimated(count: int, length: float, angle: float = 0.0, variance: float = 0.0) -> Estimate:
+def estimated(count: int, length: float, angle: float = 0.0, variance: float = 0.0) -> MotionStatistics:
     columns = [torch.full((count,), value) for value in (length, 0.0, angle, variance)]
-    return Estimate(*columns, torch.tensor([[length, 0.0]]).expand(count, 2))
+    return MotionStatistics(*columns, torch.tensor([[length, 0.0]]).expand(count, 2))
 
 
 def slow_distance(p, q, v, t) -> float:
@@ -97,7 +98,7 @@ def test_weight_falls_linearly_and_ends():
 
 
 def test_reach_is_limited_to_four():
-    estimate = Estimate(*(torch.tensor([1.0, 1.0]) for _ in range(4)), torch.zeros(2, 2))
+    estimate = MotionStatistics(*(torch.tensor([1.0, 1.0]) for _ in range(4)), torch.zeros(2, 2))
     estimate = estimate._replace(length_variance=torch.tensor([0.05, 9.0]), angle_variance=torch.tensor([0.5, 1.0]))
     assert estimate.reach(1.0, 10.0).tolist() == pytest.approx([1.5 * 1.5, 4.0])
     assert estimate.reach(0.0, 0.0).tolist() == [1, 1]
@@ -208,7 +209,7 @@ def history(motion: Tensor) -> Tensor:
     return rows
 
 
-def opened(pixels: Pixels) -> Tensor:
+def opened(pixels: PixelList) -> Tensor:
     """A shutter that is open all the time."""
     return torch.ones(len(pixels.index))
 
@@ -217,7 +218,7 @@ def test_reprojection_of_a_slide_needs_one_iteration():
     size = Size(1, *SIZE)
     pixels = everywhere(size)
     motion = torch.tensor([[3.0, -2.0]]).expand(len(pixels.index), 2)
-    offset, accepted = find(history(motion), pixels, motion, opened(pixels), Reprojection(iterations=1))
+    offset, accepted = find(history(motion), pixels, motion, opened(pixels), MotionBlurOptions(iterations=1))
     assert torch.equal(offset, torch.tensor([[-3, 2]]).expand_as(offset))
     inside = (pixels.x >= 3) & (pixels.y < SIZE[0] - 2)
     assert torch.equal(accepted, inside)
@@ -226,7 +227,7 @@ def test_reprojection_of_a_slide_needs_one_iteration():
 def test_a_shutter_of_half_the_frame_looks_twice_as_far():
     pixels = everywhere(Size(1, *SIZE))
     motion = torch.tensor([[2.0, 0.0]]).expand(len(pixels.index), 2)
-    offset, _ = find(history(motion), pixels, motion, 0.5 * opened(pixels), Reprojection())
+    offset, _ = find(history(motion), pixels, motion, 0.5 * opened(pixels), MotionBlurOptions())
     assert offset[:, 0].unique().tolist() == [-4]
 
 
@@ -238,7 +239,7 @@ def test_the_second_iteration_finds_more_of_a_rotation():
     motion = 2 * math.sin(0.25) * torch.stack([-arm[:, 1], arm[:, 0]], 1)
     shares, error = {}, {}
     for iterations in (1, 2):
-        settings = Reprojection(iterations, accept=1.0)
+        settings = MotionBlurOptions(iterations=iterations, accept=1.0)
         offset, accepted = find(history(motion), pixels, motion, opened(pixels), settings)
         shares[iterations] = accepted.float().mean().item()
         turn = torch.tensor([[math.cos(0.5), -math.sin(0.5)], [math.sin(0.5), math.cos(0.5)]])
@@ -250,7 +251,7 @@ def test_the_second_iteration_finds_more_of_a_rotation():
 def test_what_is_far_off_is_dropped():
     pixels = everywhere(Size(1, *SIZE))
     motion = torch.tensor([[2.0, 0.0]]).expand(len(pixels.index), 2)
-    assert not find(history(-20 * motion), pixels, motion, opened(pixels), Reprojection())[1].any()
+    assert not find(history(-20 * motion), pixels, motion, opened(pixels), MotionBlurOptions())[1].any()
 
 
 def test_steps_of_the_second_stage():

@@ -8,7 +8,7 @@ import pytest
 import torch
 
 from nte import Denoiser, Frame, NteError
-from nte.filters.oidn import QUALITIES, Oidn
+from nte.filters.oidn import Oidn, OidnOptions
 from nte.registry import load_denoiser
 
 pyoidn = pytest.importorskip("pyoidn")
@@ -28,10 +28,10 @@ def denoise(denoiser: Denoiser, clean_guides: bool | None = True, **channels: np
     return result.image
 
 
-@pytest.mark.parametrize("quality", QUALITIES)
+@pytest.mark.parametrize("quality", OidnOptions.choices("quality"))
 def test_it_removes_most_of_the_noise(quality: str) -> None:
     noisy, clean = noisy_gradient()
-    image = denoise(Oidn(quality), color=noisy)
+    image = denoise(Oidn(OidnOptions(quality)), color=noisy)
     assert image.shape == noisy.shape
     assert image.dtype == np.float32
     assert np.square(image - clean).mean() < 0.1 * np.square(noisy - clean).mean()
@@ -114,14 +114,14 @@ def test_guides_that_nobody_calls_clean_are_prefiltered_as_oidn_recommends(kind:
     guides = (prefiltered(name, as_image(channels[name])) for name in ("albedo", "normal"))
     theirs = pyoidn.denoise(as_image(channels["color"]), *guides, hdr=True, clean_aux=True, quality="high")
     np.testing.assert_array_equal(as_image(image), theirs)
-    trusting = denoise(Oidn(clean_aux=True), said, **seen(channels))
+    trusting = denoise(Oidn(OidnOptions(clean_aux=True)), said, **seen(channels))
     assert mse(image, channels) < mse(trusting, channels)
 
 
 def test_options_win_over_what_is_known_of_the_guides() -> None:
     channels = seen(with_noisy_guides("noisy"))
     both, neither, trusted = (
-        Oidn("fast", *options) for options in (("auto", "true"), ("false", "auto"), ("true", "false"))
+        Oidn(OidnOptions("fast", *options)) for options in ((None, True), (False, None), (True, False))
     )
     as_images = [as_image(channels[name]) for name in ("color", "albedo", "normal")]
     for made in (both, neither, trusted):
@@ -134,9 +134,9 @@ def test_options_win_over_what_is_known_of_the_guides() -> None:
 
 def test_one_guide_alone_and_batches_are_prefiltered_too() -> None:
     channels = with_noisy_guides("noisy")
-    alone = denoise(Oidn("fast"), None, color=channels["color"], albedo=channels["albedo"])
+    alone = denoise(Oidn(OidnOptions("fast")), None, color=channels["color"], albedo=channels["albedo"])
     flipped = {name: np.concatenate([values, values[..., ::-1]]) for name, values in channels.items()}
-    oidn = Oidn("fast")
+    oidn = Oidn(OidnOptions("fast"))
     both = denoise(oidn, None, color=flipped["color"], albedo=flipped["albedo"])
     np.testing.assert_array_equal(both[:1], alone)
     small = {name: flipped[name][..., :20, :30] for name in ("color", "albedo")}
@@ -163,7 +163,7 @@ def test_it_says_what_its_options_come_to(spec: str, said: bool | None, settings
 
 
 def test_batch_elements_are_independent_and_sizes_may_change() -> None:
-    oidn = Oidn("fast")
+    oidn = Oidn(OidnOptions("fast"))
     noisy, _ = noisy_gradient(batch=2)
     both = denoise(oidn, color=noisy)
     assert denoise(oidn, color=noisy[:, :, :20, :30]).shape == (2, 3, 20, 30)
@@ -177,16 +177,16 @@ def test_bad_pixels_count_as_black_and_do_not_spread(bad: float) -> None:
     black[..., 20, 30] = 0
     given = black.copy()
     given[..., 20, 30] = bad
-    image = denoise(Oidn("fast"), color=given)
-    np.testing.assert_array_equal(image, denoise(Oidn("fast"), color=black))
+    image = denoise(Oidn(OidnOptions("fast")), color=given)
+    np.testing.assert_array_equal(image, denoise(Oidn(OidnOptions("fast")), color=black))
     assert given[0, 0, 20, 30] == bad or np.isnan(bad)  # the input is left as it was
 
 
 def test_torch_in_torch_out() -> None:
     noisy, _ = noisy_gradient()
-    result, _ = Oidn("fast").step(Frame({"color": torch.from_numpy(noisy)}), None)
+    result, _ = Oidn(OidnOptions("fast")).step(Frame({"color": torch.from_numpy(noisy)}), None)
     assert isinstance(result.image, torch.Tensor)
-    np.testing.assert_array_equal(result.image.numpy(), denoise(Oidn("fast"), color=noisy))
+    np.testing.assert_array_equal(result.image.numpy(), denoise(Oidn(OidnOptions("fast")), color=noisy))
 
 
 def raises(message: str, call: Callable[[], object]) -> None:
@@ -195,12 +195,12 @@ def raises(message: str, call: Callable[[], object]) -> None:
 
 
 def test_an_unknown_quality_names_the_choices() -> None:
-    raises("quality is 'best': expected one of high, balanced, fast", lambda: Oidn("best"))
+    raises("quality is 'best', expected one of high, balanced, fast", lambda: Oidn(OidnOptions("best")))
 
 
 @pytest.mark.parametrize("key", ["clean_aux", "prefilter"])
 def test_a_switch_that_is_none_names_the_choices(key: str) -> None:
-    raises(f"{key} is 'yes': expected one of auto, true, false", lambda: load_denoiser(f"oidn:{key}=yes"))
+    raises(f"{key} is 'yes', expected one of auto, true, false", lambda: load_denoiser(f"oidn:{key}=yes"))
 
 
 def test_a_missing_pyoidn_names_the_extra(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -208,11 +208,14 @@ def test_a_missing_pyoidn_names_the_extra(monkeypatch: pytest.MonkeyPatch) -> No
     raises(r"pip install 'nte-denoiser\[compare\]'", Oidn)
 
 
-@pytest.mark.parametrize("quality", QUALITIES)
+@pytest.mark.parametrize("quality", OidnOptions.choices("quality"))
 @pytest.mark.parametrize("bright", [65000.0, 1e10, 1e20])
 def test_one_bright_pixel_stays_where_it_is(quality: str, bright: float) -> None:
     noisy, _ = noisy_gradient(64, 160)
     spoilt = noisy.copy()
     spoilt[..., 32, 20] = bright
-    image, expected = denoise(Oidn(quality), color=spoilt), denoise(Oidn(quality), color=noisy)
+    image, expected = (
+        denoise(Oidn(OidnOptions(quality)), color=spoilt),
+        denoise(Oidn(OidnOptions(quality)), color=noisy),
+    )
     assert image[..., 110:].mean() == pytest.approx(expected[..., 110:].mean(), rel=0.02)

@@ -5,8 +5,8 @@ import pytest
 import torch
 
 from nte.errors import NteError
-from nte.filters.mcguire import McGuire, dominant_motion
-from nte.filters.post_blur import PostBlur
+from nte.filters.mcguire import McGuire, McGuireOptions, dominant_motion
+from nte.filters.post_blur import PostBlur, PostBlurOptions
 from nte.frames.frame import Frame
 from tests.filters.sequences import run
 
@@ -71,7 +71,7 @@ def test_dominant_motion_is_the_longest_of_nine_tiles():
     assert not found[..., 40:].any()
 
 
-@pytest.mark.parametrize("denoiser", [PostBlur(), McGuire(tile=7)])
+@pytest.mark.parametrize("denoiser", [PostBlur(), McGuire(McGuireOptions(tile=7))])
 @pytest.mark.parametrize("size", [(1, 1), (3, 5), (41, 23)])
 def test_any_size_and_bad_pixels(denoiser, size):
     frame = sharp(size=size, bar=(0, 3), velocity=(1e5, 3.0))
@@ -82,6 +82,6 @@ def test_any_size_and_bad_pixels(denoiser, size):
 
 def test_options_out_of_range_are_refused():
     with pytest.raises(NteError, match="post_blur: samples is 0"):
-        PostBlur(samples=0)
+        PostBlur(PostBlurOptions(samples=0))
     with pytest.raises(NteError, match="mcguire: tile is 0"):
-        McGuire(tile=0)
+        McGuire(McGuireOptions(tile=0))

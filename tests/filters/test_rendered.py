@@ -4,12 +4,12 @@ import numpy as np
 import pytest
 
 from nte.denoiser import Session
-from nte.filters.trmv import CHOICES
+from nte.filters.trmv.options import TrmvOptions
 from nte.frames.clip import Clip
 from nte.registry import load_denoiser
 from tests.shared import made_once
 
-CHOSEN = [f"trmv:{key}={choice}" for key, choices in CHOICES.items() for choice in choices]
+CHOSEN = [f"trmv:{key}={choice}" for key in TrmvOptions.names() for choice in TrmvOptions.choices(key)]
 OTHERS = (
     "taa:target=components", "svgf", "svgf:target=components", "asvgf", "asvgf:target=components", "estimate+svgf",
 )  # fmt: skip
@@ -18,8 +18,8 @@ OTHERS = (
 @pytest.fixture(scope="module")
 def temple(tmp_path_factory: pytest.TempPathFactory) -> Clip:
     """Three frames with light components of a glossy floor, columns and a curved statue."""
-    from nte.render.clips import render_clip
-    from nte.render.recipe import ClipPlan, Group
+    from nte.render.recipes.clips import render_clip
+    from nte.render.recipes.recipe import ClipPlan, Group
 
     group = Group(scene="temple", clips=1, width=48, height=32, frames=3, reference_spp=4, components=True)
     unit = ClipPlan("rendered", 1, "train", 0, group)

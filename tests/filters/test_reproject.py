@@ -8,23 +8,23 @@ import torch.nn.functional as F
 from torch import Tensor
 
 from nte.filters import reproject as module
-from nte.filters.reproject import Surface, fwidth, previous_depth, reproject, surface_of
+from nte.filters.reproject import Geometry, fwidth, geometry_of, previous_depth, reproject
 from nte.motion.camera import points_from_depth
 from tests.synthetic import disc_frame
 
 
-def random_surface(random: torch.Generator, shape: tuple[int, int, int]) -> Surface:
+def random_surface(random: torch.Generator, shape: tuple[int, int, int]) -> Geometry:
     """Two depths, two orientations and some sky, mixed pixel by pixel, so that tests pass and fail."""
     n, h, w = shape
     kind = torch.randint(0, 4, (n, 1, h, w), generator=random)
     depth = torch.where(kind == 3, 0.0, 2.0 + kind % 2)
     tilt = torch.where(kind == 2, 0.8, 0.0)
     normal = torch.cat([tilt, 0 * tilt, (1 - tilt**2).sqrt()], 1) * (kind != 3)
-    surface = surface_of(depth, normal)
+    surface = geometry_of(depth, normal)
     return surface._replace(depth_width=0 * depth, normal_width=0 * depth)
 
 
-def slow(values: Tensor, motion: Tensor, allowed: Tensor, now: Surface, before: Surface) -> tuple[Tensor, Tensor]:
+def slow(values: Tensor, motion: Tensor, allowed: Tensor, now: Geometry, before: Geometry) -> tuple[Tensor, Tensor]:
     """The definition, pixel by pixel and tap by tap."""
     fetched, valid = torch.zeros_like(values), torch.zeros_like(allowed)
     batch, _, height, width = values.shape
@@ -77,7 +77,7 @@ def test_it_is_the_definition_tap_by_tap(
     torch.testing.assert_close(history.values, fetched)
 
 
-def still(surface: Surface) -> tuple[Tensor, Tensor]:
+def still(surface: Geometry) -> tuple[Tensor, Tensor]:
     shape = surface.depth.shape
     return torch.zeros(shape[0], 2, *shape[2:]), torch.ones(shape, dtype=torch.bool)
 
@@ -92,14 +92,14 @@ def test_zero_motion_moves_no_pixel() -> None:
 
 @pytest.mark.parametrize("far", [-1e9, -40.0, 40.0, 1e9])
 def test_what_comes_from_outside_the_image_is_invalid(far: float) -> None:
-    surface = surface_of(torch.ones(1, 1, 6, 5), torch.ones(1, 3, 6, 5))
+    surface = geometry_of(torch.ones(1, 1, 6, 5), torch.ones(1, 3, 6, 5))
     motion, allowed = still(surface)
     assert not reproject(motion, motion + far, allowed, surface, surface).valid.any()
 
 
 def test_a_disc_that_moves_by_half_pixels_keeps_its_history_and_uncovers_a_wall_without() -> None:
     before, now = (disc_frame(i, velocity=(3.5, 0.0), radius=9.0) for i in range(2))
-    surfaces = [surface_of(*(torch.from_numpy(f[k][None]) for k in ("depth", "normal"))) for f in (before, now)]
+    surfaces = [geometry_of(*(torch.from_numpy(f[k][None]) for k in ("depth", "normal"))) for f in (before, now)]
     motion = torch.from_numpy(now["motion"][None])
     values = torch.from_numpy(before["albedo"][None])
     history = reproject(values, motion, torch.ones(1, 1, 48, 64, dtype=torch.bool), surfaces[1], surfaces[0])
@@ -148,7 +148,7 @@ def test_a_camera_that_moves_forward_keeps_the_history_of_what_it_looks_at() -> 
     depth = torch.full((1, 1, 24, 32), 4.0)
     facing = torch.tensor([0.0, 0, 1]).view(1, 3, 1, 1).expand(1, 3, 24, 32)
     expected = previous_depth(depth, view, projection, before_view)
-    now, before = surface_of(depth, facing), surface_of(depth, facing)._replace(depth=expected)
+    now, before = geometry_of(depth, facing), geometry_of(depth, facing)._replace(depth=expected)
     motion, allowed = still(now)
     assert not reproject(depth, motion, allowed, now, before).valid.any()
     assert reproject(depth, motion, allowed, now, before, expected).valid.all()
@@ -161,16 +161,16 @@ def test_widths_are_slopes_and_a_silhouette_is_none() -> None:
     torch.testing.assert_close(fwidth(3 * x + 2 * y), torch.full((1, 1, 6, 8), 5.0))
     step = torch.where(x >= 4, 9.0, 1.0)
     assert not fwidth(step).any()
-    assert not surface_of(0 * x, torch.zeros(1, 3, 6, 8)).depth_width.any()
+    assert not geometry_of(0 * x, torch.zeros(1, 3, 6, 8)).depth_width.any()
     alone = torch.zeros(1, 1, 5, 5)
     alone[..., 2, 2] = 3
-    assert not surface_of(alone, torch.zeros(1, 3, 5, 5)).depth_width.any()
+    assert not geometry_of(alone, torch.zeros(1, 3, 5, 5)).depth_width.any()
 
 
 def test_bad_numbers_are_misses() -> None:
     depth = torch.tensor([float("nan"), float("inf"), -1, 2]).view(1, 1, 2, 2)
     normal = torch.tensor([float("nan"), float("inf"), 1, 1]).view(1, 1, 2, 2).expand(1, 3, 2, 2)
-    surface = surface_of(depth, normal)
+    surface = geometry_of(depth, normal)
     assert surface.depth.flatten().tolist() == [float("inf")] * 3 + [2]
     assert surface.normal[0, 0].flatten().tolist() == [0, 0, 1, 1]
     assert torch.isfinite(surface.depth_width).all()

@@ -10,8 +10,8 @@ from hypothesis import strategies as st
 
 from nte.denoiser import Denoiser, Session
 from nte.errors import NteError
-from nte.filters.asvgf import Asvgf
-from nte.filters.svgf import Svgf
+from nte.filters.asvgf import Asvgf, AsvgfOptions
+from nte.filters.svgf import Svgf, SvgfOptions
 from nte.frames.frame import Frame
 from tests.filters.sequences import noisy_frames, run, still_channels
 from tests.synthetic import disc_frame, random_channels
@@ -33,7 +33,7 @@ def rmse(image: np.ndarray, reference: np.ndarray) -> float:
 def test_the_error_of_a_static_scene_falls_like_that_of_a_running_mean(make: type[Svgf]) -> None:
     channels = still_channels()
     frames = without_gradient(noisy_frames(16, channels))
-    images = run(make(alpha=0.01, iterations=0, feedback=0, history=100), frames)
+    images = run(make(make.options_type(alpha=0.01, iterations=0, feedback=0, history=100)), frames)
     mean = np.cumsum([frame["color"] for frame in frames], 0) / np.arange(1, 17).reshape(-1, 1, 1, 1, 1)
     for image, expected in zip(images, mean, strict=True):
         np.testing.assert_allclose(image, expected, rtol=1e-3, atol=1e-4)
@@ -45,7 +45,9 @@ def test_the_error_of_a_static_scene_falls_like_that_of_a_running_mean(make: typ
 @pytest.mark.parametrize("alpha", [0.1, 0.3])
 def test_the_error_falls_until_the_floor_of_alpha(make: type[Svgf], alpha: float) -> None:
     channels = still_channels(size=(48, 64))
-    images = run(make(alpha=alpha, iterations=0, feedback=0), without_gradient(noisy_frames(40, channels)))
+    images = run(
+        make(make.options_type(alpha=alpha, iterations=0, feedback=0)), without_gradient(noisy_frames(40, channels))
+    )
     mean = np.mean([((image / channels["reference"]) - 1) ** 2 for image in images[30:]])
     assert mean == pytest.approx(alpha / (2 - alpha), rel=0.12)  # of an exponential mean of noise of variance 1
 
@@ -85,12 +87,14 @@ def test_emission_passes_unfiltered_and_its_edges_do_not_brighten(make: type[Svg
 @pytest.mark.parametrize("make", FILTERS)
 def test_zero_motion_moves_no_pixel(make: type[Svgf]) -> None:
     channels = still_channels()
-    for image in run(make(iterations=0, feedback=0), without_gradient([Frame(channels, i) for i in range(8)])):
+    for image in run(
+        make(make.options_type(iterations=0, feedback=0)), without_gradient([Frame(channels, i) for i in range(8)])
+    ):
         np.testing.assert_allclose(image, channels["color"], rtol=1e-5)
 
 
 def test_history_length_counts_frames_and_stops_at_its_limit_and_alpha_at_its_floor() -> None:
-    session = Session(Svgf(alpha=0.3, history=5))
+    session = Session(Svgf(SvgfOptions(alpha=0.3, history=5)))
     for index, frame in enumerate(noisy_frames(8, still_channels(size=(9, 7)))):
         extras = session.step(frame, ("history_length", "alpha")).extras
         np.testing.assert_allclose(extras["history_length"], min(index + 1, 5), rtol=1e-6)
@@ -198,7 +202,7 @@ def test_scalar_visibility_is_filtered_as_an_image_of_one_channel() -> None:
     for index in range(12):
         lit = (rng.random(channels["depth"].shape) < 0.5).astype(np.float32)
         frames.append(Frame({**channels, "visibility": lit}, index))
-    denoiser: Denoiser = Svgf(target="visibility")
+    denoiser: Denoiser = Svgf(SvgfOptions(target="visibility"))
     assert "albedo" not in denoiser.needs
     image = run(denoiser, frames)[-1]
     assert image.shape == (1, 1, 24, 32)
@@ -218,16 +222,16 @@ def test_what_does_not_fit_is_named() -> None:
         ({"alpha": 0.0}, r"svgf: alpha is 0.0, expected a weight of the current frame in \(0, 1\]"),
         ({"feedback": 6}, "svgf: feedback is 6, expected 0 to iterations, which is 5"),
         ({"history": 0.5}, "svgf: history is 0.5, expected a number of frames, 1 or more"),
-        ({"sigma_z": -1.0}, "svgf: sigma_z is -1.0, expected a positive number"),
+        ({"sigma_z": -1.0}, "svgf: sigma_z is -1.0, expected a finite number above 0"),
     ):
         with pytest.raises(NteError, match=message):
-            Svgf(**wrong)  # type: ignore[arg-type]
+            Svgf(SvgfOptions(**wrong))  # type: ignore[arg-type]
     with pytest.raises(NteError, match="asvgf: gradient_iterations is -1"):
-        Asvgf(gradient_iterations=-1)
+        Asvgf(AsvgfOptions(gradient_iterations=-1))
     with pytest.raises(NteError, match="asvgf: gradient_noise is -1"):
-        Asvgf(gradient_noise=-1)
+        Asvgf(AsvgfOptions(gradient_noise=-1))
     frames = noisy_frames(1, still_channels(size=(8, 8)))
-    with pytest.raises(NteError, match="extra 'mask' is unknown; there are history_length, alpha, variance"):
+    with pytest.raises(NteError, match="Svgf has no extra 'mask'; it has history_length, alpha, variance"):
         Svgf().step(frames[0], None, ("mask",))
     _, state = Svgf().step(frames[0], None)
     with pytest.raises(NteError, match=r"\(1, 9, 8\) after \(1, 8, 8\): start a new sequence"):

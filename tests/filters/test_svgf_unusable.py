@@ -5,7 +5,7 @@ import pytest
 
 from nte.denoiser import Session
 from nte.filters.asvgf import Asvgf
-from nte.filters.svgf import Svgf
+from nte.filters.svgf import Svgf, SvgfOptions
 from nte.frames.frame import Frame
 from tests.filters.sequences import noisy_frames, still_channels
 
@@ -32,7 +32,7 @@ def test_where_nothing_around_is_known_nothing_is_invented() -> None:
     frame = noisy_frames(1, still_channels((20, 40)))[0]
     color = frame["color"].copy()
     color[..., :20] = np.nan
-    image = Session(Svgf(iterations=0, feedback=0)).denoise(frame.with_channels(color=color))
+    image = Session(Svgf(SvgfOptions(iterations=0, feedback=0))).denoise(frame.with_channels(color=color))
     assert (image[..., :17] == 0).all()
     assert (image[:, :, 2:-2, 18:20].sum(1) > 0).mean() > 0.9  # the mean over 7×7 reaches three pixels
     np.testing.assert_allclose(image[..., 20:], color[..., 20:], rtol=1e-5)

@@ -11,6 +11,7 @@ import torch
 from nte.denoiser import Session
 from nte.errors import NteError
 from nte.filters.trmv import COMPONENTS, Trmv
+from nte.filters.trmv.options import TrmvOptions
 from nte.frames.frame import Frame
 from nte.registry import load_denoiser
 from tests.filters.trmv_frames import Pixels, ball_normals, directions, plane
@@ -30,7 +31,7 @@ VARIANTS: tuple[dict[str, Any], ...] = (
 
 
 def run(frames: list[Frame], extras: tuple[str, ...] = COMPONENTS, **options: Any) -> list[dict[str, Pixels]]:
-    session = Session(Trmv(**options))
+    session = Session(Trmv(TrmvOptions(**options)))
     results = [session.step(frame, extras) for frame in frames]
     return [{"image": np.asarray(r.image), **{k: np.asarray(v) for k, v in r.extras.items()}} for r in results]
 
@@ -268,7 +269,7 @@ def test_without_vectors_history_is_not_used() -> None:
 @pytest.mark.parametrize("target", COMPONENTS)
 def test_a_component_alone_is_that_of_the_whole(target: str) -> None:
     frames = moving(3)
-    alone = Trmv(target)
+    alone = Trmv(TrmvOptions(target))
     wanted = (*alone.needs, *alone.optional)
     needed = [replace(f, channels={name: f[name] for name in wanted if name in f}) for f in frames]
     assert len(needed[0].channels) < len(Trmv().needs)
@@ -292,21 +293,21 @@ def test_vectors_and_masks_are_to_be_had() -> None:
     assert not inside.all()
     np.testing.assert_allclose(found["indirect_vector"][0][:, inside], 1.25)
     np.testing.assert_array_equal(found["indirect_alpha"][0, 0] == 1, ~inside)
-    with pytest.raises(NteError, match=r"trmv has no extra 'kernels'; it has disoccluded, visibility"):
+    with pytest.raises(NteError, match=r"Trmv has no extra 'kernels'; it has disoccluded, visibility"):
         run(frames, ("kernels",))
 
 
 def test_missing_components_name_the_recipe_that_renders_them() -> None:
     frame = plane()
     bare = replace(frame, channels={n: v for n, v in frame.channels.items() if n not in ("direct", "glossy")})
-    with pytest.raises(NteError, match=r"Trmv needs direct, glossy, which is missing; .* components: true"):
+    with pytest.raises(NteError, match=r"Trmv needs direct, glossy, which is missing; .* groups that set components"):
         Session(Trmv()).step(bare)
 
 
 def test_options_are_typed_like_any_other() -> None:
     made = load_denoiser("trmv:shadow=traditional,clamp=inf,cleanup=false,history=blended,half_angle=30")
     assert isinstance(made, Trmv)
-    assert made.settings.clamp == float("inf")
+    assert made.options.clamp == float("inf")
     assert "shadow_motion" not in made.needs
     for wrong, said in (
         ("shadow=best", "trmv: shadow is 'best', expected one of reliable, gradient, traditional, none"),
@@ -319,15 +320,15 @@ def test_options_are_typed_like_any_other() -> None:
 
 
 def test_options_ask_for_the_channels_that_they_use() -> None:
-    plain = Trmv(shadow="traditional", glossy="traditional", occlusion="traditional", indirect="colour")
+    plain = Trmv(TrmvOptions(shadow="traditional", glossy="traditional", occlusion="traditional", indirect="colour"))
     unused = ("shadow_motion", "position", "reflection_motion", "indirect_radiance", "indirect_direction", "gradient")
     assert not {*unused, "geometric_normal"} & {*plain.needs, *plain.optional}
     frames = [frame.with_channels() for frame in moving(3)]
     bare = [replace(f, channels={n: v for n, v in f.channels.items() if n not in unused}) for f in frames]
     assert np.isfinite(np.asarray(Session(plain).step(bare[0]).image)).all()
-    assert "position" not in Trmv("glossy").needs
-    assert "gradient" in Trmv(glossy="gradient").needs
-    assert "gradient_glossy" in Trmv("glossy", glossy="gradient").optional
+    assert "position" not in Trmv(TrmvOptions("glossy")).needs
+    assert "gradient" in Trmv(TrmvOptions(glossy="gradient")).needs
+    assert "gradient_glossy" in Trmv(TrmvOptions("glossy", glossy="gradient")).optional
 
 
 @pytest.mark.parametrize("name", COMPONENTS)

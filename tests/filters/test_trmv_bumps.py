@@ -5,7 +5,7 @@ import numpy.typing as npt
 import pytest
 
 from nte.denoiser import Session
-from nte.filters.trmv import Trmv
+from nte.filters.trmv import Trmv, TrmvOptions
 from tests.filters.trmv_frames import plane
 
 Array = npt.NDArray[np.float64]
@@ -48,7 +48,7 @@ def lamp(direction: Array, towards: tuple[float, float, float], least: float) ->
 def test_light_from_few_directions_keeps_its_energy_on_bumps(
     towards: tuple[float, float, float], least: float, speed: tuple[float, float]
 ) -> None:
-    session, found, truth = Session(Trmv("indirect")), [], []
+    session, found, truth = Session(Trmv(TrmvOptions(target="indirect"))), [], []
     motion = -np.reshape(speed, (1, 2, 1, 1)) * np.ones((1, 2, *SIZE))
     for index in range(FRAMES):
         normal, rng = bumps(index, speed), np.random.default_rng([index, 3])

@@ -8,6 +8,7 @@ import pytest
 
 from nte.denoiser import Session
 from nte.filters.trmv import Trmv
+from nte.filters.trmv.options import TrmvOptions
 from nte.frames.frame import Frame
 from tests.filters.trmv_frames import plane
 
@@ -75,7 +76,7 @@ def bias(
     light: Callable[[Array], Light], turn: Callable[[int], Array], motion: float = 0.0, **options: object
 ) -> Array:
     """(3,): the mean of frames 18 … 25 over the truth, less 1."""
-    session, found, truth = Session(Trmv("indirect", **options)), [], []  # type: ignore[arg-type]
+    session, found, truth = Session(Trmv(TrmvOptions("indirect", **options))), [], []  # type: ignore[arg-type]
     for index in range(26):
         normal = turn(index)
         image = session.step(frame_of(index, normal, light(normal), motion)).image

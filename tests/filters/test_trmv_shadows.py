@@ -10,8 +10,9 @@ from torch import Tensor
 from nte.denoiser import Session
 from nte.filters.bilateral import Edges, joint_bilateral
 from nte.filters.trmv import Trmv
+from nte.filters.trmv.inputs import RADIUS, GBuffer, prepare
+from nte.filters.trmv.options import TrmvOptions
 from nte.filters.trmv.samples import believable
-from nte.filters.trmv.scene import RADIUS, Surface, prepare
 from nte.filters.trmv.shadows import FALLOFF, deviation_for, geometric_normal, planarity, shadow_reprojection, splat
 from nte.frames.frame import Frame
 from nte.motion.geometric import Reprojection, traditional_motion
@@ -57,12 +58,12 @@ def vectors(x: float, size: tuple[int, int] = (1, 12)) -> Reprojection:
     return traditional_motion(torch.tensor([x, 0.0]).view(1, 2, 1, 1).expand(1, 2, *size))
 
 
-def surface(height: Tensor) -> Surface:
+def surface(height: Tensor) -> GBuffer:
     """The plane z = 0 in pixels of 0.1, with points lifted by `height` (12,)."""
     x = (torch.arange(12) + 0.5) * 0.1
     position = torch.stack([x, 0 * x, height]).view(1, 3, 1, 12)
     normal = torch.tensor([0.0, 0.0, 1.0]).view(1, 3, 1, 1).expand(1, 3, 1, 12)
-    return Surface(normal, torch.full((1, 1, 1, 12), 5.0), torch.ones(1, 1, 1, 12), position)
+    return GBuffer(normal, torch.full((1, 1, 1, 12), 5.0), torch.ones(1, 1, 1, 12), position)
 
 
 @pytest.mark.parametrize(
@@ -109,9 +110,9 @@ def moving_shadow(index: int) -> Frame:
 def error_of(**options: object) -> float:
     """RMSE against the spatially filtered shadow of the last of eight frames."""
     frames = [moving_shadow(i) for i in range(8)]
-    image = Session(Trmv("visibility", **options)).step(frames[-1]).image  # type: ignore[arg-type]
-    session = Session(Trmv("visibility", **options))  # type: ignore[arg-type]
-    truth = Session(Trmv("visibility", shadow="none")).step(frames[-1]).image
+    image = Session(Trmv(TrmvOptions("visibility", **options))).step(frames[-1]).image  # type: ignore[arg-type]
+    session = Session(Trmv(TrmvOptions("visibility", **options)))  # type: ignore[arg-type]
+    truth = Session(Trmv(TrmvOptions("visibility", shadow="none"))).step(frames[-1]).image
     for frame in frames:
         image = session.step(frame).image
     return float(np.sqrt(np.mean((image - truth) ** 2)))
@@ -126,7 +127,7 @@ def test_shadow_vectors_keep_a_moving_shadow_where_traditional_ones_leave_ghosts
 
 
 def test_a_shadow_that_moves_over_a_step_is_trusted_less() -> None:
-    session = Session(Trmv("visibility"))
+    session = Session(Trmv(TrmvOptions("visibility")))
     for index in range(3):
         frame = moving_shadow(index)
         position = frame["position"].copy()
@@ -177,11 +178,11 @@ def test_what_is_left_of_an_underflow_is_no_shadow() -> None:
     assert found.shadowed.sum() < 50  # 10⁻¹⁸ along one axis is a weight, 10⁻³⁶ along both is none
 
 
-def tilted_wall(shading: Tensor) -> Surface:
+def tilted_wall(shading: Tensor) -> GBuffer:
     """A steep flat wall whose shading normals are those of a normal map."""
     y, x = torch.meshgrid(torch.arange(24) * 0.1, torch.arange(32) * 0.1, indexing="ij")
     position = torch.stack([x, y, 0.7 * x - 0.4 * y])[None]
-    return Surface(shading, torch.full((1, 1, 24, 32), 5.0), torch.ones(1, 1, 24, 32), position)
+    return GBuffer(shading, torch.full((1, 1, 24, 32), 5.0), torch.ones(1, 1, 24, 32), position)
 
 
 @pytest.mark.parametrize("given", [True, False])

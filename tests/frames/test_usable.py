@@ -9,8 +9,8 @@ import torch
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from nte.denoiser import Noisy, sanitised
-from nte.filters.taa import Taa
+from nte.denoiser import Denoiser, Noisy, sanitised
+from nte.filters.taa import Taa, TaaOptions
 from nte.frames.channels import CHANNELS
 from nte.frames.frame import Frame
 from nte.frames.usable import BRIGHTEST, known_cap, light_cap, mask_of, usable, usable_frame
@@ -107,7 +107,7 @@ def test_the_cap_is_carried_does_not_pump_and_rises_out_of_the_dark() -> None:
 
 def test_a_fade_from_black_keeps_its_highlights() -> None:
     """The cap of the first, nearly black frame would turn everything else white."""
-    denoiser, state = Taa("none", alpha=1.0), None
+    denoiser, state = Taa(TaaOptions("none", alpha=1.0)), None
     for level in (0.0, 1e-9, 1e-4, 1.0):
         frame = lit(level, 100 * level)
         result, state = denoiser.step(frame, state)
@@ -115,8 +115,8 @@ def test_a_fade_from_black_keeps_its_highlights() -> None:
 
 
 def test_the_state_of_another_batch_does_not_stand_in_the_way() -> None:
-    class Mean:
-        needs, optional, target = ("color",), (), "color"
+    class Mean(Denoiser):
+        needs = ("color",)
 
         @sanitised
         def step(self, frame: Frame, state: object, extras: tuple[str, ...] = ()) -> tuple[object, object]:

@@ -321,7 +321,7 @@ def test_an_unknown_map_lists_what_there_is(tmp_path: Path, capsys: pytest.Captu
 
 @pytest.mark.slow
 def test_mitsubas_own_files_have_the_layers_of_its_map(tmp_path: Path) -> None:
-    from nte.render.backend import load_mitsuba
+    from nte.render.engine.backend import load_mitsuba
 
     mi = load_mitsuba()
     box = mi.cornell_box()

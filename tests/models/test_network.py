@@ -4,13 +4,13 @@ import pytest
 import torch
 
 from nte.errors import NteError
-from nte.models.temporal import NetworkConfig, TemporalDenoiser
+from nte.models.temporal import TemporalConfig, TemporalDenoiser
 from nte.models.unet import UNet
 from tests.networks import small_network
 
 
 def test_the_papers_heads_have_51_26_and_26_channels() -> None:
-    network = TemporalDenoiser(NetworkConfig())
+    network = TemporalDenoiser(TemporalConfig())
     assert [head.out_channels for head in network.heads.heads] == [51, 26, 26]
     assert [head.in_channels for head in network.heads.heads] == [32, 48, 64]
     assert network.unet.encoders[0][0].in_channels == 3 + 3 + 3 + 3 + 1

@@ -11,6 +11,7 @@ from nte.denoiser import Denoiser
 from nte.errors import NteError
 from nte.frames.frame import Frame
 from nte.models.temporal import TemporalDenoiser
+from nte.recurrence import NetworkState
 from tests.networks import small_network
 from tests.synthetic import random_frames
 
@@ -24,6 +25,11 @@ def run(denoiser: Denoiser, frames: list[Frame], extra: str | None = None) -> li
         result, state = denoiser.step(frame, state, (extra,) if extra else ())
         images.append(torch.as_tensor(result.extras[extra] if extra else result.image))
     return images
+
+
+def remembering(state: NetworkState, history: Tensor) -> NetworkState:
+    """The state with another history (N, 3, H, W)."""
+    return state._replace(tensors={**state.tensors, "history": history})
 
 
 def with_reset(frame: Frame, *reset: float) -> Frame:
@@ -82,8 +88,9 @@ def test_later_frames_take_the_warped_history() -> None:
     following["motion"][:] = 0
     seen: list[Tensor] = []
     network.unet.register_forward_hook(lambda _, inputs, __: seen.append(inputs[0]))
-    history = run(network, [frame, following], "history")[0]
-    torch.testing.assert_close(seen[1][:, -3:], torch.log1p(history), atol=1e-4, rtol=1e-4)
+    _, state = network.step(frame, None)
+    network.step(following, state)
+    torch.testing.assert_close(seen[1][:, -3:], torch.log1p(state.tensors["history"]), atol=1e-4, rtol=1e-4)
 
 
 def test_alpha_weighs_the_current_frame() -> None:
@@ -94,7 +101,7 @@ def test_alpha_weighs_the_current_frame() -> None:
     for bias, now, past in ((50.0, True, False), (-50.0, False, True)):
         network.heads.heads[0].bias[0] = bias  # of α before the sigmoid
         _, state = network.step(frame, None)
-        forgotten = state._replace(history=torch.zeros_like(state.history))
+        forgotten = remembering(state, torch.zeros(1, 3, 24, 36))
         expected, changed, alone = (
             network.step(f, s, ("alpha",))[0] for f, s in ((following, state), (black, state), (following, forgotten))
         )
@@ -108,7 +115,7 @@ def test_history_where_it_is_invalid_has_no_influence() -> None:
     frame, following = random_frames(2)
     following.channels["motion"][:] = 1e4  # everything comes from outside
     _, state = network.step(frame, None)
-    other = state._replace(history=state.history + 5)
+    other = remembering(state, state.tensors["history"] + 5)
     ours, theirs = (network.step(following, s)[0].image for s in (state, other))
     assert np.array_equal(ours, theirs)
     following.channels["motion"][:] = 0
@@ -136,12 +143,12 @@ def test_temporal_kernels_leave_invalid_pixels_out(variant: dict[str, object]) -
     following["albedo"][:] = 1
     _, state = network.step(frame, None)
     colour = torch.tensor([0.2, 3.0, 7.0]).view(1, 3, 1, 1)
-    state = state._replace(history=colour.expand_as(state.history).contiguous())
-    result, _ = network.step(following, state, ("alpha", "valid", "history"))
+    state = remembering(state, colour.expand(1, 3, 24, 36).contiguous())
+    result, after = network.step(following, state, ("alpha", "valid"))
     assert (result.extras["valid"][..., :18] == 0).all()
     assert (result.extras["valid"][..., 18:] == 1).all()
     # A 5×5 kernel reaches two pixels: columns 16 and 17 are served by their valid neighbours.
-    np.testing.assert_allclose(result.extras["history"][..., 16:], colour.expand(1, 3, 24, 20), rtol=1e-5)
+    np.testing.assert_allclose(after.tensors["history"][..., 16:], colour.expand(1, 3, 24, 20), rtol=1e-5)
     assert (result.extras["alpha"][..., 16:] < 1e-6).all()
     assert (result.extras["alpha"][..., :16] == 1).all()
 
@@ -150,7 +157,7 @@ def test_where_nothing_is_valid_the_current_frame_alone_counts() -> None:
     network = small_network()
     frame, following = half_invalid()
     _, state = network.step(frame, None)
-    black = state._replace(history=torch.zeros_like(state.history))
+    black = remembering(state, torch.zeros(1, 3, 24, 36))
     ours, theirs = (network.step(following, s)[0].image for s in (state, black))
     # Kernels may differ near the edge, where the network sees history; far from it nothing does.
     alpha = network.step(following, state, ("alpha",))[0].extras["alpha"]
@@ -189,7 +196,7 @@ def test_a_given_exposure_is_taken_and_changes_the_network_s_view() -> None:
     (frame,) = random_frames(1)
     given = replace(frame, exposure=np.array([7.0], np.float32))
     _, state = network.step(given, None)
-    assert state.exposure.tolist() == [7]
+    assert state.scalars.exposure.tolist() == [7]
     assert not torch.equal(*run(network, [frame]), *run(network, [given]))  # type: ignore[misc]
 
 
@@ -290,7 +297,7 @@ def test_what_does_not_fit_is_an_error() -> None:
     _, state = network.step(small, None)
     with pytest.raises(NteError, match=r"frame 0: .* \(1, 24, 40\) after \(1, 24, 36\): start a new sequence"):
         network.step(large, state)
-    with pytest.raises(NteError, match="'kernels' is unknown; there are image, history, disoccluded"):
+    with pytest.raises(NteError, match="TemporalDenoiser has no extra 'kernels'; it has disoccluded, valid, alpha"):
         network.step(small, None, ("kernels",))
-    with pytest.raises(NteError, match="channel 'depth' is missing"):
+    with pytest.raises(NteError, match="channel 'albedo' is missing; it has color, motion"):
         network.step(Frame({"color": small["color"], "motion": small["motion"]}), None)

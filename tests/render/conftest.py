@@ -33,6 +33,6 @@ def recipe(tmp_path_factory: pytest.TempPathFactory) -> Path:
 @pytest.fixture(scope="session")
 def rendered(recipe: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
     """The folder that the tiny recipe is rendered into; not to be written to."""
-    from nte.render.clips import render_recipe
+    from nte.render.recipes.clips import render_recipe
 
     return made_once(tmp_path_factory, "rendered", lambda out: render_recipe(recipe, out, progress=False))

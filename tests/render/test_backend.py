@@ -5,7 +5,7 @@ from pathlib import Path
 import pytest
 
 from nte.errors import NteError
-from nte.render import backend
+from nte.render.engine import backend
 
 
 def library(folder: Path, name: str, content: bytes = b"") -> Path:

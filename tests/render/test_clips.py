@@ -10,12 +10,12 @@ import pytest
 from nte.errors import NteError
 from nte.frames import CHANNELS, Clip
 from nte.frames.exr import read_exr
-from nte.render.clips import render_clip, render_recipe
-from nte.render.integrator import guides, radiance
-from nte.render.recipe import plan, read_recipe
-from nte.render.scenes import FAMILIES
-from nte.render.seeds import derive_generator
-from nte.render.stage import Stage
+from nte.render.engine.mesh_stage import MeshStage
+from nte.render.passes.radiance import radiance
+from nte.render.recipes.clips import render_clip, render_recipe
+from nte.render.recipes.recipe import plan, read_recipe
+from nte.render.scenes.families import FAMILIES
+from nte.render.world.seeds import derive_generator
 
 CLIP = "train/rooms_000"
 
@@ -78,7 +78,7 @@ def test_a_full_disk_is_one_line(rendered: Path, recipe: Path, tmp_path: Path, m
     def full(path: Path, channels: object) -> None:
         raise NteError(f"{path}: cannot be written: No space left on device")
 
-    monkeypatch.setattr("nte.render.clips.write_frame", full)
+    monkeypatch.setattr("nte.render.recipes.clips.write_frame", full)
     unit = plan(read_recipe(recipe))[1]
     with pytest.raises(NteError, match="No space left"):
         render_clip(unit, tmp_path)
@@ -162,10 +162,10 @@ def test_noise_seeds_differ(rendered: Path):
 
 def test_many_seeds_at_one_sample_have_the_references_mean():
     """No bias between `color` and `reference`: the mean of many 1 spp renderings is a reference."""
-    stage = Stage(FAMILIES["rooms"](derive_generator("mean")), 24, 24, 4)
-    guides(stage, 0)
-    singles = np.stack([radiance(stage, 1, seed) for seed in range(192)])
-    reference = radiance(stage, 256, seed=10_000)
+    stage = MeshStage(FAMILIES["rooms"](derive_generator("mean")), 24, 24, 4)
+    with stage.at(0) as moment:
+        singles = np.stack([radiance(moment, 1, seed) for seed in range(192)])
+        reference = radiance(moment, 256, seed=10_000)
     error = singles.std(0, ddof=1) / np.sqrt(len(singles))
     z = (singles.mean(0) - reference) / (np.sqrt(2) * error + 1e-3)
     assert abs(z.mean()) < 0.3

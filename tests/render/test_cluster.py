@@ -15,10 +15,10 @@ import pytest
 
 from nte.cli import main
 from nte.errors import NteError
-from nte.render import jobs
-from nte.render.clips import render_recipe
-from nte.render.output import claim
-from nte.render.recipe import read_recipe
+from nte.render.recipes import jobs
+from nte.render.recipes.clips import render_recipe
+from nte.render.recipes.output import claim
+from nte.render.recipes.recipe import read_recipe
 from tests.render.test_clips import CLIP, contents
 
 distributed = pytest.importorskip("distributed")

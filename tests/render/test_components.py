@@ -8,19 +8,20 @@ import pytest
 from nte.errors import NteError
 from nte.frames import CHANNELS, Clip
 from nte.frames.exr import read_exr
-from nte.render import stage
-from nte.render.backend import load_drjit, load_mitsuba
-from nte.render.clips import COMPONENTS, render_clip
-from nte.render.components import noisy, references
-from nte.render.integrator import guides, radiance
-from nte.render.lobes import Lobes
-from nte.render.recipe import plan, read_recipe
-from nte.render.resampling import sample_direct
-from nte.render.scene import Camera, Material, Scene, SceneObject
-from nte.render.scenes import FAMILIES, shapes
-from nte.render.seeds import derive_generator
-from nte.render.stage import Stage
-from nte.render.transforms import look_at, rotation, still, translation
+from nte.render.components.frame import noisy
+from nte.render.components.lobes import Lobes
+from nte.render.components.resampling import sample_direct
+from nte.render.engine import plugins
+from nte.render.engine.backend import load_drjit, load_mitsuba
+from nte.render.engine.mesh_stage import MeshStage
+from nte.render.recipes.clips import COMPONENTS, render_clip
+from nte.render.recipes.recipe import plan, read_recipe
+from nte.render.scenes import shapes
+from nte.render.scenes.families import FAMILIES
+from nte.render.world.scene import Camera, Material, Scene, SceneObject
+from nte.render.world.seeds import derive_generator
+from nte.render.world.transforms import look_at, rotation, still, translation
+from tests.render.shots import guides_at, radiance_at, references_at
 
 SIZE = 24
 GREY = np.full((1, 1, 3), 0.6, np.float32)
@@ -54,10 +55,8 @@ def table(*more: SceneObject, lamps=(((0.8, 2.2, 0), (6.0, 6.0, 6.0)),)) -> Scen
     )
 
 
-def staged(scene: Scene, max_depth: int = 4, size: int = SIZE) -> Stage:
-    made = Stage(scene, size, size, max_depth)
-    made.set_time(0)
-    return made
+def staged(scene: Scene, max_depth: int = 4, size: int = SIZE) -> MeshStage:
+    return MeshStage(scene, size, size, max_depth)
 
 
 def recombined(channels: dict[str, np.ndarray], prefix: str = "") -> np.ndarray:
@@ -74,16 +73,18 @@ def agree(ours: np.ndarray, truth: np.ndarray, noise: np.ndarray, mean: float = 
     assert np.abs(ours - truth).mean() < 1.2 * np.abs(noise).mean() + 1e-4 * truth.mean()
 
 
-def direct_light(here: Stage, seeds: int) -> np.ndarray:
+def direct_light(here: MeshStage, seeds: int) -> np.ndarray:
     """(3, H, W), the mean over noise seeds."""
-    return np.mean([sample_direct(here, seed).mean for seed in range(seeds)], 0).reshape(3, here.height, here.width)
+    with here.at(0) as moment:
+        means = [sample_direct(moment.scenery, seed).mean for seed in range(seeds)]
+        return np.mean(means, 0).reshape(3, here.height, here.width)
 
 
-def check_recombination(here: Stage) -> None:
+def check_recombination(here: MeshStage) -> None:
     """direct·reference_visibility + the others is mi.render, pixel by pixel, edges included."""
-    channels = guides(here, 0)
-    halves = [radiance(here, 512, seed) for seed in (1, 2)]
-    found = references(here, 1024, (11, 12))
+    channels = guides_at(here, 0)
+    halves = [radiance_at(here, 0, 512, seed) for seed in (1, 2)]
+    found = references_at(here, 0, 1024, (11, 12))
     ours = (found["reference_a"] + found["reference_b"]) / 2
     agree(ours, sum(halves) / 2, (halves[0] - halves[1]) / np.sqrt(2), mean=0.03)  # caustics of the dielectric
     channels["direct"] = direct_light(here, 24)
@@ -122,9 +123,9 @@ def test_the_diffuse_lobe_of_principled_is_what_its_colour_adds():
 @pytest.mark.slow
 @pytest.mark.parametrize("name", ["principled", "roughplastic", "dielectric"])
 def test_references_recombine_to_a_plain_path_trace(name: str, monkeypatch: pytest.MonkeyPatch):
-    ours = stage._bsdf
+    ours = plugins.bsdf
     monkeypatch.setattr(
-        stage, "_bsdf", lambda mi, material: BSDFS[name] if material.surface == "glossy" else ours(mi, material)
+        plugins, "bsdf", lambda material: BSDFS[name] if material.surface == "glossy" else ours(material)
     )
     check_recombination(staged(table()))
 
@@ -138,7 +139,7 @@ def test_many_lights_of_one_colour():
 @pytest.mark.slow
 def test_many_seeds_have_the_references_mean():
     here, count = staged(table()), 128
-    found = references(here, 4096, (1, 2))
+    found = references_at(here, 0, 4096, (1, 2))
     clean, runs = noisy(here, 0, range(count))
     direct = clean["direct"]
     for name in ("visibility", "indirect", "glossy"):
@@ -171,9 +172,9 @@ def test_furnace():
         environment=(1.0, 1.0, 1.0),
     )
     here = staged(world, max_depth=64)
-    channels = guides(here, 0)
+    channels = guides_at(here, 0)
     sky = channels["instance"][0] == 0
-    found = references(here, 1024, (1, 2))
+    found = references_at(here, 0, 1024, (1, 2))
     image = (found["reference_a"] + found["reference_b"]) / 2
     np.testing.assert_allclose(image, 1, atol=0.1)
     assert image.mean() == pytest.approx(1, abs=2e-3)
@@ -226,11 +227,11 @@ def test_components_need_one_sample_per_pixel(tmp_path: Path):
 
 def test_kernels_are_shared_between_frames():
     dr = load_drjit()
-    here = Stage(FAMILIES["rooms"](derive_generator("kernels")), 20, 16, 4)
+    here = MeshStage(FAMILIES["rooms"](derive_generator("kernels")), 20, 16, 4)
 
     def frame(time: int) -> None:
         noisy(here, time, [time])
-        references(here, 8, (time, time + 50))
+        references_at(here, time, 8, (time, time + 50))
 
     frame(0)
     with dr.scoped_set_flag(dr.JitFlag.KernelHistory, True):

@@ -5,12 +5,13 @@ import pytest
 import torch
 
 from nte.motion.curved import reflecting_points
-from nte.render import stage
-from nte.render.rays import curvatures_at, normals_at, trace_centres
-from nte.render.scene import Camera, Mesh, Scene
+from nte.render.engine import plugins
+from nte.render.engine.mesh_stage import MeshStage
+from nte.render.passes.hits import curvatures_at, normals_at
+from nte.render.passes.rays import trace_centres
 from nte.render.scenes import shapes
-from nte.render.stage import Stage
-from nte.render.transforms import look_at, rotation, still, translation
+from nte.render.world.scene import Camera, Mesh, Scene
+from nte.render.world.transforms import look_at, rotation, still, translation
 from tests.render.test_vectors import CENTRES, FOV, SIZE, STILL, drift, pixels, square, thing, vectors
 
 
@@ -63,9 +64,9 @@ def test_where_no_place_near_by_mirrors_the_target_there_is_none():
 def test_curvature_of_a_ball_is_one_over_its_radius_and_of_a_square_none():
     ball = thing(fine_ball(), (0.3, 0.2, 0), lambda place: still(translation(place) @ np.diag([0.5, 0.5, 0.5, 1])))
     floor = thing(square(6), (0, -1, 0), STILL)
-    made = Stage(Scene((ball, floor), Camera(still(look_at((0, 3, -4), (0, 0, 0))), FOV)), SIZE, SIZE, 3)
-    made.set_time(0)
-    hits = trace_centres(made)
+    made = MeshStage(Scene((ball, floor), Camera(still(look_at((0, 3, -4), (0, 0, 0))), FOV)), SIZE, SIZE, 3)
+    with made.at(0) as moment:
+        hits = trace_centres(moment)
     curvature, normal = curvatures_at(made, hits, 0), normals_at(made, hits, 0)
     round_ = hits.instance == 1
     assert round_.sum() > 80
@@ -77,8 +78,8 @@ def test_curvature_of_a_ball_is_one_over_its_radius_and_of_a_square_none():
 
 def test_reflection_in_a_mirror_ball(monkeypatch: pytest.MonkeyPatch):
     """Camera, ball and the wall it shows all move: the vector leads to where the ball showed the same point."""
-    ours = stage._bsdf
-    monkeypatch.setattr(stage, "_bsdf", lambda mi, m: {"type": "conductor"} if m.surface == "metal" else ours(mi, m))
+    ours = plugins.bsdf
+    monkeypatch.setattr(plugins, "bsdf", lambda m: {"type": "conductor"} if m.surface == "metal" else ours(m))
     ball, wall = drift(0.05, 0.03, 0), drift(0.1, 0.0, 0.05)
     facing = lambda place: lambda t: wall(place)(t) @ rotation((1, 0, 0), np.pi / 2)  # noqa: E731
     place, radius, back = (0.0, 0.0, 0.0), 1.0, (0.0, 0.0, -5.0)

@@ -7,10 +7,10 @@ import numpy as np
 import pytest
 
 from nte.errors import NteError
-from nte.render.recipe import read_recipe
-from nte.render.scenes import FAMILIES
+from nte.render.recipes.recipe import read_recipe
+from nte.render.scenes.families import FAMILIES
 from nte.render.scenes.family import Dice
-from nte.render.seeds import derive_generator
+from nte.render.world.seeds import derive_generator
 
 # Every family as it is, and with parameters that change what is in it.
 VARIANTS: dict[str, tuple[str, dict[str, Any]]] = {name: (name, {}) for name in FAMILIES} | {

@@ -5,11 +5,11 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from nte.checking import check_clip
+from nte.checking import check
 from nte.frames import Clip
-from nte.render.clips import render_clip
-from nte.render.recipe import ClipPlan, Group
-from nte.render.scenes import FAMILIES
+from nte.render.recipes.clips import render_clip
+from nte.render.recipes.recipe import ClipPlan, Group
+from nte.render.scenes.families import FAMILIES
 
 # Texture moves by several pixels in this clip. Elsewhere too little does at this size, or only light moves: no verdict.
 MOVING = {"limits", "motion_blur", "ocean", "pica", "restaurant", "robot", "rooms", "temple"}
@@ -22,7 +22,7 @@ def test_three_frames_pass_the_check(family: str, tmp_path: Path):
     unit = ClipPlan("test", 5, "test", 0, group)
     render_clip(unit, tmp_path)
     clip = Clip(tmp_path / unit.name)
-    report = check_clip(clip)
+    report = check(clip)
     assert report.verdict == "plausible" or (report.verdict == "undecidable" and family not in MOVING), report.reason
     assert all(tally.bad == 0 for tally in report.tallies.values())
     frame = clip.frame(1)

@@ -7,12 +7,13 @@ import signal
 import numpy as np
 import pytest
 
-from nte.render.backend import load_drjit, load_mitsuba
-from nte.render.components import noisy
-from nte.render.scenes import FAMILIES
-from nte.render.seeds import derive_generator
-from nte.render.stage import Stage
-from nte.render.transport import sample_camera_ray, trace_path
+from nte.render.components.first_hit import trace_path
+from nte.render.components.frame import noisy
+from nte.render.engine.backend import load_drjit, load_mitsuba
+from nte.render.engine.camera_rays import sample_camera_ray
+from nte.render.engine.mesh_stage import MeshStage
+from nte.render.scenes.families import FAMILIES
+from nte.render.world.seeds import derive_generator
 
 SIZE = 16
 
@@ -23,8 +24,8 @@ def nothing_left_of_other_scenes() -> None:
     gc.collect()
 
 
-def staged(family: str) -> Stage:
-    return Stage(FAMILIES[family](derive_generator("frozen")), SIZE, SIZE, 4)
+def staged(family: str) -> MeshStage:
+    return MeshStage(FAMILIES[family](derive_generator("frozen")), SIZE, SIZE, 4)
 
 
 # Of rigid objects, many parts, a wave, curved reflectors under a moving camera, and of a lens, which is not frozen.
@@ -44,19 +45,19 @@ def test_it_is_traced_once_and_gives_what_tracing_gives():
     mi, dr = load_mitsuba(), load_drjit()
     here, traced = staged("fence"), []
 
-    def light(stage, key):
+    def light(scenery, key):
         traced.append(gc.isenabled())
         sampler = mi.load_dict({"type": "independent"})
         sampler.seed(key, SIZE * SIZE)
-        path = trace_path(stage, sample_camera_ray(stage, dr.arange(mi.UInt32, SIZE * SIZE), sampler), sampler)
+        path = trace_path(scenery, sample_camera_ray(scenery, dr.arange(mi.UInt32, SIZE * SIZE), sampler), sampler)
         return path.shadowed, path.indirect, *path.second[1:]
 
     for time in range(4):
-        here.set_time(time)
-        key = dr.opaque(mi.UInt32, 100 + time)
-        found = here.frozen(light)(key)
-        for mine, theirs in zip(found, light(here, key), strict=True):
-            np.testing.assert_array_equal(np.array(mine), np.array(theirs))
+        with here.at(time) as moment:
+            key = dr.opaque(mi.UInt32, 100 + time)
+            found = moment.frozen(light)(key)
+            for mine, theirs in zip(found, light(moment.scenery, key), strict=True):
+                np.testing.assert_array_equal(np.array(mine), np.array(theirs))
     # Once for all frames, when a collected scene would have aborted the process; and each time for the comparison.
     assert traced == [False, True, True, True, True]
     assert gc.isenabled()
@@ -65,30 +66,31 @@ def test_it_is_traced_once_and_gives_what_tracing_gives():
 def test_ctrl_c_waits_for_the_recording():
     mi, dr = load_mitsuba(), load_drjit()
     here, pressed = staged("fence"), []
-    here.set_time(0)
 
-    def double(stage, number):
+    def double(scenery, number):
         if not pressed:
             pressed.append(os.kill(os.getpid(), signal.SIGINT))
         return 2 * number
 
-    with pytest.raises(KeyboardInterrupt):
-        here.frozen(double)(mi.Float([1, 2, 3]))
-    assert gc.isenabled()
-    np.testing.assert_array_equal(here.frozen(double)(dr.arange(mi.Float, 3)), [0, 2, 4])
+    with here.at(0) as moment:
+        with pytest.raises(KeyboardInterrupt):
+            moment.frozen(double)(mi.Float([1, 2, 3]))
+        assert gc.isenabled()
+        np.testing.assert_array_equal(moment.frozen(double)(dr.arange(mi.Float, 3)), [0, 2, 4])
 
 
 def test_what_cannot_be_recorded_is_traced():
     mi, dr = load_mitsuba(), load_drjit()
     here, traced = staged("fence"), []
-    here.set_time(0)
 
-    def double(stage, number):
+    def double(scenery, number):
         traced.append(number)
         if len(traced) == 1:
             raise RuntimeError("cannot be recorded")
         return 2 * number
 
-    for start in (0, 1):
-        np.testing.assert_array_equal(here.frozen(double)(dr.arange(mi.Float, 3) + start), 2 * (np.arange(3) + start))
+    with here.at(0) as moment:
+        for start in (0, 1):
+            doubled = moment.frozen(double)(dr.arange(mi.Float, 3) + start)
+            np.testing.assert_array_equal(doubled, 2 * (np.arange(3) + start))
     assert len(traced) == 3

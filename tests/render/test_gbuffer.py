@@ -5,12 +5,11 @@ import dataclasses
 import numpy as np
 import pytest
 
-from nte.render.gbuffer import geometry
-from nte.render.integrator import guides, radiance
-from nte.render.scene import Camera, Material, Scene, SceneObject
+from nte.render.engine.mesh_stage import MeshStage
 from nte.render.scenes import shapes
-from nte.render.stage import Stage
-from nte.render.transforms import look_at, moving, rotation, still, translation
+from nte.render.world.scene import Camera, Material, Scene, SceneObject
+from nte.render.world.transforms import look_at, moving, rotation, still, translation
+from tests.render.shots import geometry_at, guides_at, radiance_at
 
 WIDTH, HEIGHT, FOV = 40, 30, 60.0
 FOCAL = WIDTH / 2 / np.tan(np.radians(FOV / 2))
@@ -28,17 +27,17 @@ def board(z: float, size: float, track=None, **material) -> SceneObject:
     return SceneObject(mesh, Material(colour, **material), track or still(translation((0, 0, z))))
 
 
-def staged(*objects: SceneObject, camera=None) -> Stage:
+def staged(*objects: SceneObject, camera=None) -> MeshStage:
     track = camera or still(look_at((0, 0, 0), (0, 0, 1)))
     turned = still(translation((0, 0, -1)) @ rotation((0, 1, 0), np.pi))
     lamp = dataclasses.replace(board(0, 0.5, turned), radiance=(1.0, 1.0, 1.0))  # behind the camera
-    return Stage(Scene((*objects, lamp), Camera(track, FOV)), WIDTH, HEIGHT, 4)
+    return MeshStage(Scene((*objects, lamp), Camera(track, FOV)), WIDTH, HEIGHT, 4)
 
 
 @pytest.fixture(scope="module")
 def moving_board() -> dict[str, np.ndarray]:
     path = moving(lambda time: np.array([0, 0, 4]) + SPEED * time, (0, 1, 0), 0.0)
-    return guides(staged(board(0, 1, path, surface="metal", roughness=0.3)), 0)
+    return guides_at(staged(board(0, 1, path, surface="metal", roughness=0.3)), 0)
 
 
 def test_depth_position_and_miss(moving_board):
@@ -79,8 +78,7 @@ def test_sky_moves_with_the_cameras_rotation_only():
         return translation((3 * time, 0, 0)) @ rotation((0, 1, 0), 0.02 * time)
 
     stage = staged(camera=pan)
-    stage.set_time(0)
-    motion = geometry(stage, 0)["motion"]
+    motion = geometry_at(stage, 0)["motion"]
     y, x = HEIGHT // 2, WIDTH // 2
     # The camera turns counter-clockwise seen from above, that is to its left: the sky moved to the right, and
     # was one frame earlier to the left.
@@ -91,8 +89,7 @@ def test_sky_moves_with_the_cameras_rotation_only():
 
 def test_a_resting_scene_has_no_motion_at_all():
     stage = staged(board(3, 5), board(2.5, 0.4))
-    stage.set_time(5)
-    channels = geometry(stage, 5)
+    channels = geometry_at(stage, 5)
     assert (channels["motion"] == 0).all()
     assert (channels["forward_motion"] == 0).all()
     assert set(np.unique(channels["instance"])) == {1, 2}
@@ -101,16 +98,16 @@ def test_a_resting_scene_has_no_motion_at_all():
 def test_a_light_has_albedo_and_emission():
     lamp = dataclasses.replace(board(3, 5, color=flat(0.8, 0.8, 0.8)), radiance=(7.0, 6.0, 5.0))
     stage = staged(lamp)
-    channels = guides(stage, 0)
+    channels = guides_at(stage, 0)
     np.testing.assert_allclose(channels["emission"][:, 15, 20], [7, 6, 5], rtol=1e-5)
     np.testing.assert_allclose(channels["albedo"][:, 15, 20], 0.8, rtol=1e-5)
-    seen = radiance(stage, 4, seed=1)[:, 15, 20]
+    seen = radiance_at(stage, 0, 4, seed=1)[:, 15, 20]
     assert (seen >= 7 * 0.99 - np.array([0, 1, 2])).all()
 
 
 def test_roughness_of_diffuse_is_one_and_normals_face_the_camera():
     tilted = still(translation((0, 0, 3)) @ rotation((0, 1, 0), np.pi + 0.4))  # seen from behind
-    channels = guides(staged(board(0, 1, tilted)), 0)
+    channels = guides_at(staged(board(0, 1, tilted)), 0)
     np.testing.assert_allclose(channels["roughness"], 1, atol=1e-6)
     normal = channels["normal"][:, HEIGHT // 2, WIDTH // 2]
     np.testing.assert_allclose(np.linalg.norm(normal), 1, atol=1e-5)
@@ -119,8 +116,7 @@ def test_roughness_of_diffuse_is_one_and_normals_face_the_camera():
 
 def test_radiance_repeats_and_differs_by_seed():
     stage = staged(board(3, 5))
-    stage.set_time(0)
-    first, again, other = (radiance(stage, 20, seed) for seed in (1, 1, 2))
+    first, again, other = (radiance_at(stage, 0, 20, seed) for seed in (1, 1, 2))
     np.testing.assert_array_equal(first, again)
     assert not np.array_equal(first, other)
     assert first.mean() > 0

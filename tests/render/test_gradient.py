@@ -8,15 +8,15 @@ import pytest
 
 from nte.color import REC709
 from nte.denoiser import Session
-from nte.filters.asvgf import Asvgf
+from nte.filters.asvgf import Asvgf, AsvgfOptions
 from nte.frames.frame import Frame
-from nte.render.components import noisy, references
-from nte.render.gradient import GRADIENTS, STRATUM, shade_again, shade_before
-from nte.render.integrator import guides
-from nte.render.scene import Camera, Material, Scene, SceneObject
+from nte.render.components.frame import noisy
+from nte.render.components.gradient import GRADIENTS, STRATUM, shade_again, shade_before
+from nte.render.engine.mesh_stage import MeshStage
 from nte.render.scenes import shapes
-from nte.render.stage import Stage
-from nte.render.transforms import Track, look_at, moving, still, translation
+from nte.render.world.scene import Camera, Material, Scene, SceneObject
+from nte.render.world.transforms import Track, look_at, moving, still, translation
+from tests.render.shots import guides_at, references_at
 
 pytestmark = pytest.mark.slow
 SIZE, UP = 24, (0.0, 1.0, 0.0)
@@ -44,14 +44,14 @@ def floor(*more: SceneObject, lamp: Track | None = None, camera: Track = EYE) ->
 
 def gradients(scene: Scene, seed: int = 1, width: int = SIZE, height: int = SIZE) -> np.ndarray:
     """That of all light, (2, H, W) at time 1."""
-    return of(Stage(scene, width, height, 4), seed)["gradient"]
+    return of(MeshStage(scene, width, height, 4), seed)["gradient"]
 
 
-def of(stage: Stage, seed: int) -> dict[str, np.ndarray]:
-    stage.set_time(0)
-    replay = shade_before(stage, 1, seed)
-    stage.set_time(1)
-    return shade_again(stage, 1, replay)
+def of(stage: MeshStage, seed: int) -> dict[str, np.ndarray]:
+    with stage.at(0) as before:
+        replay = shade_before(before, 1, seed)
+    with stage.at(1) as moment:
+        return shade_again(moment, replay)
 
 
 def strata(image: np.ndarray) -> np.ndarray:
@@ -64,7 +64,7 @@ def strata(image: np.ndarray) -> np.ndarray:
 
 def test_nothing_changes_so_nothing_differs():
     """Not even in the last bit, and every stratum has its sample, those cut by the border too."""
-    for now, then in of(Stage(floor(), 26, 22, 4), 1).values():
+    for now, then in of(MeshStage(floor(), 26, 22, 4), 1).values():
         np.testing.assert_array_equal(now, then)
         assert (strata(np.isfinite(now)).sum(1) == 1).all()
         assert np.nanmean(now) > 1e-3
@@ -81,9 +81,9 @@ def test_only_what_the_light_reaches_differs():
     square = shapes.rectangle((0, -0.4, -0.4), (0, 0, 0.8), (0, 0.8, 0))
     rises = moving(lambda time: np.array((-0.3, 0.6 + time, 0)), UP, 0.0)
     matt = floor(thing(square, rises, (20.0, 20.0, 20.0)))
-    stage = Stage(replace(matt, objects=(matt.objects[0], *matt.objects[2:])), SIZE, SIZE, 4)
+    stage = MeshStage(replace(matt, objects=(matt.objects[0], *matt.objects[2:])), SIZE, SIZE, 4)
     now, then = of(stage, 1)["gradient"]
-    known, x = np.isfinite(now), guides(stage, 1)["position"][0]
+    known, x = np.isfinite(now), guides_at(stage, 1)["position"][0]
     lit, unlit = known & (x < -0.8), known & (x > 0)
     assert min(lit.sum(), unlit.sum()) > 10
     assert (now[lit] != then[lit]).mean() > 0.9
@@ -95,8 +95,8 @@ def test_hidden_surfaces_are_rejected():
     plate = shapes.rectangle((-2, 0, 2), (4, 0, 0), (0, 0, -4))
     slides = moving(lambda time: np.array((-5 * (1 - time), 1.0, 0)), UP, 0.0)
     now, _ = gradients(floor(thing(plate, slides)))
-    stage = Stage(floor(thing(plate, slides)), SIZE, SIZE, 4)
-    instance = guides(stage, 1)["instance"][0]
+    stage = MeshStage(floor(thing(plate, slides)), SIZE, SIZE, 4)
+    instance = guides_at(stage, 1)["instance"][0]
     covered = instance == 4
     assert covered.mean() > 0.2
     inner = strata(covered).all(1)
@@ -119,7 +119,7 @@ def test_samples_follow_a_moving_camera():
 def test_the_components_make_up_the_whole():
     """In shadow there is indirect and glossy light alone; elsewhere more. Everything here has one albedo."""
     lamp = moving(lambda time: np.array((0.8 - 0.7 * time, 2.2, 0)), UP, 0.0)
-    found = of(Stage(floor(lamp=lamp), 40, 28, 4), 3)
+    found = of(MeshStage(floor(lamp=lamp), 40, 28, 4), 3)
     whole, visible, indirect, glossy = (found[name] for name in GRADIENTS)
     known = np.isfinite(whole)
     assert all((np.isfinite(values) == known).all() for values in found.values())
@@ -148,7 +148,7 @@ def shadow_runs(frames: int) -> Iterator[Frame]:
         ),
         Camera(EYE, 40.0),
     )
-    stage = Stage(scene, 48, 36, 3)
+    stage = MeshStage(scene, 48, 36, 3)
     for time in range(frames):
         clean, (sample,) = noisy(stage, time, [time])
         yield Frame({name: values[None] for name, values in (clean | sample).items()}, time)
@@ -162,7 +162,7 @@ def test_a_moving_shadow_resets_visibility_and_not_indirect_light():
     assert swept.sum() > 20
 
     def lengths(target: str, *without: str) -> np.ndarray:
-        session = Session(Asvgf(target, gradient_iterations=1))
+        session = Session(Asvgf(AsvgfOptions(target, gradient_iterations=1)))
         for frame in frames:
             seen = {name: values for name, values in frame.channels.items() if name not in without}
             found = session.step(Frame(seen, frame.index), ("history_length",)).extras["history_length"]
@@ -179,13 +179,13 @@ def test_all_are_unbiased():
     On the floor: where a pixel shows two surfaces, its visibility is a mean weighted by light, which no point knows.
     """
     lamp = moving(lambda time: np.array((0.8 - 0.7 * time, 2.2, 0)), UP, 0.0)
-    stage = Stage(floor(lamp=lamp), SIZE, SIZE, 4)
+    stage = MeshStage(floor(lamp=lamp), SIZE, SIZE, 4)
     runs = [of(stage, seed) for seed in range(64)]
-    on_floor = np.repeat(strata(guides(stage, 1)["instance"][0] == 1).all(1), 9).reshape(-1, 9)
+    on_floor = np.repeat(strata(guides_at(stage, 1)["instance"][0] == 1).all(1), 9).reshape(-1, 9)
     expected = []
     for time in (0, 1):
-        emission = guides(stage, time)["emission"]
-        light = references(stage, 1024, (5, 6))
+        emission = guides_at(stage, time)["emission"]
+        light = references_at(stage, time, 1024, (5, 6))
         color = (light["reference_a"] + light["reference_b"]) / 2 - emission
         visible, indirect, glossy = (light[f"reference_{name}"] for name in ("visibility", "indirect", "glossy"))
         expected.append((luminance(color) / 0.6, visible[0], luminance(indirect) / 0.6, luminance(glossy)))

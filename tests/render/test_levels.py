@@ -6,17 +6,18 @@ import numpy as np
 import pytest
 
 from nte.frames import Clip
-from nte.render import xml
-from nte.render.animation import read_animation
-from nte.render.clips import render_recipe
-from nte.render.components import noisy
-from nte.render.gbuffer import geometry
-from nte.render.levels import Levels
-from nte.render.own import OwnStage
-from nte.render.scene import Camera, Material, Scene, SceneObject
+from nte.render.components.frame import noisy
+from nte.render.engine.plugins import make_mesh
+from nte.render.engine.xml import loading
+from nte.render.engine.xml.levels import Levels
+from nte.render.engine.xml.stage import XmlStage
+from nte.render.passes.gbuffer import geometry
+from nte.render.recipes.clips import render_recipe
 from nte.render.scenes import shapes
-from nte.render.stage import Stage
-from nte.render.transforms import still
+from nte.render.world.keyframes import read_animation
+from nte.render.world.scene import Material, SceneObject
+from nte.render.world.transforms import still
+from tests.render.shots import geometry_at
 
 HEIGHT, WIDTH = 40, 56
 LIGHT, PLATE, EYE = np.array([0.5, 4.0, 0.2]), 1.5, (0.4, 6.0, -0.5)
@@ -44,13 +45,13 @@ def write(folder: Path, moving: bool = True) -> Path:
     return folder / "moves.yaml"
 
 
-def staged(folder: Path, moving: bool = True) -> OwnStage:
-    return OwnStage(read_animation(write(folder, moving)), WIDTH, HEIGHT, 3)
+def staged(folder: Path, moving: bool = True) -> XmlStage:
+    return XmlStage(read_animation(write(folder, moving)), WIDTH, HEIGHT, 3)
 
 
-def pixels(made: OwnStage, points: np.ndarray) -> np.ndarray:
+def pixels(made: XmlStage, points: np.ndarray) -> np.ndarray:
     """(R, 2) of world points (R, 3); the camera is at rest."""
-    matrix = made.scene.camera.projection(WIDTH, HEIGHT) @ made.scene.camera.view(0)
+    matrix = made.camera.projection(WIDTH, HEIGHT) @ made.camera.view(0)
     clip = np.concatenate([points, np.ones((len(points), 1))], 1) @ matrix.T
     return clip[:, :2] / clip[:, 3:] * (WIDTH, HEIGHT)
 
@@ -58,7 +59,7 @@ def pixels(made: OwnStage, points: np.ndarray) -> np.ndarray:
 def test_motion_and_shadows_of_a_part_that_moves_by_itself(tmp_path: Path):
     """By hand, frame after frame and back again: no frame depends on those before."""
     made = staged(tmp_path)
-    numbers = {obj.name: number + 1 for number, obj in enumerate(made.scene.objects)}
+    numbers = {obj.name: number + 1 for number, obj in enumerate(made.objects)}
     for time in (4, 5, 2):
         clean, (sample,) = noisy(made, time, [time])
         assert set(np.unique(clean["instance"])) == {*numbers.values()}
@@ -98,30 +99,29 @@ def test_a_frame_is_one_rebuild(tmp_path: Path, monkeypatch: pytest.MonkeyPatch)
     for time in range(1, 5):
         noisy(made, time, [1])
     assert rebuilt == [1, 0, 2, 3, 4]
-    made.set_time(4)
-    made.set_time(3)
-    assert len(rebuilt) == 5
+    for time in (4, 3):
+        with made.at(time):
+            assert len(rebuilt) == 5
 
 
 def test_a_still_scene_is_left_as_it_is(tmp_path: Path):
     still = staged(tmp_path, moving=False)
-    still.set_time(0)
-    clean = geometry(still, 0)
-    assert still.mi_scene.shapes()[0].class_name() == "Rectangle"
-    still.set_time(3)
-    np.testing.assert_array_equal(geometry(still, 3)["depth"], clean["depth"])
+    with still.at(0) as moment:
+        clean = geometry(moment)
+        assert moment.scenery.mi_scene.shapes()[0].class_name() == "Rectangle"
+    np.testing.assert_array_equal(geometry_at(still, 3)["depth"], clean["depth"])
 
 
 def test_an_xml_is_loaded_once_to_be_checked_and_rendered(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
     write(tmp_path)
-    loaded, load = [], xml._load
-    monkeypatch.setattr(xml, "_load", lambda animation: loaded.append(animation.xml) or load(animation))
+    loaded, load = [], loading._load
+    monkeypatch.setattr(loading, "_load", lambda animation: loaded.append(animation.xml) or load(animation))
     group = "{scene: moves.yaml, clips: 1, frames: 2, width: 16, height: 12, reference_spp: 2}"
     (tmp_path / "recipe.yaml").write_text(f"name: mine\ntrain: [{group}]")
     (folder,) = render_recipe(tmp_path / "recipe.yaml", tmp_path / "out", progress=False)
     assert Clip(folder).frames == 2
     assert len(loaded) == 1
-    assert not xml._kept
+    assert not loading._kept
 
 
 def write_mirrors(folder: Path) -> Path:
@@ -130,8 +130,8 @@ def write_mirrors(folder: Path) -> Path:
         '<bsdf type="principled"><rgb name="base_color" value="0.7, 0.5, 0.3"/>'
         '<float name="metallic" value="{}"/><float name="roughness" value="{}"/></bsdf>'
     )
-    Stage(Scene((SceneObject(shapes.sphere(), Material(np.ones((1, 1, 3), np.float32)), still(np.eye(4))),),
-                Camera(still(np.eye(4)), 45.0)), 8, 8, 2).shapes[0].write_ply(str(folder / "knob.ply"))  # fmt: skip
+    knob = SceneObject(shapes.sphere(), Material(np.ones((1, 1, 3), np.float32)), still(np.eye(4)))
+    make_mesh(knob).write_ply(str(folder / "knob.ply"))
     things = {
         "floor": ("rectangle", '<rotate x="1" angle="-90"/><scale value="6"/>', 0.5, 0.2),
         "ball": ("sphere", '<scale value="0.7"/><translate x="-0.9" y="0.7" z="0.3"/>', 1.0, 0.1),
@@ -165,11 +165,12 @@ camera:
 def test_every_channel_is_that_of_one_level(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
     """Mirrors, vectors and gradients too, on what moves and beside it, with the same random numbers."""
     animation = read_animation(write_mirrors(tmp_path))
-    two = OwnStage(animation, WIDTH, HEIGHT, 4)
+    two = XmlStage(animation, WIDTH, HEIGHT, 4)
     clean, (sample,) = noisy(two, 4, [5])
-    assert two._levels
-    monkeypatch.setattr("nte.render.own.levels", lambda *_: [])
-    expected_clean, (expected_sample,) = noisy(OwnStage(animation, WIDTH, HEIGHT, 4), 4, [5])
+    with two.at(4) as moment:
+        assert len(moment.scenery.levels) == 2
+    monkeypatch.setattr("nte.render.engine.xml.stage.levels", lambda *_: [])
+    expected_clean, (expected_sample,) = noisy(XmlStage(animation, WIDTH, HEIGHT, 4), 4, [5])
     for name, expected in (expected_clean | expected_sample).items():
         found = (clean | sample)[name]
         known = np.isfinite(expected).all(0)

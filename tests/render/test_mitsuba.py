@@ -7,21 +7,23 @@ import sys
 import numpy as np
 import pytest
 
-from nte.render.backend import load_mitsuba
-from nte.render.scene import Camera
-from nte.render.transforms import look_at, still
+from nte.render.engine.backend import load_mitsuba
+from nte.render.world.scene import Camera
+from nte.render.world.transforms import look_at, still
 
 _RENDER = """
 import numpy as np
-from nte.render import backend
+from nte.render.engine import backend
 if {scalar}:
     backend.choose_llvm = lambda given: None
-from nte.render.integrator import guides, radiance
-from nte.render.scenes import FAMILIES
-from nte.render.seeds import derive_generator
-from nte.render.stage import Stage
-stage = Stage(FAMILIES["rooms"](derive_generator("twin")), 16, 12, 3)
-channels = guides(stage, 1) | {{"color": radiance(stage, 64, 3)}}
+from nte.render.passes.gbuffer import guides
+from nte.render.passes.radiance import radiance
+from nte.render.scenes.families import FAMILIES
+from nte.render.world.seeds import derive_generator
+from nte.render.engine.mesh_stage import MeshStage
+stage = MeshStage(FAMILIES["rooms"](derive_generator("twin")), 16, 12, 3)
+with stage.at(1) as moment:
+    channels = guides(moment) | {{"color": radiance(moment, 64, 3)}}
 np.savez({path!r}, variant=backend.load_mitsuba().variant(), **channels)
 """
 
@@ -58,7 +60,7 @@ def test_scalar_twin(tmp_path):
 @pytest.mark.slow
 def test_mitsuba_imported_first_is_told_not_crashed(tmp_path):
     """Dr.Jit loads an LLVM as it is imported; if that is an old one, rendering would abort the process."""
-    code = "import mitsuba; from nte.render.backend import load_mitsuba; print(load_mitsuba().variant())"
+    code = "import mitsuba; from nte.render.engine.backend import load_mitsuba; print(load_mitsuba().variant())"
     env = {key: value for key, value in os.environ.items() if key != "DRJIT_LIBLLVM_PATH"}
     run = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, env=env, check=False)
     assert "already loaded" in run.stderr or run.stdout.strip() in ("llvm_ad_rgb", "scalar_rgb")

@@ -5,8 +5,8 @@ from pathlib import Path
 import pytest
 
 from nte.errors import NteError
-from nte.render.output import claim, remove_leftovers
-from nte.render.recipe import Group, Recipe
+from nte.render.recipes.output import claim, remove_leftovers
+from nte.render.recipes.recipe import Group, Recipe
 
 FIRST = Recipe("first", 1, [Group(clips=1)], [])
 SECOND = Recipe("second", 1, [Group(clips=1)], [])

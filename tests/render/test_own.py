@@ -10,11 +10,10 @@ from PIL import Image
 
 from nte.errors import NteError
 from nte.motion.warp import fetch_nearest, pixel_centres, warp
-from nte.render.animation import Key, object_track, read_animation
-from nte.render.clips import render_recipe
-from nte.render.gbuffer import geometry, surface
-from nte.render.integrator import radiance
-from nte.render.own import OwnStage
+from nte.render.engine.xml.stage import XmlStage
+from nte.render.recipes.clips import render_recipe
+from nte.render.world.keyframes import Key, object_track, read_animation
+from tests.render.shots import guides_at, radiance_at
 
 ROOM = """\
 <scene version="3.0.0">
@@ -85,28 +84,27 @@ def write_room(folder: Path) -> Path:
 
 
 @pytest.fixture(scope="module")
-def stage(folder: Path) -> OwnStage:
-    return OwnStage(read_animation(folder / "moves.yaml"), 96, 64, 4)
+def stage(folder: Path) -> XmlStage:
+    return XmlStage(read_animation(folder / "moves.yaml"), 96, 64, 4)
 
 
-def seen(stage: OwnStage, time: float) -> dict[str, torch.Tensor]:
-    stage.set_time(time)
-    return {name: torch.from_numpy(values)[None] for name, values in (surface(stage) | geometry(stage, time)).items()}
+def seen(stage: XmlStage, time: float) -> dict[str, torch.Tensor]:
+    return {name: torch.from_numpy(values)[None] for name, values in guides_at(stage, time).items()}
 
 
-def test_every_shape_and_instance_is_an_object_of_its_own(stage: OwnStage) -> None:
-    names = [obj.name for obj in stage.scene.objects]
+def test_every_shape_and_instance_is_an_object_of_its_own(stage: XmlStage) -> None:
+    names = [obj.name for obj in stage.objects]
     assert {"floor", "mesh", "round", "clear", "oak", "elm", "panel"} < {*names}
     visible = np.unique(seen(stage, 0)["instance"].numpy())
     assert {names[int(number) - 1] for number in visible if number} == {*names} - {"panel"}
 
 
 @pytest.mark.parametrize("name", ["floor", "mesh", "round", "oak", "elm"])
-def test_motion_leads_to_the_same_point_of_the_object(stage: OwnStage, name: str) -> None:
+def test_motion_leads_to_the_same_point_of_the_object(stage: XmlStage, name: str) -> None:
     """The world point that was seen there, carried on by the object's own motion, is the point that is seen now."""
     before, now = seen(stage, 3), seen(stage, 4)
-    number = [obj.name for obj in stage.scene.objects].index(name)
-    track = stage.scene.objects[number].track
+    number = [obj.name for obj in stage.objects].index(name)
+    track = stage.objects[number].track
     onward = np.eye(4) if track is None else track(4) @ np.linalg.inv(track(3))
     there = pixel_centres(now["motion"]) + now["motion"]
     mine = (now["instance"] == number + 1) & (fetch_nearest(before["instance"], there) == number + 1)
@@ -122,8 +120,8 @@ def test_motion_leads_to_the_same_point_of_the_object(stage: OwnStage, name: str
     assert (np.linalg.norm(points - here, axis=1).mean() > 0.04) == (track is not None)
 
 
-def test_guides_of_metal_and_glass(stage: OwnStage) -> None:
-    frame, names = seen(stage, 0), [obj.name for obj in stage.scene.objects]
+def test_guides_of_metal_and_glass(stage: XmlStage) -> None:
+    frame, names = seen(stage, 0), [obj.name for obj in stage.objects]
     inside = {name: (frame["instance"] == names.index(name) + 1)[0, 0] for name in ("round", "clear")}
     gold, glass = ({key: frame[key][0][:, mask].median(1).values for key in frame} for mask in inside.values())
     assert gold["albedo"][0] > 0.9
@@ -134,13 +132,10 @@ def test_guides_of_metal_and_glass(stage: OwnStage) -> None:
 
 
 def test_lights_move_and_defaults_have_values(folder: Path) -> None:
-    from nte.render.integrator import radiance
-
     def light(text: str, time: float) -> np.ndarray:
         (folder / "light.yaml").write_text(text)
-        stage = OwnStage(read_animation(folder / "light.yaml"), 32, 24, 3)
-        stage.set_time(time)
-        return radiance(stage, 64, 1)
+        stage = XmlStage(read_animation(folder / "light.yaml"), 32, 24, 3)
+        return radiance_at(stage, time, 64, 1)
 
     still = "xml: room.xml\nlights:\n  bulb: [{frame: 0}, {frame: 8, translate: [-4, 0, 0]}]\n"
     before, after = (light(still + "values: {bright: '0'}\n", time) for time in (0, 8))
@@ -194,8 +189,8 @@ camera: [{frame: 0, origin: [0, 1, -6], target: [0, 1, 0]}]
 def test_an_xml_without_names_needs_no_editing(folder: Path) -> None:
     (folder / "unnamed.xml").write_text(UNNAMED)
     (folder / "unnamed.yaml").write_text(UNNAMED_MOVES)
-    stage = OwnStage(read_animation(folder / "unnamed.yaml"), 60, 40, 3)
-    names = [obj.name for obj in stage.scene.objects]
+    stage = XmlStage(read_animation(folder / "unnamed.yaml"), 60, 40, 3)
+    names = [obj.name for obj in stage.objects]
     assert sorted(names) == ["ball", "ball_2", "rectangle"]
     frame = seen(stage, 2)
     number = {name: names.index(name) + 1 for name in names}
@@ -211,7 +206,7 @@ def test_an_xml_without_names_needs_no_editing(folder: Path) -> None:
 
 @pytest.mark.slow
 def test_clips_follow_each_other_and_pass_the_check(folder: Path, tmp_path: Path) -> None:
-    from nte.checking import check_clip
+    from nte.checking import check
     from nte.frames.clip import Clip
 
     (folder / "recipe.yaml").write_text(
@@ -220,7 +215,7 @@ def test_clips_follow_each_other_and_pass_the_check(folder: Path, tmp_path: Path
     )
     render_recipe(folder / "recipe.yaml", tmp_path / "out", progress=False)
     first, second = (Clip(tmp_path / "out" / "train" / f"moves_00{number}") for number in (0, 1))
-    assert check_clip(first).verdict == "plausible"
+    assert check(first).verdict == "plausible"
     step = np.subtract(second.info["cameras"][0]["view"], first.info["cameras"][2]["view"])
     assert 0 < np.abs(step).max() < 0.2  # the next frame of the same way
     blurred = Clip(tmp_path / "out" / "test" / "moves_000").frame(0)
@@ -261,7 +256,7 @@ def test_clips_follow_each_other_and_pass_the_check(folder: Path, tmp_path: Path
 def test_a_faulty_animation_is_one_line(folder: Path, text: str, said: str) -> None:
     (folder / "faulty.yaml").write_text(text)
     with pytest.raises(NteError, match=said) as error:
-        OwnStage(read_animation(folder / "faulty.yaml"), 8, 8, 2)
+        XmlStage(read_animation(folder / "faulty.yaml"), 8, 8, 2)
     assert "\n" not in str(error.value)
 
 
@@ -284,7 +279,7 @@ def test_a_faulty_scene_is_one_line(folder: Path, tmp_path: Path, old: str, new:
     (tmp_path / "room.xml").write_text(ROOM.replace(old, new))
     (tmp_path / "moves.yaml").write_text(MOVES)
     with pytest.raises(NteError, match=said) as error:
-        OwnStage(read_animation(tmp_path / "moves.yaml"), 8, 8, 2)
+        XmlStage(read_animation(tmp_path / "moves.yaml"), 8, 8, 2)
     assert "\n" not in str(error.value)
 
 
@@ -324,10 +319,9 @@ def test_lights_change_their_brightness(folder: Path, name: str) -> None:
 
     bulb_and_sky = f"{keys('bulb')}, {keys('sky')[1:]}}}"
     (folder / "bright.yaml").write_text(f"xml: room.xml\nobjects: {keys('panel')}}}\nlights: {bulb_and_sky}\n")
-    lit, means = OwnStage(read_animation(folder / "bright.yaml"), 24, 16, 3), []
+    lit, means = XmlStage(read_animation(folder / "bright.yaml"), 24, 16, 3), []
     for time in (0, 4, 8, 0):
-        lit.set_time(time)
-        means.append(radiance(lit, 64, 5).mean())
+        means.append(radiance_at(lit, time, 64, 5).mean())
     assert means[0] > 0.001
     np.testing.assert_allclose(np.divide(means, means[0]), (1, 2, 3, 1), rtol=1e-4)
 
@@ -371,8 +365,7 @@ def test_what_is_not_used_is_not_loaded(tmp_path: Path, name: str) -> None:
     (tmp_path / "part.xml").write_text(part)
     (tmp_path / "scene.xml").write_text(f'<scene version="{version}">{head}{sensor}{_BALL.format(ball)}</scene>')
     (tmp_path / "still.yaml").write_text("xml: scene.xml")
-    made = OwnStage(read_animation(tmp_path / "still.yaml"), 8, 6, 2)
-    made.set_time(0)
+    made = XmlStage(read_animation(tmp_path / "still.yaml"), 8, 6, 2)
     assert not made.media
-    assert made.scene.camera.fov == pytest.approx(WIDE if more else 40, abs=1e-3)
-    assert radiance(made, 4, 1).mean() > 0.1
+    assert made.camera.fov == pytest.approx(WIDE if more else 40, abs=1e-3)
+    assert radiance_at(made, 0, 4, 1).mean() > 0.1

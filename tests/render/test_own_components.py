@@ -6,15 +6,15 @@ import numpy as np
 import pytest
 
 from nte.frames import Clip
-from nte.render.animation import read_animation
-from nte.render.clips import render_recipe
-from nte.render.components import noisy, references
-from nte.render.integrator import radiance
-from nte.render.own import OwnStage
-from nte.render.scene import Camera, Material, Scene, SceneObject
+from nte.render.components.frame import noisy, references
+from nte.render.engine.mesh_stage import MeshStage
+from nte.render.engine.xml.stage import XmlStage
+from nte.render.passes.radiance import radiance
+from nte.render.recipes.clips import render_recipe
 from nte.render.scenes import shapes
-from nte.render.stage import Stage
-from nte.render.transforms import look_at, rotation, still, translation
+from nte.render.world.keyframes import read_animation
+from nte.render.world.scene import Camera, Material, Scene, SceneObject
+from nte.render.world.transforms import look_at, rotation, still, translation
 from tests.render.test_own import write_room
 
 SIZE, SPP = 40, 256
@@ -50,7 +50,7 @@ def place(name: str) -> np.ndarray:
     }[name]
 
 
-def family() -> Stage:
+def family() -> MeshStage:
     def thing(name: str) -> SceneObject:
         given = {"color": np.full((1, 1, 3), MATERIALS[name]["color"], np.float32)} | {
             key: MATERIALS[name][key] for key in ("surface", "roughness") if key in MATERIALS[name]
@@ -61,10 +61,10 @@ def family() -> Stage:
         return SceneObject(meshes()[name], Material(**given), track, light and (light,) * 3)
 
     scene = Scene(tuple(map(thing, MATERIALS)), Camera(still(look_at(EYE, TARGET)), 45.0))
-    return Stage(scene, SIZE, SIZE, 4)
+    return MeshStage(scene, SIZE, SIZE, 4)
 
 
-def own(folder: Path, solid_ball: bool = False) -> OwnStage:
+def own(folder: Path, solid_ball: bool = False) -> XmlStage:
     """The same as XML and keyframes; the ball a mesh as there, or a sphere of Mitsuba's."""
     parts = []
     for name, mesh in zip(MATERIALS, family().shapes, strict=True):
@@ -93,13 +93,13 @@ def own(folder: Path, solid_ball: bool = False) -> OwnStage:
         f"  {name}: [{{frame: 0}}, {{frame: 10, translate: {[10 * x for x in step]}}}]" for name, step in MOVES.items()
     ]
     (folder / "moves.yaml").write_text("xml: scene.xml\nobjects:\n" + "\n".join(keys))
-    return OwnStage(read_animation(folder / "moves.yaml"), SIZE, SIZE, 4)
+    return XmlStage(read_animation(folder / "moves.yaml"), SIZE, SIZE, 4)
 
 
 @pytest.fixture(scope="module")
-def every_kind(tmp_path_factory: pytest.TempPathFactory) -> OwnStage:
+def every_kind(tmp_path_factory: pytest.TempPathFactory) -> XmlStage:
     folder = write_room(tmp_path_factory.mktemp("every kind"))
-    return OwnStage(read_animation(folder / "moves.yaml"), 96, 64, 4)
+    return XmlStage(read_animation(folder / "moves.yaml"), 96, 64, 4)
 
 
 def test_the_same_scene_as_xml_has_the_same_channels(tmp_path: Path):
@@ -130,10 +130,10 @@ def test_a_sphere_bends_reflections_as_its_mesh_does(tmp_path: Path):
         assert np.quantile(error, 0.8) < least
 
 
-def test_components_of_a_scene_of_all_kinds_sum_to_a_plain_path_trace(every_kind: OwnStage):
+def test_components_of_a_scene_of_all_kinds_sum_to_a_plain_path_trace(every_kind: XmlStage):
     """Two-sided and textured paint, gold, glass, instances, a panel, a bulb that moves, and a sky."""
-    every_kind.set_time(3)
-    found, plain = references(every_kind, SPP, (1, 2)), radiance(every_kind, SPP, 9)
+    with every_kind.at(3) as moment:
+        found, plain = references(moment, SPP, (1, 2)), radiance(moment, SPP, 9)
     clean, (sample,) = noisy(every_kind, 3, [4])
     np.testing.assert_allclose((found["reference_a"] + found["reference_b"]).mean() / 2, plain.mean(), rtol=5e-3)
     direct = clean["direct"] * found["reference_visibility"]
@@ -188,9 +188,9 @@ def test_shadow_of_a_light_that_is_no_shape(tmp_path: Path, kind: str):
     (tmp_path / "moves.yaml").write_text(f"""xml: scene.xml
 objects: {{plate: [{{frame: 0}}, {{frame: 10, translate: [0.4, 0, 0.3]}}]}}
 lights: {{light: [{{frame: 0}}, {{frame: 10, {moves}}}]}}""")
-    made = OwnStage(read_animation(tmp_path / "moves.yaml"), SIZE, SIZE, 3)
+    made = XmlStage(read_animation(tmp_path / "moves.yaml"), SIZE, SIZE, 3)
     clean, (sample,) = noisy(made, 4, [1])
-    camera = made.scene.camera
+    camera = made.camera
     matrix = camera.projection(SIZE, SIZE) @ camera.view(4)
 
     def pixels(points: np.ndarray) -> np.ndarray:
@@ -223,7 +223,7 @@ def test_gradients_are_over_the_albedo_that_the_guides_show(tmp_path: Path, name
       <shape type="rectangle" id="floor">{lying.format(6, 0)}{BSDFS[name]}</shape>
       <shape type="rectangle" id="shutter">{lying.format(0.4, 5.5)}</shape><emitter type="constant"/></scene>""")
     (tmp_path / "still.yaml").write_text("xml: scene.xml")
-    made = OwnStage(read_animation(tmp_path / "still.yaml"), SIZE, SIZE, 2)
+    made = XmlStage(read_animation(tmp_path / "still.yaml"), SIZE, SIZE, 2)
     clean, (sample,) = noisy(made, 1, [2])
     assert (clean["instance"] == 1).all()
     shown = np.isfinite(sample["gradient"]).all(0)

@@ -5,8 +5,8 @@ from pathlib import Path
 import pytest
 
 from nte.errors import NteError
-from nte.render.recipe import SPLITS, plan, read_recipe, recipe_text
-from nte.render.seeds import derive_generator, derive_seed
+from nte.render.recipes.recipe import SPLITS, plan, read_recipe, recipe_text
+from nte.render.world.seeds import derive_generator, derive_seed
 
 ROOT = Path(__file__).parents[2]
 

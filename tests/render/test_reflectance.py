@@ -7,15 +7,17 @@ import pytest
 
 from nte.denoiser import Session
 from nte.filters.trmv import Trmv
+from nte.filters.trmv.options import TrmvOptions
 from nte.frames import CHANNELS, Frame
 from nte.frames.exr import write_exr
-from nte.render.animation import read_animation
-from nte.render.components import noisy, references
-from nte.render.own import OwnStage
-from nte.render.scene import Camera, Material, Scene, SceneObject
+from nte.render.components.frame import noisy
+from nte.render.engine.mesh_stage import MeshStage
+from nte.render.engine.xml.stage import XmlStage
 from nte.render.scenes import shapes
-from nte.render.stage import Stage
-from nte.render.transforms import look_at, rotation, still
+from nte.render.world.keyframes import read_animation
+from nte.render.world.scene import Camera, Material, Scene, SceneObject
+from nte.render.world.transforms import look_at, rotation, still
+from tests.render.shots import references_at
 
 HEIGHT, WIDTH = 36, 60
 COLOUR = np.array([0.5, 0.6, 0.2])
@@ -39,7 +41,7 @@ FLOORS = {
 }
 
 
-def dome(folder: Path, bsdf: str) -> OwnStage:
+def dome(folder: Path, bsdf: str) -> XmlStage:
     """A floor below a lamp in the middle of a pale sphere, whose upper half sends the same light from everywhere."""
     (folder / "scene.xml").write_text(f"""<scene version="3.0.0">
       <sensor type="perspective"><float name="fov" value="30"/><transform name="to_world">
@@ -51,7 +53,7 @@ def dome(folder: Path, bsdf: str) -> OwnStage:
       <shape type="rectangle" id="floor"><transform name="to_world"><rotate x="1" angle="-90"/>
         <scale value="6"/><translate y="-1"/></transform>{bsdf}</shape></scene>""")
     (folder / "still.yaml").write_text("xml: scene.xml")
-    return OwnStage(read_animation(folder / "still.yaml"), WIDTH, HEIGHT, 3)
+    return XmlStage(read_animation(folder / "still.yaml"), WIDTH, HEIGHT, 3)
 
 
 @pytest.mark.parametrize("name", FLOORS)
@@ -97,7 +99,7 @@ def test_a_normal_map_leaves_the_geometric_normal_flat(tmp_path: Path, turn: int
         <rotate x="1" angle="30"/><scale value="9"/></transform>
         <bsdf type="twosided"><bsdf type="normalmap">{tilted}{PAINT}</bsdf></bsdf></shape></scene>""")
     (tmp_path / "still.yaml").write_text("xml: scene.xml")
-    clean, _ = noisy(OwnStage(read_animation(tmp_path / "still.yaml"), WIDTH, HEIGHT, 2), 0, [1])
+    clean, _ = noisy(XmlStage(read_animation(tmp_path / "still.yaml"), WIDTH, HEIGHT, 2), 0, [1])
     flat = rotation((1, 0, 0), np.radians(30))[:3, :3] @ [0, 0, -1]
     expected = np.broadcast_to(flat[:, None, None], (3, HEIGHT, WIDTH))
     np.testing.assert_allclose(clean["geometric_normal"], expected, atol=1e-5)
@@ -111,7 +113,7 @@ def test_a_ball_of_a_family_has_the_normals_of_its_triangles():
     lamp = SceneObject(
         shapes.rectangle((-1, 5, -1), (2, 0, 0), (0, 0, 2)), ball.material, still(np.eye(4)), (5.0, 5.0, 5.0)
     )
-    stage = Stage(Scene((ball, lamp), camera), WIDTH, HEIGHT, 2)
+    stage = MeshStage(Scene((ball, lamp), camera), WIDTH, HEIGHT, 2)
     clean, _ = noisy(stage, 0, [1])
     inside = clean["instance"][0] == 1
     corners = ball.mesh.positions[ball.mesh.faces].astype(float)
@@ -134,7 +136,7 @@ def test_a_ball_of_a_family_has_the_normals_of_its_triangles():
 def test_both_are_rows_of_the_table_of_channels():
     for name, kind in (("diffuse_albedo", "reflectance"), ("geometric_normal", "direction")):
         row = CHANNELS[name]
-        assert (row.kind, row.noisy, row.rendered_with) == (kind, False, "components: true")
+        assert (row.kind, row.noisy, row.group) == (kind, False, "components")
 
 
 @pytest.mark.slow
@@ -156,15 +158,15 @@ def test_trmv_gives_back_the_indirect_light_of_what_is_half_metal(tmp_path: Path
       <shape type="rectangle" id="floor"><transform name="to_world"><rotate x="1" angle="-90"/>
         <scale value="6"/><translate y="-1"/></transform>{HALF_METAL}</shape></scene>""")
     (tmp_path / "still.yaml").write_text("xml: scene.xml")
-    stage = OwnStage(read_animation(tmp_path / "still.yaml"), WIDTH, HEIGHT, 3)
+    stage = XmlStage(read_animation(tmp_path / "still.yaml"), WIDTH, HEIGHT, 3)
     clean, samples = noisy(stage, 0, range(12))
     floor = clean["instance"][0] == 3
     assert floor.mean() > 0.9
-    session, found = Session(Trmv("indirect")), []
+    session, found = Session(Trmv(TrmvOptions("indirect"))), []
     for index, sample in enumerate(samples):
         channels = {name: values[None] for name, values in (clean | sample).items()}
         found.append(np.asarray(session.denoise(Frame(channels, index)))[0])
-    expected = references(stage, 512, (1, 2))["reference_indirect"][:, floor].mean(1)
+    expected = references_at(stage, 0, 512, (1, 2))["reference_indirect"][:, floor].mean(1)
     light = expected / COLOUR
     assert light[0] > 1.3 * light[2]  # the red wall tells
     np.testing.assert_allclose(np.mean(found[4:], axis=0)[:, floor].mean(1), expected, rtol=0.02)

@@ -4,10 +4,11 @@ import numpy as np
 import pytest
 import trimesh
 
-from nte.render.animation import read_animation
-from nte.render.film import pixel_positions
-from nte.render.own import OwnStage
-from nte.render.rays import curvatures_at, normals_at, points_at, trace_centres, trace_film
+from nte.render.engine.xml.stage import XmlStage
+from nte.render.passes.hits import curvatures_at, normals_at, points_at
+from nte.render.passes.projection import pixel_positions
+from nte.render.passes.rays import trace_centres, trace_film
+from nte.render.world.keyframes import read_animation
 
 SHAPES = """<scene version="3.0.0">
 <sensor type="perspective"><float name="fov" value="40"/><transform name="to_world">
@@ -35,14 +36,14 @@ objects:
 
 
 @pytest.fixture(scope="module")
-def stage(tmp_path_factory: pytest.TempPathFactory) -> OwnStage:
+def stage(tmp_path_factory: pytest.TempPathFactory) -> XmlStage:
     folder = tmp_path_factory.mktemp("rest")
     ball = trimesh.creation.uv_sphere(count=[40, 80])
     ball = trimesh.Trimesh(ball.vertices, ball.faces, vertex_normals=ball.vertices, process=False)
     ball.export(folder / "ball.ply", vertex_normal=True)
     (folder / "shapes.xml").write_text(SHAPES)
     (folder / "moves.yaml").write_text(MOVES)
-    return OwnStage(read_animation(folder / "moves.yaml"), 64, 64, 3)
+    return XmlStage(read_animation(folder / "moves.yaml"), 64, 64, 3)
 
 
 @pytest.mark.parametrize(
@@ -57,14 +58,14 @@ def stage(tmp_path_factory: pytest.TempPathFactory) -> OwnStage:
         ("cube", 0, 0),
     ],
 )
-def test_what_is_carried_is_what_is_met(stage: OwnStage, name: str, curvature: float | None, error: float):
-    stage.set_time(2)
-    hits = trace_centres(stage)
-    number = [obj.name for obj in stage.scene.objects].index(name) + 1
+def test_what_is_carried_is_what_is_met(stage: XmlStage, name: str, curvature: float | None, error: float):
+    with stage.at(2) as moment:
+        hits = trace_centres(moment)
+    number = [obj.name for obj in stage.objects].index(name) + 1
     hits = hits.of(hits.instance == number)
     point, normal, bend = points_at(stage, hits, 4), normals_at(stage, hits, 4), curvatures_at(stage, hits, 4)
-    stage.set_time(4)
-    seen = trace_film(stage, pixel_positions(stage, point, 4))
+    with stage.at(4) as moment:
+        seen = trace_film(moment, pixel_positions(stage, point, 4))
     same = (seen.hits.instance == number) & (np.linalg.norm(seen.point - point, axis=1) < 2e-3)  # not turned away
     assert same.sum() > 30
     assert same.mean() > 0.9

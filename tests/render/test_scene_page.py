@@ -4,8 +4,8 @@ from pathlib import Path
 
 import pytest
 
-from nte.render.recipe import make_scene, plan, read_recipe
-from nte.render.scenes import FAMILIES
+from nte.render.recipes.recipe import make_scene, plan, read_recipe
+from nte.render.scenes.families import FAMILIES
 from nte.render.scenes.family import describe
 
 DATASETS = Path(__file__).parents[2] / "datasets"

@@ -3,10 +3,11 @@
 import numpy as np
 import pytest
 
-from nte.render.integrator import launches
-from nte.render.scene import Mesh
-from nte.render.scenes import FAMILIES, patterns, shapes
-from nte.render.seeds import derive_generator
+from nte.render.passes.radiance import launches
+from nte.render.scenes import patterns, shapes
+from nte.render.scenes.families import FAMILIES
+from nte.render.world.scene import Mesh
+from nte.render.world.seeds import derive_generator
 
 RNG = np.random.default_rng
 SOLIDS = {

@@ -3,10 +3,11 @@
 import numpy as np
 import pytest
 
-from nte.render.scene import Mesh
-from nte.render.scenes import furniture, ocean, shapes, solids
+from nte.render.scenes import furniture, shapes, solids
+from nte.render.scenes.families.outdoors import ocean
 from nte.render.scenes.family import Dice
-from nte.render.transforms import rotation, translation
+from nte.render.world.scene import Mesh
+from nte.render.world.transforms import rotation, translation
 
 RNG = np.random.default_rng
 CLOSED = {

@@ -3,8 +3,8 @@
 import numpy as np
 import pytest
 
-from nte.render.scene import Camera
-from nte.render.transforms import look_at, moving, rotation, still, transform_points, translation
+from nte.render.world.scene import Camera
+from nte.render.world.transforms import look_at, moving, rotation, still, transform_points, translation
 
 
 def test_rotation_is_counter_clockwise_about_its_axis():

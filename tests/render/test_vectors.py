@@ -5,14 +5,15 @@ from collections.abc import Callable
 import numpy as np
 import pytest
 
-from nte.render import stage
-from nte.render.components import noisy
-from nte.render.scene import Camera, Material, Scene, SceneObject
-from nte.render.scenes import FAMILIES, shapes
-from nte.render.seeds import derive_generator
-from nte.render.stage import Stage
-from nte.render.transforms import Track, look_at, moving, rotation, still, translation
-from nte.render.vectors import footprint
+from nte.render.components.frame import noisy
+from nte.render.components.reliable_motion import footprint
+from nte.render.engine import plugins
+from nte.render.engine.mesh_stage import MeshStage
+from nte.render.scenes import shapes
+from nte.render.scenes.families import FAMILIES
+from nte.render.world.scene import Camera, Material, Scene, SceneObject
+from nte.render.world.seeds import derive_generator
+from nte.render.world.transforms import Track, look_at, moving, rotation, still, translation
 
 SIZE, FOV = 48, 50.0
 GREY = np.full((1, 1, 3), 0.6, np.float32)
@@ -44,8 +45,7 @@ def thing(mesh, place, motion, radiance=None, **material) -> SceneObject:
 
 
 def vectors(scene: Scene) -> dict[str, np.ndarray]:
-    made = Stage(scene, SIZE, SIZE, 3)
-    made.set_time(1)
+    made = MeshStage(scene, SIZE, SIZE, 3)
     return noisy(made, 1, [5])[1][0]
 
 
@@ -158,8 +158,8 @@ def mirror_scene(ball, camera: Track, floor=STILL) -> Scene:
 )
 def test_reflection_in_a_plane_mirror(wall, camera, floor, monkeypatch: pytest.MonkeyPatch):
     """The mirror image of a wall moves like a wall behind the mirror."""
-    ours = stage._bsdf
-    monkeypatch.setattr(stage, "_bsdf", lambda mi, m: {"type": "conductor"} if m.surface == "metal" else ours(mi, m))
+    ours = plugins.bsdf
+    monkeypatch.setattr(plugins, "bsdf", lambda m: {"type": "conductor"} if m.surface == "metal" else ours(m))
     scene = mirror_scene(wall, camera, floor)
     found = vectors(scene)
     motion, covariance = found["reflection_motion"], found["reflection_covariance"]
@@ -204,10 +204,10 @@ def test_covariance_is_that_of_the_points_that_reflect_the_same(eye, gaze, targe
     roughness, target, eye = 0.15, np.array(target), np.array(eye, float)
     floor = thing(square(20), (0, 0, 0), STILL, surface="metal", roughness=roughness)
     lamp = thing(square(1), (0, 9, 0), STILL, (9, 9, 9))
-    made = Stage(Scene((floor, lamp), Camera(still(look_at(eye, gaze)), FOV)), SIZE, SIZE, 3)
-    made.set_time(0)
+    made = MeshStage(Scene((floor, lamp), Camera(still(look_at(eye, gaze)), FOV)), SIZE, SIZE, 3)
     image = target * (1, -1, 1)
-    found = footprint(made, np.tile(image, (SIZE * SIZE, 1)), 0)[0]
+    with made.at(0) as moment:
+        found = footprint(moment, np.tile(image, (SIZE * SIZE, 1)))[0]
 
     middle = eye + (image - eye) * eye[1] / (eye[1] - image[1])
     offset = np.random.default_rng(0).uniform(-2, 2, (1_000_000, 2))
@@ -215,15 +215,14 @@ def test_covariance_is_that_of_the_points_that_reflect_the_same(eye, gaze, targe
     microfacet = sum((end - points) / np.linalg.norm(end - points, axis=1, keepdims=True) for end in (eye, target))
     slope = microfacet[:, ::2] / microfacet[:, 1:2]
     beckmann = np.exp(-(slope**2).sum(1) / roughness**4)
-    position = pixels(made.scene.camera, 0, points.T[:, :, None])[:, :, 0]
+    position = pixels(made.camera, 0, points.T[:, :, None])[:, :, 0]
     seen = beckmann > 1e-9  # these lie before the camera
     expected = np.cov(position[:, seen], aweights=beckmann[seen])
     np.testing.assert_allclose(found, expected[[0, 0, 1], [0, 1, 1]], atol=0.05 * np.trace(expected))
 
 
 def test_a_deep_room_has_finite_vectors_or_none():
-    made = Stage(FAMILIES["rooms"](derive_generator("vectors")), SIZE, SIZE, 3)
-    made.set_time(2)
+    made = MeshStage(FAMILIES["rooms"](derive_generator("vectors")), SIZE, SIZE, 3)
     channels = noisy(made, 2, [1])[1][0]
     for name in ("shadow_motion", "reflection_motion"):
         known = np.isfinite(channels[name])

@@ -5,23 +5,24 @@ import torch
 from torch import Tensor, nn
 
 from nte.color import display
-from nte.denoiser import Result
+from nte.denoiser import Denoiser, Result
 from nte.errors import NteError
 from nte.frames.frame import Frame
-from nte.models.temporal import TemporalState
 from nte.training.batch import Batch
-from nte.training.losses import LossConfig, SequenceLoss, occlusion_loss, to_space
+from nte.training.losses import LossConfig, SequenceLoss, occlusion_loss
+from nte.training.target import to_space
 
 LINEAR = LossConfig(space="linear")
 
 
-class Painter(nn.Module):
+class Painter(nn.Module, Denoiser):
     """A stand-in for the network: its image is `color`, its mask the first component of `normal`."""
 
-    def step(self, frame: Frame, state: TemporalState | None, extras: tuple[str, ...]) -> tuple[Result, TemporalState]:
-        color = frame["color"]
-        state = TemporalState(color, color[:, :1], frame.exposure, frame.depth_scale)  # type: ignore[arg-type]
-        return Result(color, {"disoccluded": frame["normal"][:, :1]}), state
+    needs = ("color", "normal")
+    extras = ("disoccluded",)
+
+    def step(self, frame: Frame, state: None, extras: tuple[str, ...] = ()) -> tuple[Result, None]:
+        return Result(frame["color"], dict.fromkeys(extras, frame["normal"][:, :1])), None
 
 
 def batch(images: list[float], references: list[float], masks: list[float] | None = None) -> Batch:

@@ -10,6 +10,7 @@ from pathlib import Path
 import pytest
 
 from nte.errors import NteError
+from nte.training.config import load_train_config
 from nte.training.loop import train
 from tests.training.runs import assert_same_run, checkpoint, config_file, metrics, start, tiny_config
 
@@ -39,9 +40,8 @@ def stop(process: "subprocess.Popen[str]", number: signal.Signals) -> tuple[str,
 
 
 def finish(path: Path, *overrides: str) -> None:
-    process = start(path, LONG, "resume=true", *overrides)
-    _, errors = process.communicate(timeout=300)
-    assert process.returncode == 0, errors
+    """Resume to the end, in this process: it shares nothing with the one that was stopped."""
+    train(load_train_config(path, [LONG, "resume=true", *overrides]), device="cpu")
 
 
 def test_killed_at_random_moments_and_again_while_resuming(undisturbed: Path, tmp_path: Path, noisy_disc: Path) -> None:
@@ -52,7 +52,7 @@ def test_killed_at_random_moments_and_again_while_resuming(undisturbed: Path, tm
     assert process.returncode == -signal.SIGKILL
     reached = 0
     rng = random.Random()  # another moment in every run of this test: each must do
-    for _ in range(4):
+    for _ in range(2):
         process = start(path, LONG, "resume=true")
         # A step takes about 20 ms: the kill falls between steps, inside one, into a checkpoint or a validation.
         wait_for_step(process, reached + rng.randint(1, 8))
@@ -60,8 +60,6 @@ def test_killed_at_random_moments_and_again_while_resuming(undisturbed: Path, tm
         stop(process, signal.SIGKILL)
         reached = int(str(checkpoint(run)["step"])) if (run / "checkpoint.safetensors").exists() else 0
         assert reached % 2 == 0
-        if reached > 70:
-            break
     finish(path)
     assert_same_run(run, undisturbed)
     assert not list(run.glob(".*"))

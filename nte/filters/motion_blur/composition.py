@@ -20,8 +20,8 @@ from nte.filters.motion_blur.first_stage import (
     before,
     hidden,
 )
-from nte.filters.motion_blur.samples import COLOR, DEPTH, MOTION, MOVING, TIME, WINDOW, Pixels, gather
-from nte.filters.motion_blur.variance import Estimate, counted
+from nte.filters.motion_blur.samples import COLOR, DEPTH, MOTION, MOVING, TIME, WINDOW, PixelList, gather
+from nte.filters.motion_blur.variance import MotionStatistics, counted
 from nte.filters.motion_blur.weight import motion_weight
 
 ACROSS = 1  # px to both sides of the line that is looked at
@@ -49,7 +49,7 @@ class Cover(NamedTuple):
         return Cover(rows[:, 0], rows[:, 1:5], rows[:, 5:9])
 
 
-def plain_share(rows: Tensor, pixels: Pixels, depth_threshold: float) -> Tensor:
+def plain_share(rows: Tensor, pixels: PixelList, depth_threshold: float) -> Tensor:
     """Rows of `Cover` (K, 9): the share of moving samples in 15×15 pixels, as we read the paper."""
     steps = torch.arange(-WINDOW, WINDOW + 1, device=rows.device)
     y, x = torch.meshgrid(steps, steps, indexing="ij")
@@ -60,7 +60,7 @@ def plain_share(rows: Tensor, pixels: Pixels, depth_threshold: float) -> Tensor:
 
 
 def weighted_share(
-    rows: Tensor, pixels: Pixels, sums: Tensor, estimate: Estimate, reach: Tensor, depth_threshold: float
+    rows: Tensor, pixels: PixelList, sums: Tensor, estimate: MotionStatistics, reach: Tensor, depth_threshold: float
 ) -> Tensor:
     """Rows of `Cover` (K, 9): the w-weighted share of moving samples on 15 pixels along θ and 3 across; ours.
 
@@ -87,7 +87,7 @@ def weighted_share(
     return Cover.of(values, moving, weight * (~moves & ~before(depth, values, depth_threshold)))
 
 
-def balanced(factor: Tensor, rows: Tensor, pixels: Pixels) -> Tensor:
+def balanced(factor: Tensor, rows: Tensor, pixels: PixelList) -> Tensor:
     """The factor f (K,), changed so that its sum is the number of moving samples, near each pixel as in the whole.
 
     `weighted_share` looks along one direction; where things cross that move in several, it counts too many or too few.

@@ -3,7 +3,7 @@
 import torch
 from torch import Tensor
 
-from nte.filters.motion_blur.samples import COLOR, DEPTH, MOTION, MOVING, TIME, Pixels, gather, square
+from nte.filters.motion_blur.samples import COLOR, DEPTH, MOTION, MOVING, TIME, PixelList, gather, square
 from nte.filters.motion_blur.weight import kernel, motion_weight
 
 # Columns of the two buffers, which are also the history.
@@ -12,7 +12,7 @@ STATIC_COLOR, STATIC_WEIGHT = slice(6, 9), 9
 COLUMNS = 10
 
 
-def first_stage(rows: Tensor, pixels: Pixels, reach: Tensor, depth_threshold: float) -> Tensor:
+def first_stage(rows: Tensor, pixels: PixelList, reach: Tensor, depth_threshold: float) -> Tensor:
     """Sums (K, 10) of weighted values, and of weights, in the moving and the static buffer.
 
     reach (K,): c_a c_l. A static pixel keeps its colour; where the pixel moves the kernel fills in what is behind.

@@ -3,7 +3,7 @@
 import torch
 from torch import Tensor
 
-from nte.filters.motion_blur.samples import COLOR, MOTION, MOVING, TIME, Pixels, gather, in_chunks, square
+from nte.filters.motion_blur.samples import COLOR, MOTION, MOVING, TIME, PixelList, gather, in_chunks, square
 from nte.filters.motion_blur.weight import segment_distance
 from nte.filters.noise import uniform_noise
 
@@ -11,7 +11,7 @@ SLOWEST = 3.0  # px: what moves less is left as it is
 DRAWN = 2  # samples of each pixel, shared over 3×3
 
 
-def prefilter(rows: Tensor, pixels: Pixels, frame: int, near: float, jitter: float) -> Tensor:
+def prefilter(rows: Tensor, pixels: PixelList, frame: int, near: float, jitter: float) -> Tensor:
     """The rows of samples with the colour of fast pixels replaced by the mean of up to 1 + 18 samples.
 
     frame: number of the frame, from which its random samples follow. near: px from the pixel to the way of a sample
@@ -28,7 +28,7 @@ def prefilter(rows: Tensor, pixels: Pixels, frame: int, near: float, jitter: flo
     return rows
 
 
-def _collect(rows: Tensor, pixels: Pixels, noise: Tensor, near: float, jitter: float) -> Tensor:
+def _collect(rows: Tensor, pixels: PixelList, noise: Tensor, near: float, jitter: float) -> Tensor:
     """Colours (K, 3): of each pixel and of what its 3×3 neighbours drew that passes near it."""
     around, places, inside = gather(rows, pixels, square(1, rows.device))
     drew = inside & (around[..., MOTION].square().sum(-1) >= SLOWEST**2)

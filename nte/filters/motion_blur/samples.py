@@ -33,7 +33,7 @@ class Size(NamedTuple):
 
 
 @dataclass(frozen=True)
-class Pixels:
+class PixelList:
     """A list of K pixels, wherever they are in the batch: row number, and column x and line y in their image."""
 
     index: Tensor  # (K,) int64: n·H·W + y·W + x
@@ -42,10 +42,10 @@ class Pixels:
     size: Size
 
     @staticmethod
-    def at(index: Tensor, size: Size) -> "Pixels":
+    def at(index: Tensor, size: Size) -> "PixelList":
         """The pixels of these row numbers."""
         place = index % (size.height * size.width)
-        return Pixels(index, place % size.width, place // size.width, size)
+        return PixelList(index, place % size.width, place // size.width, size)
 
     def centres(self) -> Tensor:
         """(K, 1, 2): x and y of the pixels' centres, px."""
@@ -55,12 +55,12 @@ class Pixels:
         """Positions in this list, cut so that so many taps of each are evaluated at once."""
         return list(torch.split(torch.arange(len(self.index), device=self.index.device), max(1, _BATCH // taps)))
 
-    def some(self, which: Tensor) -> "Pixels":
+    def some(self, which: Tensor) -> "PixelList":
         """Those at these positions of the list (or where a mask is true)."""
-        return Pixels(self.index[which], self.x[which], self.y[which], self.size)
+        return PixelList(self.index[which], self.x[which], self.y[which], self.size)
 
 
-def in_chunks(pixels: Pixels, taps: int, work: Callable[[Pixels, Tensor], Tensor]) -> Tensor:
+def in_chunks(pixels: PixelList, taps: int, work: Callable[[PixelList, Tensor], Tensor]) -> Tensor:
     """(K, C): `work`(some of the pixels, their positions in the list) → rows, for all of them, chunk by chunk."""
     return torch.cat([work(pixels.some(chunk), chunk) for chunk in pixels.chunks(taps)])
 
@@ -147,7 +147,7 @@ def square(radius: int, device: torch.device) -> Tensor:
     return torch.stack([x.flatten(), y.flatten()], 1)[None]
 
 
-def gather(rows: Tensor, pixels: Pixels, offsets: Tensor) -> tuple[Tensor, Tensor, Tensor]:
+def gather(rows: Tensor, pixels: PixelList, offsets: Tensor) -> tuple[Tensor, Tensor, Tensor]:
     """What lies at whole-pixel offsets (1 or K, T, 2) from the pixels.
 
     Values (K, T, C), positions of their centres (K, T, 2), and which lie in the image (K, T); outside, the value is

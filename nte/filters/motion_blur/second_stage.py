@@ -4,14 +4,16 @@ import torch
 from torch import Tensor
 
 from nte.filters.motion_blur.first_stage import MOVING_ALL, MOVING_MOTION, MOVING_WEIGHT
-from nte.filters.motion_blur.samples import Pixels, gather, in_chunks, square
-from nte.filters.motion_blur.variance import Estimate
+from nte.filters.motion_blur.samples import PixelList, gather, in_chunks, square
+from nte.filters.motion_blur.variance import MotionStatistics
 from nte.filters.motion_blur.weight import kernel, motion_weight
 
 ITERATIONS = 3
 
 
-def second_stage(buffer: Tensor, pixels: Pixels, estimate: Estimate, reach: Tensor, stretch: float | None) -> Tensor:
+def second_stage(
+    buffer: Tensor, pixels: PixelList, estimate: MotionStatistics, reach: Tensor, stretch: float | None
+) -> Tensor:
     """The moving buffer (rows (M, 6): colour, vector, weight) filtered at the pixels, of which l > 0.
 
     stretch: of the steps along θ, 1 as in the paper; None: à-trous steps 2^(i−1) along the axes of the image,
@@ -21,7 +23,7 @@ def second_stage(buffer: Tensor, pixels: Pixels, estimate: Estimate, reach: Tens
     for i in range(1, ITERATIONS + 1):
         offsets = fixed_steps(i, rows.device) if stretch is None else scaled_steps(estimate, i, stretch)
 
-        def work(some: Pixels, chunk: Tensor, rows: Tensor = rows, offsets: Tensor = offsets) -> Tensor:
+        def work(some: PixelList, chunk: Tensor, rows: Tensor = rows, offsets: Tensor = offsets) -> Tensor:
             return _filter(rows, some, offsets if len(offsets) == 1 else offsets[chunk], reach[chunk])
 
         filtered = in_chunks(pixels, 25, work)
@@ -35,7 +37,7 @@ def fixed_steps(iteration: int, device: torch.device) -> Tensor:
     return square(2, device) << (iteration - 1)
 
 
-def scaled_steps(estimate: Estimate, iteration: int, stretch: float = 1.0) -> Tensor:
+def scaled_steps(estimate: MotionStatistics, iteration: int, stretch: float = 1.0) -> Tensor:
     """(K, 25, 2): offsets by s_x = (1/5)·l/2^(3−i) along θ and s_y = lerp(1, s_x, σ²_θ) across, in whole pixels."""
     along = stretch * estimate.length / 5 / 2 ** (ITERATIONS - iteration)
     across = torch.lerp(torch.ones_like(along), along, estimate.angle_variance)
@@ -45,7 +47,7 @@ def scaled_steps(estimate: Estimate, iteration: int, stretch: float = 1.0) -> Te
     return torch.stack([x * cos - y * sin, x * sin + y * cos], -1).round().long()
 
 
-def _filter(rows: Tensor, pixels: Pixels, offsets: Tensor, reach: Tensor) -> Tensor:
+def _filter(rows: Tensor, pixels: PixelList, offsets: Tensor, reach: Tensor) -> Tensor:
     values, places, inside = gather(rows, pixels, offsets)
     motion = values[..., MOVING_MOTION]
     half = torch.full_like(motion[..., 0], 0.5)

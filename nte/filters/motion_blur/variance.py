@@ -9,10 +9,10 @@ from typing import NamedTuple
 import torch
 from torch import Tensor
 
-from nte.filters.motion_blur.samples import DEPTH, MOTION, MOVING, WINDOW, Pixels, gather, in_chunks
+from nte.filters.motion_blur.samples import DEPTH, MOTION, MOVING, WINDOW, PixelList, gather, in_chunks
 
 
-class Estimate(NamedTuple):
+class MotionStatistics(NamedTuple):
     """Of each of K pixels, (K,): statistics of the moving samples near it."""
 
     length: Tensor  # l: mean ‖v‖, px; 0: none moves
@@ -26,12 +26,12 @@ class Estimate(NamedTuple):
         wide = 1 + (angle * self.angle_variance).clamp(max=1)
         return wide * (1 + (length * self.length_variance).clamp(max=1))
 
-    def some(self, which: Tensor) -> "Estimate":
+    def some(self, which: Tensor) -> "MotionStatistics":
         """That of the pixels at these positions of the list."""
-        return Estimate(*(values[which] for values in self))
+        return MotionStatistics(*(values[which] for values in self))
 
 
-def estimate_variance(rows: Tensor, pixels: Pixels, depth_threshold: float, naive: bool = False) -> Estimate:
+def estimate_variance(rows: Tensor, pixels: PixelList, depth_threshold: float, naive: bool = False) -> MotionStatistics:
     """The estimate near each of the pixels, from the rows of samples.
 
     depth_threshold: a moving sample further behind a tile of static ones than this share of their depth does not
@@ -44,15 +44,15 @@ def estimate_variance(rows: Tensor, pixels: Pixels, depth_threshold: float, naiv
     narrow = torch.stack([motion.square().sum(1).sqrt(), angle, rows[:, DEPTH], rows[:, MOVING]], 1)
     table = in_chunks(tiles, 16**2, lambda some, _: _tile_statistics(narrow, some, depth_threshold, naive))[of_pixel]
     length, length_variance, angle, angle_variance = table[:, :4].unbind(1)
-    return Estimate(length, length_variance, angle, angle_variance, table[:, 4:])
+    return MotionStatistics(length, length_variance, angle, angle_variance, table[:, 4:])
 
 
-def _tiles(pixels: Pixels) -> tuple[Pixels, Tensor]:
+def _tiles(pixels: PixelList) -> tuple[PixelList, Tensor]:
     """The 2×2 tiles (their upper left pixels) that pixels lie in, and which of them each pixel (K,) lies in."""
     width = pixels.size.width
     upper_left = pixels.index - pixels.x % 2 - pixels.y % 2 * width
     index, of_pixel = torch.unique(upper_left, return_inverse=True)
-    return Pixels.at(index, pixels.size), of_pixel
+    return PixelList.at(index, pixels.size), of_pixel
 
 
 def _window(device: torch.device) -> Tensor:
@@ -64,8 +64,8 @@ def _window(device: torch.device) -> Tensor:
     return offsets[order][None]
 
 
-def _tile_statistics(narrow: Tensor, tiles: Pixels, depth_threshold: float, naive: bool) -> Tensor:
-    """Rows (K, 6) of `Estimate` from rows (M, 4): length and angle of the vector, depth, moving."""
+def _tile_statistics(narrow: Tensor, tiles: PixelList, depth_threshold: float, naive: bool) -> Tensor:
+    """Rows (K, 6) of `MotionStatistics` from rows (M, 4): length and angle of the vector, depth, moving."""
     values, _, inside = gather(narrow, tiles, _window(narrow.device))
     lengths, angles, depth, moves = values.unbind(-1)
     own = inside[:, :4] & (moves[:, :4] > 0)

@@ -5,7 +5,7 @@ from typing import NamedTuple
 import torch
 from torch import Tensor
 
-from nte.filters.trmv.scene import Scene
+from nte.filters.trmv.inputs import FrameInputs
 from nte.motion.geometric import Reprojection
 from nte.motion.warp import fetch_bilinear, inside, nearest_index, pixel_centres
 
@@ -14,7 +14,7 @@ LEAST_WEIGHT = 0.01  # of the pixels that show the surface
 CORNERS = ((0, 0), (1, 0), (0, 1), (1, 1))
 
 
-class Edge(NamedTuple):
+class MixedPixels(NamedTuple):
     """The pixels, P of them, whose four do not all show the same surface, and what they gather instead."""
 
     at: tuple[Tensor, Tensor, Tensor]  # indices (P,) of batch, row and column
@@ -27,18 +27,18 @@ class Fetcher(NamedTuple):
 
     motion: Tensor  # (N, 2, H, W) px, to the previous frame
     valid: Tensor  # (N, 1, H, W) bool: some pixel at the end of the vector shows the surface
-    edge: Edge | None = None
+    mixed: MixedPixels | None = None
 
     def __call__(self, image: Tensor, first: int = 0, rows: int | None = None) -> Tensor:
         """The previous frame's image (N, C, H, W) at the ends of the vectors, or of so many rows from the first on."""
         motion = self.motion[:, :, first : None if rows is None else first + rows]
         position = pixel_centres(motion) + motion.new_tensor([0, first]).view(1, 2, 1, 1) + motion
         fetched = fetch_bilinear(image, position)
-        if self.edge is not None and self.edge.source.shape[1]:
-            _, y, _ = self.edge.at
+        if self.mixed is not None and self.mixed.source.shape[1]:
+            _, y, _ = self.mixed.at
             here = ((y >= first) & (y < first + motion.shape[2])).nonzero()[:, 0]
-            n, y, x = (index[here] for index in self.edge.at)
-            flat, source, weight = image.flatten(2), self.edge.source[:, here], self.edge.weight[:, here]
+            n, y, x = (index[here] for index in self.mixed.at)
+            flat, source, weight = image.flatten(2), self.mixed.source[:, here], self.mixed.weight[:, here]
             fetched[n, :, y - first, x] = sum(flat[n, :, s] * w[:, None] for s, w in zip(source, weight, strict=True))
         return fetched
 
@@ -48,20 +48,20 @@ def fetch_from_anything(vectors: Reprojection) -> Fetcher:
     return Fetcher(vectors.motion, vectors.valid & inside(pixel_centres(vectors.motion) + vectors.motion))
 
 
-def fetch_from_surface(vectors: Reprojection, scene: Scene) -> Fetcher:
+def fetch_from_surface(vectors: Reprojection, inputs: FrameInputs) -> Fetcher:
     """Fetching from pixels whose depth is that of the surface; where it was hidden, and so history is taken from
     beside the occluder, that of the nearest pixel there. A miss matches a miss.
 
     Depths are compared as 1/z, which is linear in the image on a plane, however steep.
     """
     plain = fetch_from_anything(vectors)
-    if scene.before is None:
+    if inputs.before is None:
         return plain
     width = vectors.motion.shape[3]
     end = pixel_centres(vectors.motion) + vectors.motion
     corner = end - 0.5
     x, y = (corner - corner.floor()).chunk(2, 1)
-    before = torch.where(scene.before.depth > 0, 1 / scene.before.depth, 0.0).flatten(2)
+    before = torch.where(inputs.before.depth > 0, 1 / inputs.before.depth, 0.0).flatten(2)
 
     def at(position: Tensor) -> tuple[Tensor, Tensor]:
         index = nearest_index(position)
@@ -69,9 +69,9 @@ def fetch_from_surface(vectors: Reprojection, scene: Scene) -> Fetcher:
 
     _, beside = at(end)
     # A dual vector that leaves the image is not used: the traditional one ends on what hid the surface.
-    dual = vectors.disoccluded & (vectors.motion != scene.traditional.motion).any(1, keepdim=True)
-    expected = torch.where(dual, beside, scene.guide.disparity)
-    room = expected * DEEPER + scene.guide.slope.abs().sum(1, keepdim=True)
+    dual = vectors.disoccluded & (vectors.motion != inputs.traditional.motion).any(1, keepdim=True)
+    expected = torch.where(dual, beside, inputs.guide.disparity)
+    room = expected * DEEPER + inputs.guide.slope.abs().sum(1, keepdim=True)
     sources, weights, whole = [], [], torch.ones_like(plain.valid)
     for right, down in CORNERS:
         index, seen = at(corner.floor() + corner.new_tensor([right + 0.5, down + 0.5]).view(1, 2, 1, 1))
@@ -83,9 +83,9 @@ def fetch_from_surface(vectors: Reprojection, scene: Scene) -> Fetcher:
     n, row, column = (~whole & plain.valid)[:, 0].nonzero(as_tuple=True)
     found = total[n, 0, row, column]
     share = torch.where(found >= LEAST_WEIGHT, 1 / found.clamp(min=LEAST_WEIGHT), 0.0)
-    edge = Edge(
+    mixed = MixedPixels(
         (n, row, column),
         torch.stack([source[n, 0, row * width + column] for source in sources]),
         torch.stack([weight[n, 0, row, column] * share for weight in weights]),
     )
-    return Fetcher(vectors.motion, plain.valid & (total >= LEAST_WEIGHT), edge)
+    return Fetcher(vectors.motion, plain.valid & (total >= LEAST_WEIGHT), mixed)

@@ -13,9 +13,10 @@ from torch.profiler import record_function
 
 from nte.filters.bilateral import ROUGHNESS, Edges, joint_bilateral
 from nte.filters.noise import gaussian_noise
+from nte.filters.trmv.accumulation import Effect, History, accumulate
+from nte.filters.trmv.inputs import RADIUS, FrameInputs
+from nte.filters.trmv.options import TrmvOptions
 from nte.filters.trmv.samples import TINY, believable, of_usable
-from nte.filters.trmv.scene import RADIUS, Scene
-from nte.filters.trmv.temporal import Effect, Settings, Track, accumulate
 from nte.frames.usable import mask_of
 from nte.motion.geometric import Reprojection, traditional_motion
 from nte.motion.warp import fetch_nearest, pixel_centres
@@ -36,7 +37,7 @@ class Lobes(NamedTuple):
 
 
 def denoise_glossy(
-    scene: Scene, track: Track | None, vectors: str, settings: Settings, trust: Tensor | None = None
+    inputs: FrameInputs, history: History | None, vectors: str, options: TrmvOptions, trust: Tensor | None = None
 ) -> Effect:
     """Light of all lobes but the diffuse one (N, 3, H, W). vectors: reliable, specular, traditional or none.
 
@@ -44,20 +45,20 @@ def denoise_glossy(
     hold no such ray, so it is the mean of those of the lobe's footprint, which is the same on a mirror.
     trust: of the history, in [0, 1].
     """
-    frame = scene.frame
+    frame = inputs.frame
     with record_function("trmv/glossy/filter"):
         covariance = limit_spread(frame["reflection_covariance"])
-        spread = spread_of(covariance, scene.edges)
+        spread = spread_of(covariance, inputs.edges)
         usable = frame.get(mask_of("glossy"))
-        current, known = of_usable(partial(filter_glossy, spread=spread, edges=scene.edges), frame["glossy"], usable)
+        current, known = of_usable(partial(filter_glossy, spread=spread, edges=inputs.edges), frame["glossy"], usable)
     with record_function("trmv/glossy/vectors"):
-        reprojection = scene.traditional
+        reprojection = inputs.traditional
         if vectors in ("reliable", "specular"):
-            lobes = gather_lobes(frame["reflection_motion"], covariance, scene.edges)
+            lobes = gather_lobes(frame["reflection_motion"], covariance, inputs.edges)
             motion = draw(lobes, frame.index, frame["glossy"]) if vectors == "reliable" else lobes.specular
-            reprojection = glossy_reprojection(motion, lobes.glossy, scene)
+            reprojection = glossy_reprojection(motion, lobes.glossy, inputs)
     used = None if vectors == "none" else reprojection
-    return accumulate("glossy", current, track, used, scene, settings, deviation_of(spread), trust, known=known)
+    return accumulate("glossy", current, history, used, inputs, options, deviation_of(spread), trust, known=known)
 
 
 def gather_lobes(mean: Tensor, covariance: Tensor, edges: Edges) -> Lobes:
@@ -137,21 +138,21 @@ def spread_noise(noise: Tensor, covariance: Tensor) -> Tensor:
     return torch.cat([x * first, across * first + y * second], 1)
 
 
-def glossy_reprojection(motion: Tensor, glossy: Tensor, scene: Scene) -> Reprojection:
+def glossy_reprojection(motion: Tensor, glossy: Tensor, inputs: FrameInputs) -> Reprojection:
     """Where each pixel's reflection was, by `motion` (N, 2, H, W); the traditional vector where nothing is reflected.
 
     So it is where x^R does not show the reflector (ours, told by its roughness): only points around s^C, on it,
     reflect the same, and light of other surfaces, black on diffuse ones, would be taken for history.
     """
-    vectors = traditional_motion(torch.where(glossy, motion, scene.traditional.motion))
-    if scene.before is None:
+    vectors = traditional_motion(torch.where(glossy, motion, inputs.traditional.motion))
+    if inputs.before is None:
         return vectors
     there = pixel_centres(motion) + vectors.motion
-    same = (fetch_nearest(scene.before.roughness, there) - scene.surface.roughness).abs() < ROUGHNESS
-    reflector = same & (fetch_nearest(scene.before.depth, there) > 0)
+    same = (fetch_nearest(inputs.before.roughness, there) - inputs.gbuffer.roughness).abs() < ROUGHNESS
+    reflector = same & (fetch_nearest(inputs.before.depth, there) > 0)
     stays = glossy & ~reflector & vectors.valid
     return Reprojection(
-        torch.where(stays, scene.traditional.motion, vectors.motion),
-        torch.where(stays, scene.traditional.valid, vectors.valid),
-        scene.traditional.disoccluded,
+        torch.where(stays, inputs.traditional.motion, vectors.motion),
+        torch.where(stays, inputs.traditional.valid, vectors.valid),
+        inputs.traditional.disoccluded,
     )

@@ -5,7 +5,7 @@ from torch.profiler import record_function
 
 from nte.filters.asvgf import change_of, stratify
 from nte.filters.moments import brightness
-from nte.filters.reproject import surface_of
+from nte.filters.reproject import geometry_of
 from nte.frames.frame import Frame
 
 
@@ -17,6 +17,6 @@ def unchanged(frame: Frame, component: str, light: Tensor) -> Tensor:
     """
     with record_function(f"trmv/{component}/gradient"):
         own = frame.get(f"gradient_{component}")
-        surface = surface_of(frame["depth"], frame["normal"])
-        change = change_of(stratify(frame["gradient"] if own is None else own, brightness(light), surface))
+        geometry = geometry_of(frame["depth"], frame["normal"])
+        change = change_of(stratify(frame["gradient"] if own is None else own, brightness(light), geometry))
         return 1 - change[..., : light.shape[2], : light.shape[3]]

@@ -13,12 +13,13 @@ from torch.profiler import record_function
 from nte.color import demodulate, remodulate
 from nte.filters.bilateral import Edges, atrous_bilateral
 from nte.filters.threads import side_by_side, threads_for
+from nte.filters.trmv import accumulation
 from nte.filters.trmv import cones as hemisphere
-from nte.filters.trmv import temporal
+from nte.filters.trmv.accumulation import Blended, Effect, History, Weight
 from nte.filters.trmv.fetch import Fetcher, fetch_from_anything, fetch_from_surface
+from nte.filters.trmv.inputs import FrameInputs
+from nte.filters.trmv.options import TrmvOptions
 from nte.filters.trmv.samples import of_usable
-from nte.filters.trmv.scene import Scene
-from nte.filters.trmv.temporal import Blended, Effect, Settings, Track, Weight
 from nte.frames.frame import Frame
 from nte.frames.usable import mask_of
 
@@ -54,20 +55,26 @@ class Cones:
         return filter_indirect(cones, edges, in_place=True)
 
     def blend(
-        self, current: Tensor, track: Track, fetcher: Fetcher, trust: Tensor | None, scene: Scene, settings: Settings
+        self,
+        current: Tensor,
+        history: History,
+        fetcher: Fetcher,
+        trust: Tensor | None,
+        inputs: FrameInputs,
+        options: TrmvOptions,
     ) -> Blended:
-        """`temporal.accumulate`, cone by cone, each with the weight of what its history holds; in place of `current`.
+        """Accumulate cone by cone, each with the weight of what its history holds; in place of `current`.
 
         Cones of the current frame that no sample of the history falls into are made of this frame alone, and what
         has turned below the horizon is dropped.
         """
-        assert scene.before is not None
+        assert inputs.before is not None
         with record_function("trmv/indirect/temporal"):
-            before = scene.before.normal
-            variance, may = temporal.fetch_convergence(track, fetcher, scene.frame.reset)
-            weight = temporal.weigh(variance, may, settings, trust)
+            before = inputs.before.normal
+            variance, may = accumulation.fetch_convergence(history, fetcher, inputs.frame.reset)
+            weight = accumulation.weigh(variance, may, options, trust)
             deviation = torch.empty_like(weight.used)
-            beside = _margins(current, temporal.NEIGHBOURHOOD // 2 * temporal.spacing(REACH))
+            beside = _margins(current, accumulation.NEIGHBOURHOOD // 2 * accumulation.spacing(REACH))
 
             def blend(first: int) -> None:
                 """A strip of rows, in the place of the current frame."""
@@ -76,19 +83,19 @@ class Cones:
                     return image[:, :, first : first + STRIP]
 
                 now, valid = cut(current), cut(may)
-                history, normal = (fetcher(image, first, now.shape[2]) for image in (track.history, before))
-                hemisphere.transfer(history, F.normalize(normal, dim=1), cut(scene.surface.normal), self.half_angle)
+                past, normal = (fetcher(image, first, now.shape[2]) for image in (history.values, before))
+                hemisphere.transfer(past, F.normalize(normal, dim=1), cut(inputs.gbuffer.normal), self.half_angle)
                 above, below = beside[first]
                 inner = slice(above.shape[2], above.shape[2] + now.shape[2])
-                light, kept = self._limit(history, torch.cat([above, now, below], 2), inner, settings)
-                now.copy_(torch.where(valid, torch.lerp(history, now, cut(weight.used)), now))
+                light, kept = self._limit(past, torch.cat([above, now, below], 2), inner, options)
+                now.copy_(torch.where(valid, torch.lerp(past, now, cut(weight.used)), now))
                 doubts = Weight(cut(weight.default), cut(weight.used))
-                cut(deviation).copy_(temporal.clean_up_deviation(doubts, light, kept, valid, settings))
+                cut(deviation).copy_(accumulation.clean_up_deviation(doubts, light, kept, valid, options))
 
             _by_strips(blend, current)
-            return Blended(current, temporal.blended_variance(weight, variance), weight.used, deviation)
+            return Blended(current, accumulation.blended_variance(weight, variance), weight.used, deviation)
 
-    def _limit(self, history: Tensor, around: Tensor, inner: slice, settings: Settings) -> tuple[Tensor, Tensor]:
+    def _limit(self, history: Tensor, around: Tensor, inner: slice, options: TrmvOptions) -> tuple[Tensor, Tensor]:
         """Clamp the light that the cones make, in place; (that of history and of clamped history, (N, 3, h, W)).
 
         history: of a strip; around: the current frame there, in its rows `inner`, and as far as the clamp looks.
@@ -97,9 +104,9 @@ class Cones:
         light from few directions would be lost on whatever is not flat.
         """
         light = hemisphere.irradiance(history, self.weights)
-        if settings.clamp == float("inf"):
+        if options.clamp == float("inf"):
             return light, light
-        kept = temporal.limit(light, hemisphere.irradiance(around, self.weights), REACH, settings, inner)
+        kept = accumulation.limit(light, hemisphere.irradiance(around, self.weights), REACH, options, inner)
         scale = torch.where(kept < light, kept / light, 1.0)
         more = (kept - light).clamp_(min=0).mul_(math.pi / sum(self.weights))
         radiance, weight = hemisphere.split(history)
@@ -139,7 +146,7 @@ def diffuse_reflectance(frame: Frame) -> Tensor:
 
 
 def denoise_indirect(
-    scene: Scene, track: Track | None, vectors: str, cones: Cones | None, settings: Settings,
+    inputs: FrameInputs, history: History | None, vectors: str, cones: Cones | None, options: TrmvOptions,
     trust: Tensor | None = None,
 ) -> Effect:  # fmt: skip
     """Diffuse indirect light (N, 3, H, W). vectors: dual, traditional or none. cones None: colours are reused.
@@ -147,28 +154,28 @@ def denoise_indirect(
     trust: of the history, in [0, 1]. History comes from the same surface only, but for colours along traditional
     vectors: that is what the paper compares with.
     """
-    frame, reflectance = scene.frame, diffuse_reflectance(scene.frame)
-    reprojection = {"dual": scene.dual, "traditional": scene.traditional, "none": None}[vectors]
+    frame, reflectance = inputs.frame, diffuse_reflectance(inputs.frame)
+    reprojection = {"dual": inputs.dual, "traditional": inputs.traditional, "none": None}[vectors]
     fetcher = None
-    if reprojection is not None and track is not None:
+    if reprojection is not None and history is not None:
         anything = cones is None and vectors == "traditional"
-        fetcher = fetch_from_anything(reprojection) if anything else fetch_from_surface(reprojection, scene)
+        fetcher = fetch_from_anything(reprojection) if anything else fetch_from_surface(reprojection, inputs)
     if cones is None:
         with record_function("trmv/indirect/filter"):
             light, usable = demodulate(frame["indirect"], reflectance), frame.get(mask_of("indirect"))
-            current, known = of_usable(partial(filter_indirect, edges=scene.edges), light, usable)
-        effect = temporal.accumulate(
-            "indirect", current, track, reprojection, scene, settings, REACH, trust, fetcher, known
+            current, known = of_usable(partial(filter_indirect, edges=inputs.edges), light, usable)
+        effect = accumulation.accumulate(
+            "indirect", current, history, reprojection, inputs, options, REACH, trust, fetcher, known
         )
         return effect._replace(image=remodulate(effect.image, reflectance))
     with record_function("trmv/indirect/filter"):
         light, direction = frame["indirect_radiance"], frame["indirect_direction"]
         usable = frame.get(mask_of("indirect_radiance"))
         direction = direction if usable is None else direction * usable  # without a direction it is no sample
-        current = cones.gather(light, direction, scene.surface.normal, scene.edges)
-    blended = temporal.start(current, settings)
-    if fetcher is not None and track is not None:
-        blended = cones.blend(current, track, fetcher, trust, scene, settings)
-    effect = temporal.finish("indirect", blended, reprojection, scene, settings)
+        current = cones.gather(light, direction, inputs.gbuffer.normal, inputs.edges)
+    blended = accumulation.start(current, options)
+    if fetcher is not None and history is not None:
+        blended = cones.blend(current, history, fetcher, trust, inputs, options)
+    effect = accumulation.finish("indirect", blended, reprojection, inputs, options)
     with record_function("trmv/indirect/shade"):
         return effect._replace(image=cones.shade(effect.image, reflectance))

@@ -7,9 +7,10 @@ from torch import Tensor
 from torch.profiler import record_function
 
 from nte.filters.bilateral import Edges, joint_bilateral
+from nte.filters.trmv.accumulation import Effect, History, accumulate
+from nte.filters.trmv.inputs import RADIUS, FrameInputs, GBuffer
+from nte.filters.trmv.options import TrmvOptions
 from nte.filters.trmv.samples import TINY, believable
-from nte.filters.trmv.scene import RADIUS, Scene, Surface
-from nte.filters.trmv.temporal import Effect, Settings, Track, accumulate
 from nte.frames.usable import mask_of
 from nte.motion.geometric import Reprojection, traditional_motion
 from nte.motion.neighbours import pairs
@@ -30,23 +31,23 @@ class Splatted(NamedTuple):
 
 
 def denoise_shadows(
-    scene: Scene, track: Track | None, vectors: str, settings: Settings, trust: Tensor | None = None
+    inputs: FrameInputs, history: History | None, vectors: str, options: TrmvOptions, trust: Tensor | None = None
 ) -> Effect:
     """Visibility (N, 1, H, W) in [0, 1]. vectors: reliable, traditional or none. trust: of the history, in [0, 1]."""
-    frame, reliable = scene.frame, vectors == "reliable"
+    frame, reliable = inputs.frame, vectors == "reliable"
     with record_function("trmv/shadow/filter"):
         usable = frame.get(mask_of("visibility"))
         moved = frame["shadow_motion"] if reliable else None
-        splatted = splat(frame["visibility"], frame["direct"], moved, scene.edges, usable)
+        splatted = splat(frame["visibility"], frame["direct"], moved, inputs.edges, usable)
     with record_function("trmv/shadow/vectors"):
-        reprojection = scene.traditional
+        reprojection = inputs.traditional
         if reliable:
-            reprojection = shadow_reprojection(splatted, scene.traditional)
-            if scene.before is not None:
-                trust = planarity(scene.surface, scene.before, scene.traditional, reprojection)
+            reprojection = shadow_reprojection(splatted, inputs.traditional)
+            if inputs.before is not None:
+                trust = planarity(inputs.gbuffer, inputs.before, inputs.traditional, reprojection)
     used = None if vectors == "none" else reprojection
-    reach = deviation_for(scene.surface.depth.shape[2])
-    return accumulate("shadow", splatted.visibility, track, used, scene, settings, reach, trust)
+    reach = deviation_for(inputs.gbuffer.depth.shape[2])
+    return accumulate("shadow", splatted.visibility, history, used, inputs, options, reach, trust)
 
 
 def splat(
@@ -86,7 +87,7 @@ def shadow_reprojection(splatted: Splatted, traditional: Reprojection) -> Reproj
     return traditional_motion(motion)._replace(disoccluded=traditional.disoccluded)
 
 
-def planarity(now: Surface, before: Surface, traditional: Reprojection, vectors: Reprojection) -> Tensor:
+def planarity(now: GBuffer, before: GBuffer, traditional: Reprojection, vectors: Reprojection) -> Tensor:
     """G of Eq. 4, (N, 1, H, W): 1 where the shadow was on the plane of its receiver, falling off beside it.
 
     θ lies between the normal T⁻¹n(s) and the direction from T⁻¹s to s^V, the surface that was seen at x^V. The
@@ -112,20 +113,20 @@ def planarity(now: Surface, before: Surface, traditional: Reprojection, vectors:
     return torch.where(landed[:, 3:] > 0, falloff, 0.0)
 
 
-def geometric_normal(surface: Surface) -> Tensor:
+def geometric_normal(gbuffer: GBuffer) -> Tensor:
     """(N, 3, H, W): unit normals without normal maps, of either sign; the shading normal where nothing tells.
 
     Those that the frame gives, or else across the points of the pixels beside each, on the nearer side along x and
     along y, which is the surface's own at an edge.
     """
-    if surface.geometric is not None:
-        return surface.geometric
-    if surface.position is None:
-        return surface.normal
-    along_x, along_y = (_tangent(surface.position, surface.depth > 0, axis) for axis in (3, 2))
+    if gbuffer.geometric is not None:
+        return gbuffer.geometric
+    if gbuffer.position is None:
+        return gbuffer.normal
+    along_x, along_y = (_tangent(gbuffer.position, gbuffer.depth > 0, axis) for axis in (3, 2))
     across = torch.linalg.cross(along_x, along_y, dim=1)
     length = across.norm(dim=1, keepdim=True)
-    return torch.where(length > 0, across / length, surface.normal)
+    return torch.where(length > 0, across / length, gbuffer.normal)
 
 
 def _tangent(position: Tensor, hit: Tensor, axis: int) -> Tensor:

@@ -5,9 +5,9 @@ from dataclasses import replace
 
 import numpy as np
 
-from nte.render.scene import Camera, Material, Scene, SceneObject
 from nte.render.scenes.kit import sky
 from nte.render.scenes.solids import Size, framed
+from nte.render.world.scene import Camera, Material, Scene, SceneObject
 
 
 def let_daylight_in(size: Size, rng: np.random.Generator, objects: Sequence[SceneObject], camera: Camera) -> Scene:

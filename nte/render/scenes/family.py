@@ -2,14 +2,19 @@
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, fields
-from typing import Any, Generic, TypeVar
+from typing import TYPE_CHECKING, Generic, TypeVar
 
 import numpy as np
 
 from nte.errors import NteError
-from nte.render.scene import Scene
+from nte.render.world.scene import Scene
 
-Parameters = TypeVar("Parameters")
+if TYPE_CHECKING:
+    from _typeshed import DataclassInstance
+
+Parameters = TypeVar("Parameters", bound="DataclassInstance")
+Number = TypeVar("Number", int, float)
+Value = TypeVar("Value")
 _HELD_OUT = (0.4, 0.6)  # the share of every split range that belongs to the test clips
 
 
@@ -47,13 +52,15 @@ class Family(Generic[Parameters]):
     make: Callable[[Dice, Parameters], Scene]
     media: bool = False
 
-    def __call__(self, rng: np.random.Generator, split: str = "train", given: Mapping[str, Any] | None = None) -> Scene:
-        """One scene; `given` sets parameters by name. Raises NteError as `read` does."""
+    def __call__(
+        self, rng: np.random.Generator, split: str = "train", given: Mapping[str, object] | None = None
+    ) -> Scene:
+        """Make one scene; `given` sets parameters by name. Raises NteError as `read` does."""
         return self.make(Dice(rng, split), self.read(given or {}))
 
-    def read(self, given: Mapping[str, Any]) -> Parameters:
-        """The parameters with those in `given` set. Raises NteError that says what was expected."""
-        known = {entry.name: entry for entry in fields(self.parameters)}  # type: ignore[arg-type]
+    def read(self, given: Mapping[str, object]) -> Parameters:
+        """Return the parameters with those in `given` set. Raises NteError that says what was expected."""
+        known = {entry.name: entry for entry in fields(self.parameters)}
         for name, value in given.items():
             if name not in known:
                 what = f"expected one of {', '.join(known)}" if known else "this scene has none"
@@ -65,26 +72,26 @@ class Family(Generic[Parameters]):
         return self.parameters(**given)
 
 
-def between(default: float, low: float, high: float) -> Any:
-    """A dataclass field for a number in [low, high]; whole if the default is."""
+def between(default: Number, low: float, high: float) -> Number:
+    """Make a dataclass field for a number in [low, high]; whole if the default is."""
     expected = f"{'a whole number' if type(default) is int else 'a number'} from {low:g} to {high:g}"
     return _setting(default, expected, lambda value: low <= value <= high)
 
 
-def one_of(*choices: str) -> Any:
-    """A dataclass field for one of these words; the first is the default."""
+def one_of(*choices: str) -> str:
+    """Make a dataclass field for one of these words; the first is the default."""
     return _setting(choices[0], f"one of {', '.join(choices)}", lambda value: value in choices)
 
 
-def switch(default: bool) -> Any:
-    """A dataclass field for true or false."""
+def switch(default: bool) -> bool:
+    """Make a dataclass field for true or false."""
     return _setting(default, "true or false", lambda value: True)
 
 
-def describe(family: Family[Any]) -> dict[str, tuple[str, str]]:
-    """Name of each parameter → what is allowed, and the default."""
+def describe(family: Family[Parameters]) -> dict[str, tuple[str, str]]:
+    """Map the name of each parameter to what is allowed, and the default."""
     return {entry.name: (entry.metadata["expected"], str(entry.default).lower()) for entry in fields(family.parameters)}
 
 
-def _setting(default: Any, expected: str, allows: Callable[[Any], bool]) -> Any:
+def _setting(default: Value, expected: str, allows: Callable[[Value], bool]) -> Value:
     return field(default=default, metadata={"expected": expected, "allows": allows})

@@ -2,9 +2,9 @@
 
 import numpy as np
 
-from nte.render.scene import Mesh
 from nte.render.scenes.solids import block, cushion, merged, placed, turned
-from nte.render.transforms import translation
+from nte.render.world.scene import Mesh
+from nte.render.world.transforms import translation
 
 
 def chair() -> Mesh:

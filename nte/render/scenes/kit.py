@@ -6,11 +6,11 @@ from collections.abc import Callable, Sequence
 import numpy as np
 import numpy.typing as npt
 
-from nte.render.scene import Camera, Colour, Material, Mesh, Pixels, SceneObject, Surface
 from nte.render.scenes import shapes
 from nte.render.scenes.patterns import PATTERNS, Pattern
 from nte.render.scenes.solids import placed
-from nte.render.transforms import Floats, Path3, Track, look_at, rotation, still, translation
+from nte.render.world.scene import Camera, Colour, Material, Mesh, Pixels, SceneObject, Surface
+from nte.render.world.transforms import Floats, Path3, Track, look_at, rotation, still, translation
 
 Angle = Callable[[float], float]  # time in frames → radians
 Height = Callable[[Floats, Floats], Floats]  # x, z (N,) → y (N,)

@@ -9,8 +9,8 @@ from collections.abc import Callable
 
 import numpy as np
 
-from nte.render.scene import Pixels
-from nte.render.transforms import Floats
+from nte.render.world.scene import Pixels
+from nte.render.world.transforms import Floats
 
 SIZE = 128  # texels per side
 PERIODS = 4

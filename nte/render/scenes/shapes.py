@@ -6,8 +6,8 @@ import numpy as np
 import numpy.typing as npt
 import trimesh
 
-from nte.render.scene import Mesh
-from nte.render.transforms import Floats
+from nte.render.world.scene import Mesh
+from nte.render.world.transforms import Floats
 
 Surface = Callable[[Floats, Floats], Floats]  # u, v in [0, 1], each (N,) → points (N, 3)
 

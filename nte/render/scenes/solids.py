@@ -9,9 +9,9 @@ import numpy as np
 import numpy.typing as npt
 import trimesh
 
-from nte.render.scene import Mesh
 from nte.render.scenes.shapes import faceted, parametric, rectangle, revolved
-from nte.render.transforms import Floats, transform_points, translation
+from nte.render.world.scene import Mesh
+from nte.render.world.transforms import Floats, transform_points, translation
 
 Size = tuple[float, float, float]
 

@@ -1,0 +1,111 @@
+"""How often `nte check` is right about vectors: true positives and false alarms on rendered clips.
+
+python -m benchmarks.check CLIP_OR_FOLDER…
+
+Every clip is checked as it is, and with its vectors in other people's conventions. A clip counts as telling if it
+was found plausible as it is: it has enough motion and texture. Prints a table: of the telling clips, how many are
+named rightly, fail with another reason, and pass. What only turns a component that is nearly 0 is no other
+convention, and is left out (median change of the moving vectors below 2 px).
+"""
+
+import argparse
+from collections import Counter
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from nte.checking import CheckReport, check
+from nte.frames.clip import Clip, Pixels, find_clips
+from nte.frames.frame import Frame
+
+Change = Callable[[Pixels, Frame], Pixels]
+
+
+def times(x: float, y: float) -> Change:
+    return lambda motion, frame: motion * np.float32([x, y]).reshape(1, 2, 1, 1)
+
+
+def per_size(x: float, y: float) -> Change:
+    return lambda motion, frame: motion * np.float32([x / frame.size[1], y / frame.size[0]]).reshape(1, 2, 1, 1)
+
+
+# name → (what is done to the vectors, what the reason must contain)
+WRONG: dict[str, tuple[Change, tuple[str, ...]]] = {
+    "sign of x": (times(-1, 1), ("sign",)),
+    "sign of y": (times(1, -1), ("sign",)),
+    "both signs": (times(-1, -1), ("sign", "direction")),
+    "axes swapped": (lambda motion, frame: motion[:, ::-1], ("axis order",)),
+    "uv": (per_size(1, 1), ("unit (uv",)),
+    "NDC, y up": (per_size(2, -2), ("unit (NDC",)),
+    "forward": (lambda motion, frame: frame["forward_motion"], ("direction", "sign")),
+    "1/64": (times(1 / 64, 1 / 64), ("do not", "too short", "unit")),
+    "half": (times(0.5, 0.5), ("too short",)),
+    "zero": (times(0, 0), ("do not",)),
+    "random": (lambda m, f: np.random.default_rng(f.index).normal(0, 8, m.shape).astype("f"), ("does not explain",)),
+}
+
+
+class Changed(Clip):
+    """A clip with other vectors than it has on disk."""
+
+    def __init__(self, folder: Path, change: Change) -> None:
+        super().__init__(folder)
+        self.change = change
+
+    def frame(self, *arguments: Any, **options: Any) -> Frame:
+        found = super().frame(*arguments, **options)
+        return found.with_channels(motion=np.ascontiguousarray(self.change(found["motion"], found)))
+
+
+def differs(clip: Clip, change: Change) -> bool:
+    """Does the change matter: by 2 px for the median of the vectors that move by more than 1 px?"""
+    for frame in clip:
+        motion = frame["motion"]
+        moving = (np.square(motion).sum(1) > 1) & (frame["depth"] > 0).any(1)
+        if moving.sum() > 100:
+            apart = np.sqrt(np.square(change(motion, frame) - motion).sum(1))[moving]
+            if np.median(apart) > 2:
+                return True
+    return False
+
+
+def judge(report: CheckReport, words: tuple[str, ...]) -> str:
+    if report.verdict != "implausible":
+        return report.verdict
+    return "named" if any(word in report.reason for word in words) else "failed"
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("clips", nargs="+", type=Path)
+    parser.add_argument("--only", nargs="+", help="conventions to try", choices=WRONG)
+    options = parser.parse_args()
+    right: Counter[str] = Counter()
+    table: dict[str, Counter[str]] = {name: Counter() for name in options.only or WRONG}
+    for folder in find_clips(options.clips):
+        verdict = check(Clip(folder)).verdict
+        right[verdict] += 1
+        if verdict == "implausible":
+            print(f"false alarm: {folder}: {check(Clip(folder)).reason}", flush=True)
+        if verdict != "plausible":
+            continue
+        for name, counts in table.items():
+            change, words = WRONG[name]
+            if not differs(Clip(folder), change):
+                continue
+            report = check(Changed(folder, change))
+            found = judge(report, words)
+            counts[found] += 1
+            if found != "named":
+                print(f"{found}: {folder}, {name}: {report.reason}", flush=True)
+    print(f"as they are: {', '.join(f'{count} {verdict}' for verdict, count in sorted(right.items()))}")
+    print(f"{'':14}{'clips':>8}{'named':>8}{'failed':>8}{'undecidable':>13}{'plausible':>11}")
+    for name, counts in table.items():
+        row = (counts[key] for key in ("named", "failed", "undecidable", "plausible"))
+        print(f"{name:14}{counts.total():8}" + "".join(f"{n:{w}}" for n, w in zip(row, (8, 8, 13, 11), strict=True)))
+
+
+if __name__ == "__main__":
+    main()

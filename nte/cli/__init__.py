@@ -1,0 +1,84 @@
+"""The `nte` command, a file for each subcommand. What a subcommand needs is imported when it runs: --help is instant.
+
+Exit status: 0 done; 2 wrong usage or input, told in one line; 1 a fault of ours; 130 interrupted.
+"""
+
+import argparse
+import errno
+import os
+import sys
+import warnings
+from collections.abc import Sequence
+
+from nte.cli import (
+    bench,
+    check,
+    compare,
+    denoise,
+    estimate,
+    evaluate,
+    export,
+    import_clip,
+    info,
+    merge_burst,
+    render,
+    train,
+)  # fmt: skip
+from nte.cli.parsing import Parser
+from nte.errors import NteError, needs_extra
+from nte.interrupt import terminable
+from nte.version import __version__
+
+_COMMANDS = (
+    render, train, evaluate, compare, export, denoise, estimate, import_clip, bench, merge_burst, check, info,
+)  # fmt: skip
+_OF_THE_SYSTEM = {
+    errno.EACCES, errno.EPERM, errno.EROFS, errno.ENOSPC, errno.EDQUOT, errno.EFBIG, errno.EIO, errno.ENAMETOOLONG,
+    errno.ELOOP, errno.EMFILE, errno.ENOTDIR, errno.EISDIR, errno.ESTALE,
+}  # fmt: skip
+
+
+def main(argv: Sequence[str] | None = None) -> int:
+    """Run the command line; returns the exit status."""
+    parser = _parser()
+    options, rest = parser.parse_known_args(argv)
+    if hasattr(options, "overrides") and all("=" in item and item[0] != "-" for item in rest):
+        options.overrides += rest  # argparse takes no more positionals after an option; users mix them
+    elif rest:
+        parser.error(f"unrecognised arguments: {' '.join(rest)}")
+    warnings.showwarning = _tell_warning
+    try:
+        with terminable():
+            return int(options.run(options) or 0)
+    except NteError as error:
+        print(f"nte: {error}", file=sys.stderr)
+        return 2
+    except ImportError as error:
+        if not options.extra or (error.name or "").startswith("nte"):
+            raise
+        print(f"nte: {needs_extra(options.extra, f'nte {options.command}', error)}", file=sys.stderr)
+        return 2
+    except BrokenPipeError:  # nte check … | head: nobody reads on
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+        return 0
+    except OSError as error:  # not permitted, no space left, a name that is too long
+        if error.errno not in _OF_THE_SYSTEM:
+            raise
+        print(f"nte: {f'{error.filename}: ' if error.filename else ''}{error.strerror}", file=sys.stderr)
+        return 2
+    except KeyboardInterrupt:
+        print("nte: interrupted; nothing half-written is left", file=sys.stderr)
+        return 130
+
+
+def _parser() -> argparse.ArgumentParser:
+    parser = Parser(prog="nte", description="Neural temporal denoising of path-traced sequences")
+    parser.add_argument("--version", action="version", version=f"nte {__version__}")
+    commands = parser.add_subparsers(dest="command", metavar="COMMAND", required=True)
+    for module in _COMMANDS:
+        module.add(commands)
+    return parser
+
+
+def _tell_warning(message: Warning | str, category: type[Warning], *_: object, **__: object) -> None:
+    print(f"nte: warning: {message}", file=sys.stderr)

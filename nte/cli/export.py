@@ -1,0 +1,21 @@
+"""`nte export`."""
+
+import argparse
+from pathlib import Path
+
+from nte.cli.parsing import Commands, add_force, command
+
+
+def add(commands: Commands) -> None:
+    """Add `export` to the subcommands of `nte`."""
+    text = "export a run as one ONNX file, checked against PyTorch"
+    parser = command(commands, "export", _export, text, "train")
+    parser.add_argument("source", type=Path, metavar="RUN", help="run folder, or a .safetensors file in one")
+    parser.add_argument("--out", type=Path, required=True, metavar="MODEL.onnx", help="file to write")
+    add_force(parser)
+
+
+def _export(options: argparse.Namespace) -> None:
+    from nte.runtime.export import export
+
+    print(export(options.source, options.out, options.force))

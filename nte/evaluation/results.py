@@ -1,0 +1,45 @@
+"""What an evaluation found: the content of metrics.json, means of it, and the frames to show."""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from typing import TypeVar
+
+from nte.evaluation.metric_table import METRICS, Row
+from nte.evaluation.score_clip import Shown, mean
+
+FORMAT = "nte-metrics/1"
+_Image = TypeVar("_Image")
+
+
+@dataclass(frozen=True)
+class Evaluation:
+    """The content of metrics.json, and one frame of each clip and target for the report."""
+
+    metrics: Row
+    shown: list[Shown]
+
+    def titled(self, denoisers: Mapping[str, str]) -> "Evaluation":
+        """Call denoisers by their titles, for people to read; denoisers: title → spec."""
+        titles = {spec: title for title, spec in denoisers.items()}
+
+        def rename(images: Mapping[str, _Image]) -> dict[str, _Image]:
+            return {titles.get(name, name): image for name, image in images.items()}
+
+        rows = [{**row, "denoiser": titles[row["denoiser"]]} for row in self.metrics["rows"]]
+        metrics = {**self.metrics, "rows": rows, "means": rename(self.metrics["means"])}
+        return Evaluation(metrics, [replace(s, images=rename(s.images), flip=rename(s.flip)) for s in self.shown])
+
+
+def means_of(rows: Sequence[Row], region: str = "all", target: str | None = None) -> dict[str, dict[str, float | None]]:
+    """Spec → metric → mean over the clips that have a number, of the rows of a region.
+
+    target: the light that is scored; None takes what each denoiser gives as its image.
+    """
+    own: dict[str, str] = {}  # a denoiser's own target stands in its first row
+    for row in rows:
+        own.setdefault(row["denoiser"], row["target"])
+    by_spec: dict[str, list[Row]] = {}
+    for row in rows:
+        if row["region"] == region and row["target"] == (target or own[row["denoiser"]]):
+            by_spec.setdefault(row["denoiser"], []).append(row)
+    return {spec: {m.name: mean(row[m.name] for row in chosen) for m in METRICS} for spec, chosen in by_spec.items()}

@@ -1,0 +1,221 @@
+"""One clip, frame by frame: every denoiser beside the reference, its scores and its times."""
+
+import statistics
+import time
+import warnings
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass, field, replace
+
+import torch
+from torch import Tensor
+
+from nte.denoiser import Denoiser, Result, Session, State
+from nte.evaluation.metric_table import METRICS, Row
+from nte.evaluation.metrics import Scores, region_mean, regions_of, score, temporal_l1, temporal_l1_floor
+from nte.evaluation.targets import Truth, displayed, picture, read_truth
+from nte.frames.channels import reference_of
+from nte.frames.clip import Clip
+from nte.frames.frame import Frame
+from nte.frames.reference import BadReferenceWarning, describe_bad_pixels
+from nte.frames.scalars import sequence_scalars
+from nte.frames.show import RGB, heat, quantise
+
+SCORED = tuple(metric.name for metric in METRICS if metric.name != "ms_per_frame")
+
+
+@dataclass(frozen=True)
+class Shown:
+    """One target in one frame of a clip for the report: input, reference, every output and its FLIP error map."""
+
+    clip: str
+    target: str
+    frame: int
+    disoccluded: int  # pixels
+    images: dict[str, RGB] = field(default_factory=dict)  # noisy input, reference, then a spec each
+    flip: dict[str, RGB] = field(default_factory=dict)  # a spec each
+
+
+class ClipRun:
+    """Denoisers (spec → denoiser) over one clip: `advance` through the frames in order, then `rows` and `shown`.
+
+    A denoiser that filters light components apart (`components`) is scored on each of them as well, where the
+    clip has its reference and `lights` does not leave it out. Frames before `first` fill the history and are not
+    scored. Raises NteError, naming denoiser, clip and frame, for an output or a reference that cannot be scored.
+    """
+
+    def __init__(
+        self, label: str, clip: Clip, denoisers: Mapping[str, Denoiser], device: str,
+        first: int = 1, lights: Sequence[str] | None = None,
+    ) -> None:  # fmt: skip
+        self.label, self.clip, self.first, self.device = label, clip, first, device
+        self.exposure = torch.from_numpy(sequence_scalars(clip.frame(0))[0])
+        scored = [name for name in clip.channels if lights is None or name in map(reference_of, lights)]
+        self.runs = [_Run(spec, denoiser, scored, device) for spec, denoiser in denoisers.items()]
+        self.targets = list(dict.fromkeys(target for run in self.runs for target in run.scorers))
+        self.truths: dict[str, Truth] = {}
+        self.shown: dict[str, Shown] = {}  # by target
+        self._depth: Tensor | None = None  # of the frame before
+        self._told: set[str] = set()  # targets whose bad pixels were told
+
+    @torch.no_grad()
+    def advance(self, index: int) -> None:
+        """Read a frame, let every denoiser step, and score what it gives."""
+        frame = self.clip.frame(index).torch()
+        on_device = frame.torch(self.device)
+        before = self.truths
+        self.truths = {target: read_truth(frame, target, self.exposure, self.label) for target in self.targets}
+        self._tell_bad_pixels(index)
+        regions = regions_of(frame, self._depth)
+        self._depth = frame.get("depth")
+        scored = index >= self.first
+        chosen = scored and self._choose(frame, regions)
+        for run in self.runs:
+            for target, output in run.step(on_device).items():
+                where = f"{run.spec} on {self.label}, frame {index}"
+                image = displayed(output.cpu(), target, self.exposure, where, frame.size)
+                scorer = run.scorers[target]
+                if scored:
+                    maps = scorer.score(image, self.truths[target], before.get(target), regions)
+                    if chosen:
+                        self.shown[target].images[run.spec] = picture(output.cpu(), target, self.exposure)
+                        self.shown[target].flip[run.spec] = quantise(heat(maps["flip"][0, 0].numpy(), "magma"))
+                scorer.before = image
+
+    def _tell_bad_pixels(self, index: int) -> None:
+        for target, truth in self.truths.items():
+            if truth.bad and target not in self._told:
+                self._told.add(target)
+                told = describe_bad_pixels(truth.bad, reference_of(target), self.label, index)
+                warnings.warn(told, BadReferenceWarning, stacklevel=3)
+
+    def rows(self) -> list[Row]:
+        """The rows of metrics.json, one per denoiser, target and region."""
+        return [
+            {
+                "denoiser": run.spec,
+                "clip": self.label,
+                "target": target,
+                "region": region,
+                "first_frame": self.first == 0,
+                "scored_from": self.first,
+                **scorer.summary(region),
+                "ms_per_frame": run.ms_per_frame,
+                **({"settings": run.settings} if run.settings else {}),
+            }
+            for run in self.runs
+            for target, scorer in run.scorers.items()
+            for region in scorer.regions
+        ]
+
+    def _choose(self, frame: Frame, regions: Mapping[str, Tensor]) -> bool:
+        """Whether this frame is the one to show, so far; starts its pictures with input and reference.
+
+        Denoisers differ most where most came into sight; the last of equals has the longest history. So the
+        data chooses the frame that is shown, not the results.
+        """
+        disoccluded = int(regions["disoccluded"].sum()) if "disoccluded" in regions else 0
+        if any(disoccluded < shown.disoccluded for shown in self.shown.values()):
+            return False
+        for target in self.targets:
+            images = {"reference": picture(frame[reference_of(target)], target, self.exposure)}
+            if target in frame and not any(run.spec == "noisy" and target in run.scorers for run in self.runs):
+                images = {"noisy input": picture(frame[target], target, self.exposure), **images}
+            self.shown[target] = Shown(self.label, target, frame.index, disoccluded, images)
+        return True
+
+
+class _Run:
+    """One denoiser on one clip: its session, its time, and each of its outputs that is scored."""
+
+    def __init__(self, spec: str, denoiser: Denoiser, channels: Iterable[str], device: str) -> None:
+        self.spec, self.denoiser = spec, denoiser
+        self.timed = _Timed(denoiser, device)
+        self.session = Session(self.timed)
+        self.components = tuple(name for name in denoiser.components if reference_of(name) in channels)
+        self.scorers = {target: _Scorer() for target in (denoiser.target, *self.components)}
+        self.settings = ""  # what a denoiser that adapts to its input says of its options on this clip
+
+    def step(self, frame: Frame) -> dict[str, Tensor]:
+        """Target → output. The denoiser sees what it asks for and nothing else: above all no reference."""
+        wanted = (*self.denoiser.needs, *self.denoiser.optional)
+        visible = replace(frame, channels={name: frame[name] for name in wanted if name in frame})
+        self.settings = self.denoiser.settings(visible)
+        result = self.session.step(visible, self.components)
+        return {self.denoiser.target: result.image, **{name: result.extras[name] for name in self.components}}
+
+    @property
+    def ms_per_frame(self) -> float:
+        """Median without the first frame, which starts the sequence."""
+        return 1000 * statistics.median(self.timed.seconds[1:] or self.timed.seconds)
+
+
+class _Scorer:
+    """One output of one denoiser on one clip: the image before, and the scores so far."""
+
+    def __init__(self) -> None:
+        self.before: Tensor | None = None
+        self.scores: list[Scores] = []
+
+    def score(
+        self, image: Tensor, truth: Truth, before: Truth | None, regions: Mapping[str, Tensor]
+    ) -> dict[str, Tensor]:
+        """Add the scores of one frame; gives its error maps.
+
+        Where the reference says nothing no region has a pixel, and windows around it see no error.
+        """
+        seen = {region: pixels & truth.usable for region, pixels in regions.items()}
+        scores, maps = score(torch.where(truth.usable, image, truth.image), truth.image, seen)
+        if before and self.before is not None:
+            maps["temporal_l1"] = temporal_l1(image, self.before, truth.image, before.image)
+            if truth.halves and before.halves:
+                (a, b), (a_before, b_before) = truth.halves, before.halves
+                maps["temporal_l1_floor"] = temporal_l1_floor(a, a_before, b, b_before)
+        for name in ("temporal_l1", "temporal_l1_floor"):
+            for region, values in scores.items():
+                compared = seen[region] & before.usable if before else seen[region]
+                values[name] = region_mean(maps[name], compared) if name in maps else None
+        self.scores.append(scores)
+        return maps
+
+    @property
+    def regions(self) -> list[str]:
+        """The regions that any frame had, in order."""
+        return list(dict.fromkeys(region for scores in self.scores for region in scores))
+
+    def summary(self, region: str) -> Row:
+        """What a row of metrics.json says of a region: means over the frames that have any of its pixels."""
+        per_frame = {name: [scores.get(region, {}).get(name) for scores in self.scores] for name in SCORED}
+        return {
+            "frames": sum(value is not None for value in per_frame["psnr"]),
+            **{name: mean(values) for name, values in per_frame.items()},
+            "per_frame": per_frame,
+        }
+
+
+class _Timed(Denoiser):
+    """A denoiser with a stop-watch around its step, without what surrounds it."""
+
+    def __init__(self, denoiser: Denoiser, device: str) -> None:
+        self.denoiser = denoiser
+        self.needs, self.optional, self.target = denoiser.needs, denoiser.optional, denoiser.target
+        self.extras = denoiser.extras
+        self.clock = torch.device(device)
+        self.seconds: list[float] = []
+
+    def step(self, frame: Frame, state: State | None, extras: tuple[str, ...] = ()) -> tuple[Result, State]:
+        self._wait()
+        start = time.perf_counter()
+        result = self.denoiser.step(frame, state, extras)
+        self._wait()
+        self.seconds.append(time.perf_counter() - start)
+        return result
+
+    def _wait(self) -> None:
+        if self.clock.type != "cpu":
+            torch.accelerator.synchronize(self.clock)
+
+
+def mean(values: Iterable[float | None]) -> float | None:
+    """The mean of the numbers there are; None if there is none."""
+    numbers = [value for value in values if value is not None]
+    return statistics.fmean(numbers) if numbers else None

@@ -1,0 +1,61 @@
+"""What a target should look like: its reference, after the display transform; and pictures of it."""
+
+from typing import NamedTuple
+
+import torch
+from torch import Tensor
+
+from nte.color import display
+from nte.errors import NteError
+from nte.frames.channels import CHANNELS, reference_of
+from nte.frames.frame import Frame
+from nte.frames.reference import count_bad_pixels, usable_pixels
+from nte.frames.show import RGB, quantise
+
+# Indirect light is a small part of a picture; papers print it ten times as bright, and so do our pictures of it.
+BRIGHTENED = {"indirect": 10.0}
+
+
+class Truth(NamedTuple):
+    """A target's reference after the display transform, and its two independent halves if stored."""
+
+    image: Tensor  # (1, 3, H, W); 0 where it is not usable
+    halves: tuple[Tensor, Tensor] | None
+    usable: Tensor  # (1, 1, H, W) bool: where the reference says something; the rest is not scored
+    bad: int  # how many pixels do not
+
+
+def read_truth(frame: Frame, target: str, exposure: Tensor, clip: str) -> Truth:
+    """The truth of a target in a frame; `clip` names it in errors. exposure: (1,), of the sequence.
+
+    Raises NteError where too many pixels of the reference say nothing.
+    """
+    name = reference_of(target)
+    where = f"'{name}' of {clip}, frame {frame.index}"
+    bad = count_bad_pixels(frame, name, clip)
+    halves = [frame[half] for half in (f"{name}_a", f"{name}_b") if half in frame]
+    images = (frame[name], *halves)
+    usable = torch.stack([usable_pixels(image) for image in images]).all(0)
+    shown = [displayed(torch.where(usable, image, 0.0), target, exposure, where, frame.size) for image in images]
+    return Truth(shown[0], (shown[1], shown[2]) if len(halves) == 2 else None, usable, bad)
+
+
+def displayed(image: Tensor, target: str, exposure: Tensor, where: str, size: tuple[int, ...]) -> Tensor:
+    """(1, 3, H, W) in [0, 1]: radiance through the display transform, other quantities as they are.
+
+    Raises NteError, saying `where`, for an image that has another size or that is not finite.
+    """
+    if tuple(image.shape[2:]) != size:
+        raise NteError(f"{where}: the image is {tuple(image.shape)}, expected (1, C, {size[0]}, {size[1]})")
+    if bad := int((~image.isfinite()).any(1).sum()):
+        raise NteError(f"{where}: {bad} of {image[0, 0].numel()} pixels are not finite: it cannot be scored")
+    if CHANNELS[target].shown == "radiance":
+        return display(image, exposure)
+    return image.clamp(0, 1).expand(-1, 3, -1, -1)
+
+
+def picture(image: Tensor, target: str, exposure: Tensor) -> RGB:
+    """A target's image (1, C, H, W) to look at: displayed, brightened where BRIGHTENED says so; not finite is black."""
+    usable = image.nan_to_num(0, 0, 0)
+    size = (image.shape[2], image.shape[3])
+    return quantise(displayed(usable, target, exposure * BRIGHTENED.get(target, 1), "", size)[0].numpy())

@@ -1,0 +1,173 @@
+"""What all three effects share: fetch history, clamp it, blend, clean up (Zeng et al. 2021, section 5)."""
+
+from typing import NamedTuple
+
+import torch
+from torch import Tensor
+from torch.profiler import record_function
+
+from nte.filters.bilateral import clean_up
+from nte.filters.blocks import Moments, clamp_history, neighbourhood_moments
+from nte.filters.moments import brightness
+from nte.filters.trmv.fetch import Fetcher, fetch_from_anything
+from nte.filters.trmv.inputs import FrameInputs
+from nte.filters.trmv.options import TrmvOptions
+from nte.motion.geometric import Reprojection
+
+NEIGHBOURHOOD = 5  # pixels across, of the clamp
+WIDEST = 5.0  # deviation of the clean-up filter, px
+_APART = 4  # px, of the pixels that the clamp looks at where a filter of varying width is wide
+_EPSILON = 1e-3
+_NOTHING = 1e6  # variance of what tells nothing: as history it weighs nothing
+
+
+class History(NamedTuple):
+    """What an effect remembers."""
+
+    values: Tensor  # (N, C, H, W)
+    variance: Tensor  # (N, 1, H, W) of it, in units of a single frame's: how far it has converged
+
+
+class Effect(NamedTuple):
+    """The outcome of an effect."""
+
+    image: Tensor  # (N, C, H, W)
+    history: History
+    alpha: Tensor  # (N, 1, H, W) weight of the current frame; 1 where there is no history
+    vectors: Reprojection | None = None  # where history came from; None: from nowhere
+
+
+class Weight(NamedTuple):
+    """The weight of the current frame, (N, 1, H, W): by default, and as raised by doubts about the history."""
+
+    default: Tensor
+    used: Tensor
+
+
+class Blended(NamedTuple):
+    """The current frame and its history in one, before it is cleaned up."""
+
+    image: Tensor  # (N, C, H, W)
+    variance: Tensor  # (N, 1, H, W) of it: α² + (1 − α)² v
+    alpha: Tensor  # (N, 1, H, W) weight of the current frame
+    deviation: Tensor  # (N, 1, H, W) px, of the clean-up filter
+
+
+def accumulate(
+    name: str, current: Tensor, history: History | None, vectors: Reprojection | None, inputs: FrameInputs,
+    options: TrmvOptions, reach: float | Tensor, trust: Tensor | None = None, fetcher: Fetcher | None = None,
+    known: Tensor | None = None,
+) -> Effect:  # fmt: skip
+    """Eq. 2 with everything of section 5 on current c̃ (N, C, H, W): c = α c̃ + (1 − α) c*, cleaned up.
+
+    vectors None: the spatial filter alone. reach: of that filter, see `limit`. trust: G of Eq. 4. fetcher: in place of
+    plain fetching at the vectors' ends. known (N, 1, H, W), bool: where the current frame tells anything; None:
+    everywhere. name: in the profile.
+    """
+    if vectors is None or history is None:
+        return finish(name, start(current, options, known), vectors, inputs, options)
+    with record_function(f"trmv/{name}/temporal"):
+        fetcher = fetcher or fetch_from_anything(vectors)
+        past, (variance, valid) = fetcher(history.values), fetch_convergence(history, fetcher, inputs.frame.reset)
+        clamped = limit(past, current, reach, options)
+        weight = weigh(variance, valid, options, trust, known)
+        # Not lerp alone: a history that is not valid must not leave a trace, not even of rounding.
+        image = torch.where(valid, torch.lerp(clamped, current, weight.used), current)
+        deviation = clean_up_deviation(weight, past, clamped, valid, options)
+        blended = Blended(image, blended_variance(weight, variance, known), weight.used, deviation)
+    return finish(name, blended, vectors, inputs, options)
+
+
+def start(current: Tensor, options: TrmvOptions, known: Tensor | None = None) -> Blended:
+    """Without any history."""
+    one = torch.ones_like(current[:, :1])
+    return Blended(current, one * _own_variance(known), one, _first(options) * one)
+
+
+def fetch_convergence(history: History, fetcher: Fetcher, reset: Tensor | None) -> tuple[Tensor, Tensor]:
+    """(variance of the history at the ends of the vectors, where it is valid): the fetcher finds it, and no reset."""
+    valid = fetcher.valid if reset is None else fetcher.valid & ~(reset.view(-1, 1, 1, 1) > 0)
+    return fetcher(history.variance), valid
+
+
+def weigh(
+    variance: Tensor, valid: Tensor, options: TrmvOptions, trust: Tensor | None = None, known: Tensor | None = None
+) -> Weight:
+    """α, and with a trust G in [0, 1] (N, 1, H, W) of the history α^V = 1 − G (1 − α) (Eq. 4); 1 without history,
+    and 0 beside one where nothing is `known` of the current frame.
+
+    v / (1 + v) makes the smallest variance out of a history of variance v and a frame of variance 1: 1/2, 1/3, …
+    of a history that began one, two, … frames ago, more where it was doubted since.
+    """
+    default = torch.full_like(variance, options.alpha)
+    if options.warm_up:
+        default = torch.maximum(default, variance / (1 + variance))
+    used = default if trust is None else 1 - trust * (1 - default)
+    used = used if known is None else used * known
+    return Weight(default, torch.where(valid, used, 1.0))
+
+
+def limit(
+    history: Tensor, current: Tensor, reach: float | Tensor, options: TrmvOptions, rows: slice = slice(None)
+) -> Tensor:
+    """History (N, C, h, W) clamped to μ ± clamp·σ of 5×5 pixels of the filtered current frame; its `rows` of that.
+
+    reach: deviation of the filter, px; a number, or one for each pixel (N, 1, H, W). The 5×5 pixels lie so far apart
+    (ours): a filter makes neighbours alike, and the σ of adjacent ones says nothing of how noisy all of them
+    are together. Clamped to that, history would follow the noise of every frame, and a scene at rest would
+    never converge (docs/trmv.md).
+    """
+    if options.clamp == float("inf"):
+        return history
+    if options.neighbourhood == "adjacent":
+        moments = neighbourhood_moments(current)
+    elif not isinstance(reach, Tensor):
+        moments = neighbourhood_moments(current, NEIGHBOURHOOD, spacing(reach))
+    else:
+        near, far = (neighbourhood_moments(current, NEIGHBOURHOOD, step) for step in (1, _APART))
+        moments = Moments(*(torch.where(reach > _APART / 2, f, n) for f, n in zip(far, near, strict=True)))
+    return clamp_history(history, Moments(*(m[:, :, rows] for m in moments)), options.clamp)
+
+
+def spacing(reach: float) -> int:
+    """How far apart pixels are looked at, px, that a filter of this deviation has made independent."""
+    return max(1, round(reach))
+
+
+def clean_up_deviation(weight: Weight, history: Tensor, clamped: Tensor, valid: Tensor, options: TrmvOptions) -> Tensor:
+    """min(w_A + w_C, 5) pixels (N, 1, H, W), of Eqs. 7 and 8 in luminance.
+
+    Without history α^V is 1, so w_A is (1 − α)²: 0.81 px wide.
+    """
+    doubt = (weight.used - weight.default).square()
+    before, after = (brightness(image) for image in (history, clamped))
+    lost = (after - before).abs() / (before + _EPSILON)
+    return torch.where(valid, (doubt + lost).clamp(max=WIDEST), _first(options))
+
+
+def _first(options: TrmvOptions) -> float:
+    """The clean-up's deviation, px, where there is no history: Eq. 7 with α^V = 1."""
+    return (1 - options.alpha) ** 2
+
+
+def blended_variance(weight: Weight, variance: Tensor, known: Tensor | None = None) -> Tensor:
+    """α² + (1 − α)² v, (N, 1, H, W), of a history of variance v and a frame of variance 1."""
+    own = weight.used.square() * _own_variance(known)
+    return own + (1 - weight.used).square() * variance
+
+
+def _own_variance(known: Tensor | None) -> Tensor | float:
+    """Of a single frame."""
+    return 1.0 if known is None else torch.where(known, 1.0, _NOTHING)
+
+
+def finish(
+    name: str, blended: Blended, vectors: Reprojection | None, inputs: FrameInputs, options: TrmvOptions
+) -> Effect:
+    """Clean up, and choose what is remembered; without vectors the image stays that of the spatial filter."""
+    with record_function(f"trmv/{name}/clean-up"):
+        wanted = options.cleanup and vectors is not None
+        image, spent = blended.image, options.history == "cleaned"
+        cleaned = clean_up(image, inputs.edges, blended.deviation, in_place=spent) if wanted else image
+    kept = cleaned if spent else image
+    return Effect(cleaned, History(kept, blended.variance), blended.alpha, vectors)

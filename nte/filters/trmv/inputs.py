@@ -1,0 +1,50 @@
+"""A frame made ready for all three effects."""
+
+from typing import NamedTuple
+
+import torch.nn.functional as F
+from torch import Tensor
+from torch.profiler import record_function
+
+from nte.filters.bilateral import Edges, Guide, make_edges, make_guide
+from nte.frames.frame import Frame
+from nte.motion.geometric import Reprojection, frame_vectors, traditional_motion
+
+RADIUS = 15  # of the widest separable filter, 31×31
+
+
+class GBuffer(NamedTuple):
+    """The G-buffer of a frame."""
+
+    normal: Tensor  # (N, 3, H, W) unit, 0 at a miss
+    depth: Tensor  # (N, 1, H, W), 0 at a miss
+    roughness: Tensor  # (N, 1, H, W)
+    position: Tensor | None = None  # (N, 3, H, W) world, 0 at a miss; None: nobody asked for it
+    geometric: Tensor | None = None  # (N, 3, H, W) unit, without normal maps; None: the frame does not say
+
+
+class FrameInputs(NamedTuple):
+    """What every effect sees of a frame."""
+
+    frame: Frame  # PyTorch, sanitised
+    gbuffer: GBuffer
+    before: GBuffer | None  # of the previous frame
+    guide: Guide
+    edges: Edges
+    traditional: Reprojection  # the traditional vectors, with the disocclusions that the dual ones have found
+    dual: Reprojection
+
+
+def prepare(frame: Frame, before: GBuffer | None) -> FrameInputs:
+    """Compute what the effects share of a sanitised PyTorch frame."""
+    with record_function("trmv/guide"):
+        gbuffer = GBuffer(
+            F.normalize(frame["normal"], dim=1), frame["depth"], frame["roughness"],
+            frame.get("position"), frame.get("geometric_normal"),
+        )  # fmt: skip
+        guide = make_guide(gbuffer.normal, gbuffer.depth, frame["roughness"])
+        edges = make_edges(guide, RADIUS)
+    with record_function("trmv/vectors"):
+        dual = frame_vectors(frame, None if before is None else before.depth)
+        traditional = traditional_motion(frame["motion"])._replace(disoccluded=dual.disoccluded)
+    return FrameInputs(frame, gbuffer, before, guide, edges, traditional, dual)

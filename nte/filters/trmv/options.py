@@ -1,0 +1,61 @@
+"""What can be chosen of TRMV, and which choices make the comparisons of the paper's section 6."""
+
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Annotated, Any, ClassVar, Literal, TypeAlias
+
+from nte.filters.trmv.cones import HALF_ANGLE
+from nte.options import Allowed, Options
+
+ShadowVectors: TypeAlias = Literal["reliable", "gradient", "traditional", "none"]
+GlossyVectors: TypeAlias = Literal["reliable", "specular", "gradient", "traditional", "none"]
+OcclusionVectors: TypeAlias = Literal["dual", "gradient", "traditional", "none"]
+
+_NO_CLAMP = {"clamp": math.inf, "cleanup": False}
+_TAA_CLAMP = {"clamp": 1.0, "neighbourhood": "adjacent", "cleanup": False}
+_COLOURS = {"indirect": "colour"}
+_TRADITIONAL = {"shadow": "traditional", "glossy": "traditional", "occlusion": "traditional", **_COLOURS}
+
+
+def _positive(most: float) -> Allowed:
+    limit = f", at most {most}" if most < math.inf else ""
+    return Allowed(f"a number above 0{limit}", lambda x: 0 < x <= most)
+
+
+@dataclass(frozen=True)
+class TrmvOptions(Options, name="trmv"):
+    """Options of TRMV; every one is a comparison of the paper or says what is ours (docs/trmv.md).
+
+    target: `color`, or one component, whose channels alone are then needed. shadow, glossy, occlusion: which
+    vectors fetch history; `gradient`: traditional ones, with α raised as in A-SVGF where the light changed; `none`: the
+    spatial filter alone. indirect: what is kept of indirect light. reshading: weights of the cones. half_angle: of the
+    cones, degrees. alpha: least weight of the current frame. warm_up: a running mean until alpha is reached (ours);
+    false: alpha from the second frame on. clamp: history within μ ± clamp·σ of the current neighbourhood; `inf` leaves
+    it as it is. cleanup: whether the 9×9 filter runs. history: the cleaned output, or the blended one. neighbourhood:
+    of the clamp, 5×5 pixels that lie apart (ours), or 3×3 adjacent ones, as TAA has.
+    """
+
+    presets: ClassVar[Mapping[str, Mapping[str, Any]]] = {
+        "paper": {"half_angle": 30.0, "reshading": "paper", "warm_up": False},
+        "traditional": {**_TRADITIONAL, **_NO_CLAMP},
+        "traditional_clamp": {**_TRADITIONAL, **_TAA_CLAMP},
+        "gradient": {"shadow": "gradient", "glossy": "gradient", "occlusion": "gradient", **_COLOURS, **_NO_CLAMP},
+        "specular": {**_TRADITIONAL, "glossy": "specular", **_NO_CLAMP},
+        "specular_clamp": {**_TRADITIONAL, "glossy": "specular", **_TAA_CLAMP},
+        "dual_colours": {"occlusion": "dual", **_COLOURS},
+    }
+
+    target: Literal["color", "visibility", "glossy", "indirect"] = "color"
+    shadow: ShadowVectors = "reliable"
+    glossy: GlossyVectors = "reliable"
+    occlusion: OcclusionVectors = "dual"
+    indirect: Literal["cones", "colour"] = "cones"
+    reshading: Literal["cosine", "paper"] = "cosine"
+    half_angle: Annotated[float, _positive(90)] = math.degrees(HALF_ANGLE)
+    alpha: Annotated[float, _positive(1)] = 0.1
+    warm_up: bool = True
+    clamp: Annotated[float, _positive(math.inf)] = 3.0
+    cleanup: bool = True
+    history: Literal["cleaned", "blended"] = "cleaned"
+    neighbourhood: Literal["spaced", "adjacent"] = "spaced"

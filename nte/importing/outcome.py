@@ -1,0 +1,67 @@
+"""What an import says at its end: what is missing, whether `nte check` believes the clip, what to change if not."""
+
+from dataclasses import asdict
+from typing import Any
+
+from nte.checking import check, describe
+from nte.frames.clip import Clip
+from nte.frames.frame import Frame
+from nte.importing.convert import revert_vectors
+from nte.importing.exr import Imported
+
+WITHOUT = {
+    "reference": "no training and no scores",
+    "albedo": "no demodulation; nte check cannot judge the vectors",
+    "normal": "only denoisers that need none, such as taa",
+    "depth": "only denoisers that need none; the sky is not known; disocclusion masks are coarse",
+    "motion": "no history from the previous frame, unless vectors are estimated",
+}
+
+
+def tell(imported: Imported) -> int:
+    """Print what an import has brought and what `nte check` says of it; the exit status: 2 if implausible."""
+    clip = Clip(imported.folder)
+    print(f"{imported.folder}: {len(clip)} frames, {clip.width}x{clip.height}: {', '.join(clip.channels)}")
+    for name, what in WITHOUT.items():
+        if name not in clip.channels:
+            source = f" ({imported.called[name]})" if name in imported.called else ""
+            print(f"  without {name}{source}: {what}")
+    report = check(clip)
+    print(describe(report))
+    if report.verdict != "implausible":
+        return 0
+    advice = _advice(clip, imported)
+    print(f"{advice}; the clip is kept" if advice else "the clip is kept")
+    return 2
+
+
+def _advice(clip: Clip, imported: Imported) -> str:
+    """Which values of the map would make the vectors fit; empty where none does."""
+    if "motion" not in clip.channels:
+        return ""
+    fits = check(_AsStored(clip, imported)).convention
+    if fits is None:
+        return ""
+    if fits.forward:
+        change = "list the layers under 'channels.forward_motion' instead of 'channels.motion'"
+    else:
+        now, better = asdict(imported.vectors), asdict(type(imported.vectors).of(fits))
+        differing = [key for key in better if better[key] != now[key]]
+        change = ", ".join(f"{imported.group}.{key}: {better[key]} (now {now[key]})" for key in differing)
+    if not change:
+        return ""
+    if imported.map is None:
+        return f"the vectors would fit with {change}: the file does not follow this producer's convention"
+    return f"the vectors would fit with {change}: change it in {imported.map} and import again with --force"
+
+
+class _AsStored(Clip):
+    """The clip with the vectors as the producer's files have them, before the map was applied."""
+
+    def __init__(self, clip: Clip, imported: Imported) -> None:
+        super().__init__(clip.folder)
+        self._convention = imported.vectors.convention()
+
+    def frame(self, *arguments: Any, **options: Any) -> Frame:
+        found = super().frame(*arguments, **options)
+        return found.with_channels(motion=revert_vectors(found["motion"][0], self._convention)[None])

@@ -1,0 +1,134 @@
+"""Options as frozen dataclasses: each field says what it allows, is checked when it is set, and can be read from text.
+
+A field's type decides how text is read: bool, int, float, `Literal[…]`, `bool | None` (None is «auto») or
+`tuple[int, …]` (10-4-2). Limits stand beside the type, `Annotated[float, Allowed(…)]`; those that several need have
+names here. Named presets, such as the settings of a paper, are changes of the defaults.
+"""
+
+import math
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, fields
+from numbers import Integral, Real
+from typing import Annotated, Any, ClassVar, Literal, NamedTuple, Self, TypeAlias, get_args, get_origin, get_type_hints
+
+from nte.errors import NteError
+
+AUTO = "auto"  # how None is typed
+_WORDS = {"true": True, "1": True, "false": False, "0": False}
+
+
+class Allowed(NamedTuple):
+    """The values that an option may have besides being of its type, and how an error calls them."""
+
+    expected: str
+    allows: Callable[[Any], bool] = lambda value: True
+
+
+Alpha: TypeAlias = Annotated[float, Allowed("a weight of the current frame in (0, 1]", lambda w: 0 < w <= 1)]
+Positive: TypeAlias = Annotated[float, Allowed("a finite number above 0", lambda x: 0 < x < math.inf)]
+NotNegative: TypeAlias = Annotated[float, Allowed("a finite number of 0 or more", lambda x: 0 <= x < math.inf)]
+Count: TypeAlias = Annotated[int, Allowed("a whole number of 1 or more", lambda n: n >= 1)]
+
+
+@dataclass(frozen=True)
+class Options:
+    """Base of all options; `name` is what errors and specs call their owner.
+
+    Raises NteError, on construction, for a value that is not allowed. A subclass that has to compare fields extends
+    `__post_init__`.
+    """
+
+    name: ClassVar[str] = ""
+    presets: ClassVar[Mapping[str, Mapping[str, Any]]] = {}  # name → the fields that it sets
+
+    def __init_subclass__(cls, name: str) -> None:
+        cls.name = name
+
+    def __post_init__(self) -> None:
+        for key, rule in _rules(type(self)).items():
+            value = getattr(self, key)
+            if not rule.allows(value):
+                raise NteError(f"{self.name}: {key} is {value!r}, expected {rule.expected}")
+
+    @classmethod
+    def preset(cls, preset: str, **changes: Any) -> Self:
+        """The options of a named preset, with changes. Raises NteError for a name that is none."""
+        if preset not in cls.presets:
+            raise NteError(f"{cls.name}: preset is '{preset}', expected one of {', '.join(cls.presets) or 'none'}")
+        return cls(**{**cls.presets[preset], **changes})
+
+    @classmethod
+    def names(cls) -> tuple[str, ...]:
+        """Names of the options that a spec may set."""
+        return *(field.name for field in fields(cls)), *(["preset"] if cls.presets else [])
+
+    @classmethod
+    def choices(cls, option: str) -> tuple[str, ...]:
+        """The values among which an option or `preset` is chosen; none where it is not one of a few words."""
+        return tuple(cls.presets) if option == "preset" else _rules(cls)[option].choices
+
+    @classmethod
+    def parse(cls, given: Mapping[str, str], spec: str) -> Self:
+        """The options that are given as text, key → value; `preset`, if given, sets the others.
+
+        Raises NteError, naming `spec`, for an unknown key and for a value of another type.
+        """
+        rules, changes = _rules(cls), {}
+        for key, text in given.items():
+            if key not in cls.names():
+                raise NteError(f"'{spec}': unknown option '{key}'; it has {', '.join(cls.names()) or 'none'}")
+            if key in rules:
+                try:
+                    changes[key] = rules[key].read(text)
+                except (ValueError, KeyError):
+                    raise NteError(f"'{spec}': {key} is '{text}', expected {rules[key].expected}") from None
+        return cls.preset(given["preset"], **changes) if "preset" in given else cls(**changes)
+
+
+class _Rule(NamedTuple):
+    """How a field's text is read, which values it may have, and how an error calls them."""
+
+    read: Callable[[str], Any]
+    allows: Callable[[Any], bool]
+    expected: str
+    choices: tuple[str, ...] = ()
+
+
+def _rules(options: type[Options]) -> dict[str, _Rule]:
+    hints = get_type_hints(options, include_extras=True)
+    return {field.name: _rule(hints[field.name]) for field in fields(options)}
+
+
+def _rule(hint: Any) -> _Rule:
+    """The rule of a field with this type. Raises TypeError for one that cannot be an option."""
+    if get_origin(hint) is Annotated:
+        kind, limit = get_args(hint)
+        rule = _rule(kind)
+        return rule._replace(allows=lambda value: rule.allows(value) and limit.allows(value), expected=limit.expected)
+    if get_origin(hint) is Literal:
+        choices = get_args(hint)
+        return _Rule(str, lambda value: value in choices, f"one of {', '.join(choices)}", choices)
+    if hint is bool:
+        return _Rule(_word, lambda value: isinstance(value, bool), "true or false")
+    if hint == bool | None:
+        known = f"one of {AUTO}, true, false"
+        return _Rule(_word_or_auto, lambda value: value is None or isinstance(value, bool), known)
+    if hint is int:
+        return _Rule(int, lambda value: isinstance(value, Integral) and not isinstance(value, bool), "a whole number")
+    if hint is float:
+        return _Rule(float, lambda value: isinstance(value, Real) and not isinstance(value, bool), "a number")
+    if hint == tuple[int, ...]:
+        return _Rule(_whole_numbers, lambda value: isinstance(value, tuple), "whole numbers such as 10-4-2-2")
+    raise TypeError(f"{hint} cannot be the type of an option")
+
+
+def _word(text: str) -> bool:
+    return _WORDS[text.lower()]
+
+
+def _word_or_auto(text: str) -> bool | None:
+    return None if text.lower() == AUTO else _word(text)
+
+
+def _whole_numbers(text: str) -> tuple[int, ...]:
+    return tuple(int(part) for part in text.split("-"))

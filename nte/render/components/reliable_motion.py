@@ -1,0 +1,156 @@
+"""Motion of what a surface shows instead of the surface: its shadow, and the reflection in it.
+
+What rays of Mitsuba have met, handed to the functions of `nte.motion.reliable` as images of float64. Every vector
+starts at the point in the pixel that the path has really hit, so that the camera's jitter is not in it.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+import numpy.typing as npt
+import torch
+from torch import Tensor
+
+from nte.filters.threads import own_threads
+from nte.motion.reliable import mirror_image, reflection_covariance, shadow_point
+from nte.render.engine.places import Indices
+from nte.render.engine.stage import Moment, Timeless
+from nte.render.passes.gbuffer import to_image
+from nte.render.passes.hits import Hits, curvatures_at, normals_at, points_at
+from nte.render.passes.projection import eye, pixel_positions
+from nte.render.passes.rays import trace_film
+from nte.render.world.scene import Pixels
+from nte.render.world.transforms import Floats
+
+Rows = npt.NDArray[np.bool_]
+
+
+@dataclass(frozen=True)
+class Shadow:
+    """What the shadow rays met, one row per pixel."""
+
+    receiver: Hits
+    blocker: Hits
+    light: Indices  # (P,) the light's instance; 0 where it has none
+    light_point: Floats  # (P, 3) world
+    blocked: Rows  # (P,)
+
+
+@dataclass(frozen=True)
+class Bounce:
+    """What the paths met, one row per pixel."""
+
+    first: Hits
+    second: Hits
+    reflected: Rows  # (P,) whether a lobe other than the diffuse one has reflected the path
+
+
+@dataclass(frozen=True)
+class Mirrored:
+    """Where mirrors show what the reflected paths met."""
+
+    first: Hits  # the reflectors, one row per reflected path
+    image: Floats  # (R, 3) world, at the time before; NaN where nothing is shown
+    reflected: Rows  # (P,) the pixels whose paths these are
+
+
+@own_threads()
+def shadow_vectors(stage: Timeless, shadow: Shadow, time: float) -> Pixels:
+    """Compute shadow_motion (2, H, W), pixels, to where the same shadow was at time − 1; NaN where there is none.
+
+    shadow: what the shadow rays of `time`, in frames, have met. Needs no rays.
+    """
+    rows = shadow.blocked
+    receiver = shadow.receiver.of(rows)
+    light = stage.places.moved(shadow.light[rows], shadow.light_point[rows], time, time - 1)
+    blocker, point = (points_at(stage, hits, time - 1) for hits in (shadow.blocker.of(rows), receiver))
+    normal = normals_at(stage, receiver, time - 1)
+    before = shadow_point(*(_line(values) for values in (light, blocker, point, normal)))
+    return to_image(stage, _spread(rows, _motion(stage, receiver, _to_rows(before), time)))
+
+
+@own_threads()
+def mirror_images(stage: Timeless, bounce: Bounce, time: float) -> Mirrored:
+    """Find where the reflectors show, at time − 1, what the paths of `time` have met: `mirror_image`. Needs no rays."""
+    rows = bounce.reflected
+    first, second = bounce.first.of(rows), bounce.second.of(rows)
+    point, target = points_at(stage, first, time - 1), points_at(stage, second, time - 1)
+    distant = second.instance == 0
+    target[distant] = point[distant] + stage.distant * target[distant]
+    normal = normals_at(stage, first, time - 1)
+    bend = _line(curvatures_at(stage, first, time - 1).reshape(-1, 9)).view(1, 3, 3, 1, -1)
+    camera = torch.from_numpy(eye(stage, time - 1).copy())[None]
+    h, s, n = (_line(values) for values in (target, point, normal))
+    image = mirror_image(h, s, n, camera, bend)
+    return Mirrored(first, _to_rows(image), rows)
+
+
+@own_threads()
+def reflection_vectors(before: Moment, mirrored: Mirrored, time: float) -> tuple[Pixels, Pixels]:
+    """Compute reflection_motion (2, H, W) px, and reflection_covariance (3, H, W) px², of the frame at `time`.
+
+    before: the moment a frame earlier, at time − 1. NaN where no lobe but the diffuse one has reflected the path, where
+    the mirrored point is behind the camera, and where no surface is seen there at time − 1.
+    """
+    covariance = footprint(before, mirrored.image)
+    motion = _motion(before, mirrored.first, mirrored.image, time)
+    motion[np.isnan(covariance).any(1)] = np.nan
+    images = (to_image(before, _spread(mirrored.reflected, values)) for values in (motion, covariance))
+    return next(images), next(images)
+
+
+def footprint(moment: Moment, image: Floats) -> Floats:
+    """Compute the covariance (P, 3), XX XY YY, px², of where the mirror images (P, 3) of points can be seen.
+
+    By the surface that is seen there (`reflection_covariance`), at which rays look.
+    """
+    time = moment.time
+    pixel = pixel_positions(moment, image, time)
+    usable = np.asarray(np.isfinite(pixel).all(1))
+    if not usable.any():
+        return np.full((len(image), 3), np.nan)
+    seen = trace_film(moment, pixel[usable])
+    curvature = curvatures_at(moment, seen.hits, time)
+    of_seen = image[usable], seen.point, seen.normal, seen.roughness[:, None], curvature.reshape(-1, 9)
+    *surface, bend = (_line(values) for values in of_seen)
+    view, projection = _camera(moment, time)
+    place, point, normal, roughness = surface
+    bend, size = bend.view(1, 3, 3, 1, -1), (moment.height, moment.width)
+    found = reflection_covariance(place, point, normal, roughness, view, projection, bend, size)
+    return _spread(usable, _only(seen.hit, _to_rows(found)))
+
+
+def _motion(stage: Timeless, hits: Hits, before: Floats, time: float) -> Floats:
+    """Vectors (R, 2), pixels, from where hits are seen at a time to where the camera of time − 1 sees points (R, 3)."""
+    here = pixel_positions(stage, points_at(stage, hits, time), time)
+    return pixel_positions(stage, before, time - 1) - here
+
+
+def _camera(stage: Timeless, time: float) -> tuple[Tensor, Tensor]:
+    """View and projection (1, 4, 4)."""
+    camera = stage.camera
+    matrices = camera.view(time), camera.projection(stage.width, stage.height)
+    view, projection = (torch.from_numpy(np.ascontiguousarray(matrix))[None] for matrix in matrices)
+    return view, projection
+
+
+def _line(rows: Floats) -> Tensor:
+    """(P, C) → (1, C, 1, P): points of some pixels, as an image of one line."""
+    return torch.from_numpy(np.ascontiguousarray(rows.T))[None, :, None]
+
+
+def _to_rows(image: Tensor) -> Floats:
+    """(1, C, H, W) → (P, C)."""
+    return np.ascontiguousarray(image[0].flatten(1).T.numpy())
+
+
+def _only(rows: Rows, values: Floats) -> Floats:
+    """Values (P, C) with NaN outside of `rows` (P,)."""
+    return np.where(rows[:, None], values, np.nan)
+
+
+def _spread(rows: Rows, values: Floats) -> Floats:
+    """Values (R, C) of the pixels in `rows` (P,) → (P, C), NaN elsewhere."""
+    image = np.full((len(rows), values.shape[1]), np.nan)
+    image[rows] = values
+    return image

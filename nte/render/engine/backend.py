@@ -1,0 +1,172 @@
+"""Which Mitsuba variant to render with, and which LLVM to give it.
+
+Dr.Jit picks up any LLVM it finds, and versions 15 and 16 abort the whole process in the middle of a render
+(«Cannot select … fminimum»), which no `try` can catch. So the version is read from the file before anything
+is loaded, and DRJIT_LIBLLVM_PATH always names a library that we have looked at.
+"""
+
+import gc
+import importlib
+import importlib.metadata
+import mmap
+import multiprocessing
+import os
+import re
+import sys
+import threading
+from collections.abc import Iterable, Iterator
+from contextlib import contextmanager, nullcontext
+from functools import cache
+from pathlib import Path
+
+from nte.errors import NteError, needs_extra
+from nte.interrupt import InterruptFlag
+from nte.render.engine.types import Module
+
+OLDEST_LLVM = 17
+_VARIABLE = "DRJIT_LIBLLVM_PATH"
+_WHEEL = "karellen-llvm-core"
+_LIBRARY_NAMES = ("libLLVM*.so*", "libLLVM*.dylib")
+_SYSTEM_FOLDERS = (
+    "/usr/lib/x86_64-linux-gnu", "/usr/lib/aarch64-linux-gnu", "/usr/lib64", "/usr/lib", "/usr/local/lib",
+    "/usr/lib/llvm-*/lib", "/usr/lib64/llvm*/lib", "/opt/homebrew/opt/llvm*/lib", "/usr/local/opt/llvm*/lib",
+)  # fmt: skip
+
+
+@contextmanager
+def undisturbed() -> Iterator[None]:
+    """No garbage collection within the block, and Ctrl-C at its end only (a second one at once).
+
+    For what Dr.Jit does not survive them in: a scene that is freed in the midst of a recording aborts the process, and
+    an exception there is told as one of its own, or crashes.
+    """
+    interrupted, was_on = InterruptFlag(), gc.isenabled()
+    is_main = threading.current_thread() is threading.main_thread()  # others know no signals
+    gc.disable()
+    try:
+        with interrupted if is_main else nullcontext():
+            yield
+    finally:
+        if was_on:
+            gc.enable()
+    if is_main and interrupted():
+        raise KeyboardInterrupt
+
+
+@cache
+@undisturbed()  # an interrupted import looks like a missing package
+def load_mitsuba() -> Module:
+    """Load the mitsuba module and set its variant: llvm_ad_rgb, or scalar_rgb where no usable LLVM is found.
+
+    Says so in one line on stderr in the second case, which is many times slower. Raises NteError where Mitsuba
+    is not installed, and where an LLVM that crashes is wanted (DRJIT_LIBLLVM_PATH) or already loaded.
+    """
+    library = choose_llvm(os.environ.get(_VARIABLE))
+    if library is not None:
+        os.environ[_VARIABLE] = str(library)
+    try:
+        drjit = importlib.import_module("drjit")
+        mitsuba = importlib.import_module("mitsuba")
+    except ImportError as error:
+        raise needs_extra("render", "rendering", error) from error
+    if library is not None and drjit.has_backend(drjit.JitBackend.LLVM):
+        _check_loaded(drjit.detail.llvm_version(), library)
+        mitsuba.set_variant("llvm_ad_rgb")
+        return mitsuba
+    if multiprocessing.parent_process() is None:  # said once, not by every job
+        why = f"{library} cannot be loaded" if library else f"no LLVM {OLDEST_LLVM} or newer is found"
+        hint = f"to speed it up: pip install {_WHEEL}"
+        print(f"nte: {why}: rendering with scalar_rgb, many times slower; {hint}", file=sys.stderr)
+    mitsuba.set_variant("scalar_rgb")
+    return mitsuba
+
+
+def _check_loaded(version: tuple[int, int, int], library: Path) -> None:
+    """Refuse an LLVM that Dr.Jit has chosen by itself, as it does when it is imported before nte.render."""
+    if version[0] < OLDEST_LLVM:
+        raise NteError(
+            f"LLVM {version[0]}, which crashes Mitsuba, is already loaded: mitsuba was imported before nte.render; "
+            f"set {_VARIABLE}={library} first"
+        )
+
+
+def load_drjit() -> Module:
+    """Load the drjit module, after load_mitsuba has chosen its LLVM."""
+    load_mitsuba()
+    return importlib.import_module("drjit")
+
+
+def is_scalar() -> bool:
+    """Say whether Mitsuba handles one ray at a time instead of whole arrays of them."""
+    return str(load_mitsuba().variant()).startswith("scalar")
+
+
+def check_arrays(key: str) -> None:
+    """Raise NteError where Mitsuba runs without LLVM: what a recipe's `key` asks for works on arrays of rays only."""
+    if is_scalar():
+        raise NteError(f"'{key}' needs Mitsuba's llvm variant: pip install karellen-llvm-core, or leave '{key}' out")
+
+
+def share_cores(jobs: int) -> None:
+    """Leave the other jobs their share of the cores; for processes that render side by side."""
+    if not is_scalar():
+        load_drjit().set_thread_count(max(1, (os.cpu_count() or 1) // jobs))
+
+
+def choose_llvm(given: str | None) -> Path | None:
+    """Choose the LLVM library to use: the user's own, else the wheel's, else the newest usable one of the system.
+
+    given: the value of DRJIT_LIBLLVM_PATH, or None. Returns None if there is no usable library. Raises
+    NteError if the given one does not exist or is too old: a wish is refused, never silently replaced.
+    """
+    if given:
+        path = Path(given)
+        if not path.is_file():
+            raise NteError(f"{_VARIABLE} is {given}: no such file; unset it or name a libLLVM library")
+        version = llvm_version(path)
+        if version is not None and version < OLDEST_LLVM:
+            raise NteError(
+                f"{_VARIABLE} is {given}: LLVM {version} crashes Mitsuba; expected {OLDEST_LLVM} or newer: "
+                f"unset it, and pip install {_WHEEL}"
+            )
+        return path
+    return newest_usable(_wheel_libraries()) or newest_usable(_system_libraries())
+
+
+def newest_usable(candidates: Iterable[Path]) -> Path | None:
+    """Return the candidate with the highest LLVM version of at least OLDEST_LLVM; unknown versions do not count."""
+    versions = {path: llvm_version(path) for path in sorted(candidates)}
+    usable = {path: version for path, version in versions.items() if version and version >= OLDEST_LLVM}
+    return max(usable, key=lambda path: usable[path], default=None)
+
+
+def llvm_version(path: Path) -> int | None:
+    """Read the major version of an LLVM library, from its name, else from its symbol table; None if neither tells.
+
+    Names are libLLVM-15.so.1, libLLVM.so.19.1 or, behind a link, libLLVM.so. The library is not loaded.
+    """
+    for name in (path.name, path.resolve().name):
+        if found := re.search(r"libLLVM-(\d+)", name) or re.search(r"libLLVM\.so\.(\d{2,})", name):
+            return int(found[1])
+    try:
+        with path.open("rb") as file, mmap.mmap(file.fileno(), 0, access=mmap.ACCESS_READ) as content:
+            node = re.search(rb"\0LLVM_(\d+)(?:\.\d+)?\0", content)  # the version of its symbols
+            return int(node[1]) if node else None
+    except (OSError, ValueError):
+        return None
+
+
+def _wheel_libraries() -> list[Path]:
+    """Libraries of the PyPI wheel, which puts them under the environment's data folder."""
+    try:
+        files = importlib.metadata.files(_WHEEL) or []
+    except importlib.metadata.PackageNotFoundError:
+        return []
+    paths = [Path(str(file.locate())) for file in files if file.name.startswith("libLLVM")]
+    return [path.resolve() for path in paths if path.is_file()]
+
+
+def _system_libraries() -> list[Path]:
+    root = Path("/")
+    folders = [folder for pattern in _SYSTEM_FOLDERS for folder in root.glob(pattern.lstrip("/"))]
+    return [path for folder in folders for name in _LIBRARY_NAMES for path in folder.glob(name)]

@@ -1,0 +1,236 @@
+"""A scene in Mitsuba's hands: built once for a clip, and rendered at one time after the other.
+
+    with stage.at(3) as moment:
+        image = radiance(moment, spp=1, seed=0)
+
+There are two stages: of a family's meshes (mesh_stage.py) and of a Mitsuba XML file (xml/stage.py). Passes take the
+moment that a stage hands out, so they cannot run at another time than they think. Their kernels take its scenery,
+which knows no time: what is recorded at one moment is replayed at others.
+"""
+
+import weakref
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import AbstractContextManager, contextmanager
+from dataclasses import dataclass, field
+from functools import cached_property, partial
+from typing import Concatenate, ParamSpec, Protocol, TypeVar
+
+from nte.render.engine.backend import load_drjit, undisturbed
+from nte.render.engine.keys import key_of, key_of_emitter, numbers_by_key, shape_key
+from nte.render.engine.places import Indices, Places
+from nte.render.engine.types import (
+    Emitter,
+    Hit,
+    Integrator,
+    Interaction,
+    Lanes,
+    MitsubaScene,
+    Parameters,
+    Ray,
+    Sensor,
+    Shape,
+)
+from nte.render.world.scene import Camera
+
+Arrays = ParamSpec("Arrays")
+Result = TypeVar("Result")
+
+
+class Timeless(Protocol):
+    """What is the same at all times, or is known for all of them; so of every Stage, Moment and Scenery."""
+
+    @property
+    def camera(self) -> Camera:
+        """Return the camera, with its track over all times."""
+
+    @property
+    def width(self) -> int:
+        """Return the width of images, pixels."""
+
+    @property
+    def height(self) -> int:
+        """Return the height of images, pixels."""
+
+    @property
+    def places(self) -> Places:
+        """Return what says where places on surfaces are, at any time."""
+
+    @property
+    def distant(self) -> float:
+        """Return how far away, in scene units, a point at infinity is put when it has to be a point."""
+
+
+class Stage(Timeless, Protocol):
+    """A scene that can be rendered at any time, one time after the other."""
+
+    def at(self, time: float) -> AbstractContextManager["Moment"]:
+        """Put all that moves where it is at a time in frames, and hand out what passes take.
+
+        Raises RuntimeError where another moment of this stage is open already.
+        """
+
+
+class Moment:
+    """A stage at one time, handed out by `Stage.at`. Raises RuntimeError if it is used after its block.
+
+    time: in frames.
+    """
+
+    def __init__(self, scenery: "Scenery", time: float) -> None:
+        self.time = time
+        self._scenery: Scenery | None = scenery
+
+    @property
+    def scenery(self) -> "Scenery":
+        """Return what kernels read, as it is at this time; not to be kept past the block."""
+        if self._scenery is None:
+            raise RuntimeError(f"the moment at time {self.time} is over: use it within its `with stage.at(…)` block")
+        return self._scenery
+
+    @property
+    def camera(self) -> Camera:
+        """Return the camera, with its track over all times."""
+        return self.scenery.camera
+
+    @property
+    def width(self) -> int:
+        """Return the width of images, pixels."""
+        return self.scenery.width
+
+    @property
+    def height(self) -> int:
+        """Return the height of images, pixels."""
+        return self.scenery.height
+
+    @property
+    def places(self) -> Places:
+        """Return what says where places on surfaces are, at any time."""
+        return self.scenery.places
+
+    @property
+    def distant(self) -> float:
+        """Return how far away, in scene units, a point at infinity is put when it has to be a point."""
+        return self.scenery.distant
+
+    def frozen(self, function: Callable[Concatenate["Scenery", Arrays], Result]) -> Callable[Arrays, Result]:
+        """Return `function` of the scenery and of Dr.Jit arrays as a kernel for this moment: see Scenery.frozen."""
+        return self.scenery.frozen(function)
+
+    def end(self) -> None:
+        """Let go of the stage: what uses this moment from now on raises RuntimeError."""
+        self._scenery = None
+
+
+@dataclass(eq=False, kw_only=True)
+class Scenery:
+    """What the kernels of passes read: a Mitsuba scene as it is now, and what is the same at all times."""
+
+    camera: Camera
+    width: int
+    height: int
+    mi_scene: MitsubaScene
+    sensor: Sensor
+    integrator: Integrator
+    beyond: Integrator  # what light components see beyond the first hit (nte.render.components)
+    shapes: Sequence[Shape]  # in the order of instance numbers, which begin at 1
+    places: Places
+    containers: int  # convex objects that cannot be seen; the channels without noise look past them
+    distant: float  # how far away, in scene units, a point at infinity is put when it has to be a point
+    open_at: float | None = None  # the time of the moment that is open
+    _frozen: dict[Callable[..., object], "_Frozen"] = field(default_factory=dict)
+
+    def frozen(self, function: Callable[Concatenate["Scenery", Arrays], Result]) -> Callable[Arrays, Result]:
+        """Trace `function(scenery, *arrays)` once and from then on replay it: for what every frame of a clip repeats.
+
+        For a path through a room Dr.Jit takes 27 ms to trace it and find its kernel, 0.6 ms to replay it. Whatever
+        varies from frame to frame must be in the Mitsuba scene, or in `arrays`: Dr.Jit arrays, in memory of their own
+        (see to_jit). What `function` gives is queued, not waited for. It must not ask for any array's values.
+        """
+        if function not in self._frozen:
+            scenery = weakref.proxy(self)  # no cycle: a clip's scene goes with its stage
+            traced: Callable[..., Result] = function
+
+            def again(scene: MitsubaScene, sensor: Sensor, beyond: Integrator, *arrays: Lanes) -> Result:
+                return traced(scenery, *arrays)
+
+            # Of `thinlens`, Dr.Jit 1.5.0 is not told all that it holds.
+            self._frozen[function] = load_drjit().freeze(again, enabled=not self.camera.aperture)
+        return undisturbed()(partial(self._replay, function))
+
+    def _replay(self, function: Callable[..., object], *arrays: Lanes) -> Lanes:
+        frozen, scene = self._frozen[function], (self.mi_scene, self.sensor, self.beyond)
+        try:
+            return frozen(*scene, *arrays)
+        except RuntimeError:
+            # Dr.Jit calls what other scenes in the process have too, and does not record what it finds only there, a
+            # medium for instance. Then every frame is traced; what is wrong with the function itself is told there.
+            frozen.enabled = False
+            return frozen(*scene, *arrays)
+
+    @cached_property
+    def instances(self) -> Indices:
+        """Return the table from keys of shapes (shape_key) to instance numbers: index in `shapes` + 1."""
+        return numbers_by_key([key_of(shape) for shape in self.shapes], range(1, 1 + len(self.shapes)))
+
+    @cached_property
+    def lights(self) -> Indices:
+        """Return the table from keys of emitters (emitter_key) to the instance numbers of their shapes, 0 if none."""
+        emitters = self.mi_scene.emitters()
+        return numbers_by_key([key_of_emitter(emitter) for emitter in emitters], map(self.instance_of, emitters))
+
+    def instance_of(self, emitter: Emitter) -> int:
+        """Return the instance number of a light's shape; 0 if it has none."""
+        shape = emitter.get_shape()
+        return int(self.instances[key_of(shape)]) if shape else 0
+
+    def met(self, hit: Hit, ray: Ray) -> list[Lanes]:
+        """Return what a ray meets: the shape's key, and its place there (hits.to_hits makes rows of it)."""
+        return [shape_key(hit.shape), *self.places.columns(hit, ray)]
+
+    def carried(self, hit: Hit) -> Hit:
+        """Return a hit of rays that were traced at another time, as if they were traced now."""
+        return hit
+
+    def albedo(self, si: Interaction, hit: Lanes) -> Lanes:
+        """Return the colour (3,) that the guides show: `principled` gives a metal's as diffuse. Vectorised only."""
+        return si.bsdf().eval_diffuse_reflectance(si, hit)
+
+    def roughness(self, si: Interaction, hit: Lanes) -> Lanes:
+        """Return perceptual roughness in [0, 1]; 1 where the BSDF has none. Vectorised variants only."""
+        bsdf = si.bsdf()
+        known = bsdf.has_attribute("roughness", hit)
+        return load_drjit().select(known, bsdf.eval_attribute_1("roughness", si, hit & known), 1)
+
+
+class _Frozen(Protocol):
+    """A function that Dr.Jit has frozen."""
+
+    enabled: bool
+
+    def __call__(self, *arrays: Lanes) -> Lanes: ...
+
+
+@contextmanager
+def opened(scenery: Scenery, time: float, put: Callable[[float], None]) -> Iterator[Moment]:
+    """Hand out the moment at a time in frames, after `put` has moved the scenery there: how stages make `at`."""
+    if scenery.open_at is not None:
+        raise RuntimeError(
+            f"the stage cannot be at time {time}: its moment at time {scenery.open_at} is still open; leave that first"
+        )
+    scenery.open_at = time
+    moment = Moment(scenery, time)
+    try:
+        put(time)
+        yield moment
+    finally:
+        scenery.open_at = None
+        moment.end()
+
+
+def update(scene: MitsubaScene, parameters: Parameters) -> None:
+    """Make a Mitsuba scene take its changed parameters."""
+    parameters.update()
+    for emitter in scene.emitters():
+        if not emitter.get_shape():
+            # Distant light keeps the extent that the scene had before (3.9.1), on which its points' last bits depend.
+            emitter.set_scene(scene)

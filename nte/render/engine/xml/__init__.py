@@ -1,0 +1,1 @@
+"""A scene from a Mitsuba XML file, as its author wrote it, moved by keyframes."""

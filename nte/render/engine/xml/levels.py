@@ -1,0 +1,84 @@
+"""A scene of two levels: what stands still as one part, and every shape that moves as one of its own.
+
+Mitsuba (3.9.1) builds its acceleration structure anew, over all triangles, whenever anything in it moves. Below a
+level of instances it builds it several times faster, moving is a transform instead of new vertices, and several scenes
+can share all shapes: one for the time of a frame, and one for the time before, which the next frame only has to leave.
+"""
+
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass
+
+from nte.render.engine.backend import load_mitsuba
+from nte.render.engine.types import MitsubaScene, Parameters, Plugin, Shape
+from nte.render.world.transforms import Floats
+
+_SOLIDS = ("Sphere", "Cylinder", "Disk", "Rectangle")
+_STILL, _MOVING = "nte_still", "nte_moving"
+
+
+@dataclass
+class Levels:
+    """One Mitsuba scene over shared shapes, as it is at one time."""
+
+    scene: MitsubaScene
+    still: Shape | None  # the instance of all that stands still, a shape; None if there is nothing
+    moving: Mapping[str, Shape]  # the instances of what moves, by the names of their shapes
+    parameters: Parameters  # mi.traverse of the scene
+    time: float | None = None
+
+    def instances(self) -> list[Shape]:
+        """Return all instances, in an order that is the same in every scene over the same shapes."""
+        return [*self.moving.values(), *([] if self.still is None else [self.still])]
+
+    def move(self, transforms: Mapping[str, Floats], time: float) -> None:
+        """Put the moving shapes where the transforms 4×4 take them from the XML: one rebuild."""
+        mi = load_mitsuba()
+        for name, instance in self.moving.items():
+            parameters = mi.traverse(instance)
+            parameters["to_world"] = mi.Transform4f(transforms[name])
+            parameters.update()
+        self.scene.parameters_changed(["to_world"])
+        self.time = time
+
+
+def can_be_grouped(shape: Shape) -> bool:
+    """Say whether a shape may be part of a shapegroup: no light, sensor, border of a medium or instance."""
+    usual = shape.is_mesh() or shape.class_name() in _SOLIDS
+    media = shape.interior_medium() is not None or shape.exterior_medium() is not None
+    return usual and not media and not shape.is_emitter() and not shape.is_sensor()
+
+
+def levels(scene: MitsubaScene, shapes: Sequence[Shape], moving: Iterable[str], count: int) -> list[Levels]:
+    """Make `count` scenes of two levels out of one; nothing if what moves cannot be grouped, or an instance is there.
+
+    shapes: of the scene. moving: names of shapes. Shapes that cannot be grouped but stand still, and lights, remain
+    where they are.
+    """
+    moving = set(moving)
+    free = [shape for shape in shapes if not can_be_grouped(shape)]
+    if not moving or any(shape.id() in moving or shape.class_name() == "Instance" for shape in free):
+        return []
+    return [_levels(scene, shapes, moving) for _ in range(count)]
+
+
+def _levels(scene: MitsubaScene, shapes: Sequence[Shape], moving: set[str]) -> Levels:
+    mi = load_mitsuba()
+    names = [shape.id() for shape in shapes]
+    still = [shape for shape in shapes if can_be_grouped(shape) and shape.id() not in moving]
+    parts: Plugin = {"type": "scene", "integrator": {"type": "path"}}
+    parts |= {f"sensor_{i}": sensor for i, sensor in enumerate(scene.sensors())}
+    parts |= {f"light_{i}": light for i, light in enumerate(scene.emitters()) if light.get_shape() is None}
+    parts |= {f"free_{i}": shape for i, shape in enumerate(shapes) if not can_be_grouped(shape)}
+    groups = {_STILL: still} if still else {}
+    groups |= {f"{_MOVING}_{i}": [shape] for i, shape in enumerate(shapes) if shape.id() in moving}
+    for name, members in groups.items():
+        parts[f"{name}_group"] = {"type": "shapegroup"} | {f"part_{i}": shape for i, shape in enumerate(members)}
+        parts[name] = {"type": "instance", "group": {"type": "ref", "id": f"{name}_group"}}
+    lights = [light.id() for light in scene.emitters()]
+    made = mi.load_dict(parts, parallel=False, optimize=False)
+    # A dictionary gives what it holds its keys as names.
+    for thing, name in zip([*shapes, *scene.emitters()], [*names, *lights], strict=True):
+        thing.set_id(name)
+    by_name = {shape.id(): shape for shape in made.shapes()}
+    instances = {name: by_name[f"{_MOVING}_{i}"] for i, name in enumerate(names) if name in moving}
+    return Levels(made, by_name.get(_STILL), instances, mi.traverse(made))

@@ -1,0 +1,146 @@
+"""Loading somebody else's scene as it is: nothing in the XML needs a name or a change for nte's sake."""
+
+import os
+from itertools import chain, count
+from pathlib import Path
+
+import numpy as np
+
+from nte.errors import NteError
+from nte.render.engine.backend import load_mitsuba
+from nte.render.engine.types import MitsubaScene, Struct
+from nte.render.world.keyframes import Animation
+
+_Loaded = tuple[MitsubaScene, bool]
+_kept: dict[str, _Loaded] = {}  # at most one: the scene that was loaded to be checked, until it is rendered
+
+
+def load_xml(animation: Animation, keep: bool = False) -> _Loaded:
+    """Load the mi.Scene of an animation's XML, and say whether there are media in it.
+
+    keep: for the next call, which takes it instead of loading it again if the XML and its values are the same. Raises
+    NteError for what Mitsuba does not load, in its own words.
+    """
+    key = repr((animation.xml, os.stat(animation.xml).st_mtime_ns, sorted(animation.values.items())))
+    loaded = _kept.pop(key, None) or _load(animation)
+    forget_scene()
+    if keep:
+        _kept[key] = loaded
+    return loaded
+
+
+def forget_scene() -> None:
+    """Let go of a scene that was kept: others in the process would not be recorded beside it (Scenery.frozen)."""
+    _kept.clear()
+
+
+def _load(animation: Animation) -> _Loaded:
+    mi = load_mitsuba()
+    config = mi.parser.ParserConfig(mi.variant())
+    # Merging shapes of one material would lose their names.
+    config.merge_meshes = config.merge_equivalent = False
+    # One after the other: what other threads still build when one fails outlived the failure, and a later rendering of
+    # a medium in the same process died of it.
+    config.parallel = False
+    usual = mi.file_resolver()
+    beside = mi.FileResolver(usual)  # the XML's own folder first; a <path> in it adds others
+    beside.prepend(str(Path(animation.xml).parent.absolute()))
+    mi.set_file_resolver(beside)
+    try:
+        state = mi.parser.parse_file(config, animation.xml, **animation.values)
+        mi.parser.transform_all(config, state)
+        _drop_unused(state)
+        _name_all(state)
+        _check_transforms(animation.xml, state)
+        media = any(node.type == mi.ObjectType.Medium for node in _used(state))
+        made = mi.parser.instantiate(config, state)
+    except (RuntimeError, TypeError) as error:  # how Mitsuba says that something is wrong with a scene
+        # Where the first line ends in a colon, the second says what it is about.
+        first, *more = (line.strip() for line in str(error).strip().splitlines())
+        text = f"{first} {more[0]}" if more and first.endswith(":") else first
+        raise NteError(f"{animation.xml}: {text.partition('] ')[2] if text.startswith('[') else text}") from error
+    finally:
+        mi.set_file_resolver(usual)
+    scene = made[0] if isinstance(made, list) else made
+    if not isinstance(scene, mi.Scene):
+        raise NteError(f"{animation.xml}: holds no <scene>: expected a Mitsuba scene")
+    return scene, media
+
+
+def _drop_unused(state: Struct) -> None:
+    """Take out of the parsed XML what nte does not use: plugins that this Mitsuba has not, or has no more, are no
+    obstacle there.
+
+    That is integrators and samplers, of films all but the size, on which a field of view may depend, sensors beside
+    the first, those that are shapes, and materials, textures and media that no shape or light refers to.
+    """
+    kinds = load_mitsuba().ObjectType
+    sensors = 0
+    for node in state.nodes:
+        for key, child in _children(state, node):
+            unused = child.type in (kinds.Integrator, kinds.Sampler)
+            if node.type == kinds.Shape:
+                unused = child.type == kinds.Sensor
+            elif node.type == kinds.Scene:
+                sensors += child.type == kinds.Sensor
+                unused = child.type not in (kinds.Shape, kinds.Emitter, kinds.Sensor)
+                unused |= child.type == kinds.Sensor and sensors > 1
+            if unused:
+                del node.props[key]
+            elif child.type == kinds.Film:
+                _plain_film(child)
+
+
+def _plain_film(film: Struct) -> None:
+    """Make a film of any kind a plugin that there is, of the same size."""
+    film.props.set_plugin_name("hdrfilm")
+    for key in [key for key in film.props.keys() if key not in ("width", "height")]:  # noqa: SIM118
+        del film.props[key]
+
+
+def _used(state: Struct) -> list[Struct]:
+    """The nodes that the scene still refers to, through others or by itself."""
+    found: dict[int, Struct] = {}
+    ahead = [state.root]
+    while ahead:
+        fresh = {id(child): child for _, child in _children(state, ahead.pop()) if id(child) not in found}
+        found |= fresh
+        ahead += fresh.values()
+    return list(found.values())
+
+
+def _name_all(state: Struct) -> None:
+    """Give shapes and lights of the scene that have no id one: the name of its file, else its kind; the second of
+    a name gets _2. So the XML needs no editing."""
+    mi = load_mitsuba()
+    taken = {node.props.id() for node in state.nodes}
+    for _, node in _children(state, state.root):
+        if node.type in (mi.ObjectType.Shape, mi.ObjectType.Emitter) and not node.props.id():
+            is_file = node.type == mi.ObjectType.Shape and "filename" in node.props
+            name = Path(node.props["filename"]).stem if is_file else str(node.props.plugin_name())
+            name = name.replace(".", "_")  # dots separate the names of Mitsuba's parameters
+            chosen = next(n for n in chain([name], (f"{name}_{i}" for i in count(2))) if n not in taken)
+            node.props.set_id(chosen)
+            taken.add(chosen)
+
+
+def _check_transforms(xml: str, state: Struct) -> None:
+    """Raise NteError for a shape or camera that is flattened to nothing, of which Mitsuba would make NaN."""
+    mi = load_mitsuba()
+    for node in state.nodes:
+        if node.type in (mi.ObjectType.Shape, mi.ObjectType.Sensor) and "to_world" in node.props:
+            turn = np.array(node.props["to_world"].matrix, float).reshape(4, 4)[:3, :3]
+            if not np.isfinite(turn).all() or abs(np.linalg.det(turn)) <= 1e-9 * np.linalg.norm(turn) ** 3:
+                name = node.props.id() or node.props.plugin_name()
+                raise NteError(f"{xml}: the to_world of '{name}' is singular: expected no scale of 0")
+
+
+def _children(state: Struct, node: Struct) -> list[tuple[str, Struct]]:
+    """The nodes that a node of the parsed XML refers to, by the names of its properties.
+
+    Only those are read: Mitsuba takes a property that was read for one that is known, and would not name one that is
+    misspelt.
+    """
+    reference = load_mitsuba().Properties.Type.ResolvedReference
+    keys = [key for key in node.props.keys() if node.props.type(key) == reference]  # noqa: SIM118
+    return [(key, state.nodes[node.props[key].index()]) for key in keys]

@@ -1,0 +1,119 @@
+"""The noise-free channels: what each pixel sees, and where that was and will be.
+
+Of two kinds. Geometry (depth, position, instance, motion) belongs to the one point at the pixel's centre,
+because averages across an edge mean nothing. Surface (albedo, normal, roughness, emission) is the mean over
+the pixel and over the lens, like the colour that it guides.
+"""
+
+from collections.abc import Sequence
+
+import numpy as np
+import numpy.typing as npt
+
+from nte.render.engine.stage import Moment, Timeless
+from nte.render.passes.hits import Hits, points_at
+from nte.render.passes.projection import pixel_positions
+from nte.render.passes.rays import Surfaces, trace_centres, trace_surfaces
+from nte.render.world.scene import Pixels
+from nte.render.world.transforms import Floats
+
+SAMPLES = 16  # per pixel, for the mean channels
+LENS_SAMPLES = 64  # the same through a lens: what is out of focus is that many copies of it
+
+
+def guides(moment: Moment) -> dict[str, Pixels]:
+    """Render the channels (C, H, W) without noise: those of `surface` and `geometry`."""
+    return {**surface(moment), **geometry(moment)}
+
+
+def geometry(moment: Moment, hits: Hits | None = None) -> dict[str, Pixels]:
+    """Render depth, position, instance, motion and forward_motion (C, H, W).
+
+    motion leads to where the same surface point was seen a frame before, forward_motion to where it will be a
+    frame later: pixels, x to the right, y down, object and camera motion together, no jitter. A miss is a point
+    at infinity: only the camera's rotation moves it. hits: those of the pixels' centres at this moment; traced unless
+    given.
+    """
+    hits, time = trace_centres(moment) if hits is None else hits, moment.time
+    hit = hits.instance > 0
+    times = (time - 1, time, time + 1)
+    points = np.stack([points_at(moment, hits, then) for then in times])
+    before, here, after = project_rows(moment, hit, points, times)
+    now, view = points[1], moment.camera.view(time)
+    return {
+        "depth": to_image(moment, np.where(hit, now @ view[2, :3] + view[2, 3], 0)),
+        "position": to_image(moment, np.where(hit[:, None], now, 0)),
+        "instance": to_image(moment, hits.instance),
+        "motion": to_image(moment, before - here),
+        "forward_motion": to_image(moment, after - here),
+    }
+
+
+def surface(moment: Moment) -> dict[str, Pixels]:
+    """Render albedo, normal, roughness and emission (C, H, W): means over 16 samples in each pixel, 64 through a lens.
+
+    albedo: diffuse reflectance, or a metal's specular colour, in [0, 1]. normal: shading normal, world, facing
+    the camera, unit length. Samples that miss have albedo 0 and count neither for normal nor for roughness;
+    a pixel of misses has normal 0 and roughness 1.
+    """
+    return surface_of(moment, trace_surfaces(moment, pattern(moment)))
+
+
+def surface_of(timeless: Timeless, seen: Surfaces) -> dict[str, Pixels]:
+    """Turn what its `pattern` has seen into the channels of `surface`; with lobes, two more.
+
+    diffuse_albedo: ∫ f_d cos θ dω of the diffuse lobe f_d, in [0, 1]; geometric_normal: that of the surface without
+    normal maps and interpolation, world, facing the camera, unit length.
+    """
+    samples = len(pattern(timeless))
+    channels = {
+        "albedo": to_image(timeless, np.clip(seen.albedo / samples, 0, 1)),
+        "normal": to_image(timeless, _unit(seen.normal)),
+        "roughness": to_image(timeless, np.where(seen.hit > 0, seen.roughness / np.maximum(seen.hit, 1), 1)),
+        "emission": to_image(timeless, seen.emission / samples),
+    }
+    if seen.diffuse_albedo is not None and seen.geometric_normal is not None:
+        channels["diffuse_albedo"] = to_image(timeless, np.clip(seen.diffuse_albedo / samples, 0, 1))
+        channels["geometric_normal"] = to_image(timeless, _unit(seen.geometric_normal))
+    return channels
+
+
+def _unit(rows: Floats) -> Floats:
+    """Rows (P, 3) of length 1; 0 stays 0."""
+    length = np.linalg.norm(rows, axis=1, keepdims=True)
+    return np.asarray(np.divide(rows, length, where=length > 0, out=np.zeros_like(rows)))
+
+
+def project_rows(timeless: Timeless, hit: npt.NDArray[np.bool_], points: Floats, times: Sequence[float]) -> Floats:
+    """Project `points` (T, P, 3) to pixel positions (T, P, 2), as the camera sees them at `times` in frames.
+
+    What lies behind the camera counts as far outside the image: motion vectors are always finite.
+    """
+    behind = -2.0 * max(timeless.height, timeless.width)
+    positions = (pixel_positions(timeless, then, time, hit) for then, time in zip(points, times, strict=True))
+    return np.stack([np.nan_to_num(position, nan=behind) for position in positions])
+
+
+def pattern(timeless: Timeless) -> Floats:
+    """Return sample positions (S, 4) in a pixel and on the lens: a Hammersley set, the same in every pixel and frame.
+
+    All x and all y differ, so an edge of any slope is averaged finely, and the guides do not flicker.
+    """
+    count = LENS_SAMPLES if timeless.camera.aperture else SAMPLES
+    index = np.arange(count)
+    return np.stack([(index + 0.5) / count, *(_mirrored(index, base, count) for base in (2, 3, 5))], axis=1)
+
+
+def _mirrored(index: npt.NDArray[np.int64], base: int, count: int) -> Floats:
+    """The radical inverse of whole numbers below `count`, (N,), in the middles of its steps, in [0, 1)."""
+    total, scale, rest = np.zeros(len(index)), 1.0, index.copy()
+    while scale * count > 1:
+        scale /= base
+        total += rest % base * scale
+        rest //= base
+    return np.asarray(total + scale / 2)
+
+
+def to_image(timeless: Timeless, rows: npt.NDArray[np.generic]) -> Pixels:
+    """Turn one row per pixel, (P,) or (P, C), into an image (C, H, W) float32."""
+    return np.ascontiguousarray(rows.reshape(timeless.height, timeless.width, -1).transpose(2, 0, 1), np.float32)

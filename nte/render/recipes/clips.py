@@ -1,0 +1,161 @@
+"""Rendering a recipe into clips: resumable, in any order, on any number of processes."""
+
+from collections.abc import Callable
+from pathlib import Path
+
+from nte.files import make_folder, only_writer, remove
+from nte.frames.channels import channels_of
+from nte.frames.clip import write_clip_info, write_frame
+from nte.progress import Progress
+from nte.render.components.frame import noisy, references
+from nte.render.engine.backend import check_arrays, load_mitsuba
+from nte.render.engine.stage import Stage
+from nte.render.passes.gbuffer import guides
+from nte.render.passes.radiance import radiance
+from nte.render.passes.shutter import blurred, centre_motion
+from nte.render.recipes.jobs import in_processes, on_cluster
+from nte.render.recipes.output import claim, files_of, is_whole, remove_leftovers
+from nte.render.recipes.recipe import ClipPlan, make_stage, plan, read_recipe
+from nte.render.world.scene import Pixels
+from nte.render.world.seeds import derive_seed
+from nte.version import __version__
+
+FPS = 24
+Channels = dict[str, Pixels]
+GUIDES = (
+    "albedo", "normal", "roughness", "emission", "depth", "position", "instance", "motion", "forward_motion",
+)  # fmt: skip
+REFERENCES = ("reference_a", "reference_b")
+COMPONENTS = channels_of("components", noisy=True)
+SHUTTER_CHANNELS = channels_of("shutter", noisy=True)
+COMPONENT_REFERENCES = channels_of("components", noisy=False)
+
+
+def render_recipe(
+    recipe_path: Path | str,
+    out: Path | str,
+    jobs: int = 1,
+    force: bool = False,
+    progress: bool = True,
+    scheduler: str | None = None,
+) -> list[Path]:
+    """Render every clip of a recipe below `out`; returns the clips' folders.
+
+    Continues where an earlier run stopped: whole frames are kept, and the result has the same bytes for any
+    number of jobs, workers and interruptions. jobs: processes; one uses all cores already. force: see output.claim.
+    progress: tell it on stderr. scheduler: address of a Dask cluster that is to do it instead, whose workers see
+    `out` (jobs.on_cluster). Raises NteError for a faulty recipe, a folder that is not ours, a full disk.
+    """
+    out, folder = Path(out), Path(recipe_path).parent
+    load_mitsuba()  # before anything is read or written: it may be missing
+    recipe = read_recipe(Path(recipe_path))
+    plans = plan(recipe, folder)
+    for key in ("components", "shutter", "unshadowed"):
+        if any(getattr(unit.group, key) for unit in plans):
+            check_arrays(key)
+    with only_writer(out), Progress("render", sum(p.group.frames for p in plans), "frame", progress) as told:
+        claim(out, recipe, force, folder)
+
+        def done(unit: ClipPlan) -> None:
+            told.advance(unit.group.frames)
+            told.say(unit.folder)
+
+        if scheduler is not None:
+            on_cluster(render_clip, plans, out, scheduler, done)
+        elif jobs > 1:
+            in_processes(render_clip, plans, out, jobs, done)
+        else:
+            for unit in plans:
+                render_clip(unit, out, told.advance)
+                told.say(unit.folder)
+    return [out / p.folder for p in plans]
+
+
+def render_clip(unit: ClipPlan, out: Path, advance: Callable[[int], None] = lambda frames: None) -> None:
+    """Render what is missing of one clip; clip.json comes last. advance(1) is called after each frame."""
+    group, folder = unit.group, out / unit.folder
+    missing = [index for index in range(group.frames) if not _is_done(unit, folder, index)]
+    advance(group.frames - len(missing))
+    if not missing and (folder / "clip.json").is_file():
+        return
+    make_folder(folder)
+    remove(folder / "clip.json")  # the clip is not finished, so nothing may say it is
+    stage = make_stage(unit)
+    for index in missing:
+        _render_frame(unit, stage, folder, index)
+        advance(1)
+    remove_leftovers(folder)
+    write_clip_info(folder, _info(unit, stage))
+
+
+def _render_frame(unit: ClipPlan, stage: Stage, folder: Path, index: int) -> None:
+    """Write the files of one frame; those of further seeds first, so that the main file completes it."""
+    render = _with_components if unit.group.components else _blurred if unit.blurred else _colour_only
+    channels, seeds = render(unit, stage, index)
+    files = files_of(folder, index, unit.group.seeds)
+    for path, noisy_channels in reversed(list(zip(files, seeds, strict=True))):
+        write_frame(path, channels | noisy_channels if path == files[0] else noisy_channels)
+
+
+def _colour_only(unit: ClipPlan, stage: Stage, index: int) -> tuple[Channels, list[Channels]]:
+    """Guides and references, and the noisy channels of each seed."""
+    group = unit.group
+    with stage.at(index) as moment:
+
+        def render(channel: str, spp: int, seed: int = 0) -> Pixels:
+            return radiance(moment, spp, _seed(unit, index, channel, seed))
+
+        channels = guides(moment)
+        motion = {"shutter_motion": centre_motion(moment, group.shutter)} if unit.sharp else {}
+        seeds = [{"color": render("color", group.spp, seed), **motion} for seed in range(group.seeds)]
+        channels.update({half: render(half, group.reference_spp // 2) for half in REFERENCES})
+    return channels, seeds
+
+
+def _blurred(unit: ClipPlan, stage: Stage, index: int) -> tuple[Channels, list[Channels]]:
+    """Guides, references and noisy channels, with the samples of a pixel spread over the shutter."""
+    with stage.at(index) as moment:
+        channels = guides(moment)
+    keys = [_seed(unit, index, "color", seed) for seed in range(unit.group.seeds)]
+    halves = [_seed(unit, index, half, 0) for half in REFERENCES]
+    seeds, references = blurred(stage, index, unit.group.shutter, unit.group.reference_spp, keys, halves)
+    channels.update(zip(REFERENCES, references, strict=True))
+    return channels, seeds
+
+
+def _with_components(unit: ClipPlan, stage: Stage, index: int) -> tuple[Channels, list[Channels]]:
+    """Guides, references and noisy channels, with the light components and their references, and `direct`."""
+    keys = [_seed(unit, index, "color", seed) for seed in range(unit.group.seeds)]
+    channels, seeds = noisy(stage, index, keys)
+    first, second = (_seed(unit, index, half, 0) for half in REFERENCES)
+    with stage.at(index) as moment:
+        channels.update(references(moment, unit.group.reference_spp, (first, second)))
+    return channels, seeds
+
+
+def _seed(unit: ClipPlan, index: int, channel: str, seed: int) -> int:
+    return derive_seed(unit.seed, unit.name, index, channel, seed)
+
+
+def _is_done(unit: ClipPlan, folder: Path, index: int) -> bool:
+    main, *others = files_of(folder, index, unit.group.seeds)
+    more = unit.group.components
+    over_shutter = SHUTTER_CHANNELS if unit.blurred else ("shutter_motion",) if unit.sharp else ()
+    per_seed = ("color", *over_shutter, *(COMPONENTS if more else ()))
+    once = (*GUIDES, *REFERENCES, *(COMPONENT_REFERENCES if more else ()))
+    return is_whole(main, (*once, *per_seed), unit) and all(is_whole(path, per_seed, unit) for path in others)
+
+
+def _info(unit: ClipPlan, stage: Stage) -> dict[str, object]:
+    """What clip.json says. No time, host or path: the same recipe gives the same bytes."""
+    group, camera = unit.group, stage.camera
+    projection = camera.projection(group.width, group.height).tolist()
+    return {
+        "width": group.width, "height": group.height, "frames": group.frames, "fps": FPS,
+        "spp": group.spp, "seeds": group.seeds, "reference_spp": group.reference_spp,
+        "clean_guides": True,
+        **({"shutter": group.shutter} if group.shutter else {}),
+        "cameras": [{"view": camera.view(i).tolist(), "projection": projection} for i in range(group.frames)],
+        "origin": {"generator": "nte render", "version": __version__, "recipe": unit.recipe,
+                   "seed": unit.seed, "clip": unit.name},
+    }  # fmt: skip

@@ -1,0 +1,228 @@
+"""Recipes: a YAML file that says which clips to render, and everything random in them by one seed."""
+
+from collections import Counter
+from dataclasses import dataclass, field, replace
+from hashlib import sha256
+from pathlib import Path
+from typing import Any
+
+from omegaconf import MISSING
+
+from nte.config import load_config, to_yaml
+from nte.errors import NteError
+from nte.render.engine.backend import check_arrays
+from nte.render.engine.mesh_stage import MeshStage
+from nte.render.engine.stage import Stage
+from nte.render.engine.xml.stage import XmlStage, check_scene
+from nte.render.passes.shutter import SUBFRAMES
+from nte.render.passes.unshadowed import unshadowed_integrator
+from nte.render.scenes.families import FAMILIES
+from nte.render.world.keyframes import read_animation
+from nte.render.world.scene import Scene
+from nte.render.world.seeds import derive_generator
+from nte.version import __version__
+
+SPLITS = ("train", "test")
+START = "start"  # the one parameter of somebody's own scene: the animation's frame to begin with
+SHARP = "sharp"  # folder of the sharp twins
+_AT_LEAST = {
+    "clips": 0, "width": 1, "height": 1, "frames": 1, "spp": 1, "seeds": 1, "reference_spp": 2, "max_depth": 2,
+}  # fmt: skip
+_TOO_MUCH = 2**31  # for the renderer's integers
+
+
+@dataclass
+class Group:
+    """Clips of one kind."""
+
+    scene: str = "rooms"  # family of scenes, or a YAML file with an animated XML scene (docs/own_scenes.md)
+    parameters: dict[str, Any] = field(default_factory=dict)  # of the family, by name; datasets/SCENES.md lists them
+    clips: int = MISSING
+    width: int = 128  # pixels
+    height: int = 128
+    frames: int = 8
+    spp: int = 1  # samples per pixel of `color`, per seed
+    seeds: int = 1  # independent noise seeds of `color`
+    reference_spp: int = 256  # of both halves together
+    components: bool = False  # light separated into components, and shadow and reflection vectors
+    shutter: float = 0.0  # open share of the frame, in [0, 1]; above 0 frames are blurred, and sharp/ has them sharp
+    unshadowed: bool = False  # shading without noise: diffuse light of the first hit, without shadows
+    max_depth: int = 4  # path segments: 1 sees lights only, 2 direct light, 3 one bounce of indirect light
+    # (a scene with a medium, where light bends often, asks for more by itself)
+
+
+@dataclass
+class Recipe:
+    """A data set. Clips of `train` and `test` are never of the same scene."""
+
+    name: str = MISSING
+    seed: int = 0
+    train: list[Group] = field(default_factory=list)
+    test: list[Group] = field(default_factory=list)
+
+
+@dataclass(frozen=True)
+class ClipPlan:
+    """One clip to render: a unit that depends on nothing but what is written here."""
+
+    recipe: str
+    seed: int
+    split: str
+    number: int  # among the clips of its family in its split
+    group: Group
+    sharp: bool = False  # the sharp twin of a blurred clip
+    animation: Path | None = None  # of somebody else's scene, in place of a family
+    start: int = 0  # the animation's frame that is the clip's first
+
+    @property
+    def name(self) -> str:
+        """train/rooms_003: what the clip's randomness is derived from; a sharp twin has that of the blurred clip."""
+        return f"{self.split}/{_scene_name(self.group)}_{self.number:03d}"
+
+    @property
+    def folder(self) -> str:
+        """train/rooms_003 or sharp/train/rooms_003: in the output. Apart, so that no split mixes the two kinds."""
+        return f"{SHARP}/{self.name}" if self.sharp else self.name
+
+    @property
+    def blurred(self) -> bool:
+        """Whether the samples of a frame are spread over the shutter."""
+        return self.group.shutter > 0 and not self.sharp
+
+
+def make_stage(unit: ClipPlan) -> Stage:
+    """Build the scene of a clip in Mitsuba: the same whenever and wherever it is asked for."""
+    group = unit.group
+    how = group.width, group.height, group.max_depth, unshadowed_integrator() if group.unshadowed else None
+    if unit.animation is not None:
+        return XmlStage(read_animation(unit.animation), *how, unit.start)
+    return MeshStage(make_scene(unit), *how)
+
+
+def make_scene(unit: ClipPlan) -> Scene:
+    """Make the scene of a clip of a family."""
+    rng = derive_generator(unit.seed, unit.name, "scene")
+    return FAMILIES[unit.group.scene](rng, unit.split, unit.group.parameters)
+
+
+def read_recipe(path: Path) -> Recipe:
+    """Read and check a recipe. Raises NteError that names the file and the key, with what was expected."""
+    recipe = load_config(Recipe, path)
+    if not recipe.train and not recipe.test:
+        raise NteError(f"{path}: neither 'train' nor 'test' has a group of clips: expected at least one")
+    for split in SPLITS:
+        for number, group in enumerate(getattr(recipe, split)):
+            _check(f"{path}: {split}[{number}]", group, path.parent)
+    return recipe
+
+
+def recipe_text(recipe: Recipe, folder: Path = Path()) -> str:
+    """The recipe with every default written out, and what renders it: equal texts give equal clips.
+
+    folder: of the recipe's file. Of somebody's own scene there is the digest of its XML and its keyframes; meshes and
+    textures are not looked into.
+    """
+    lines = [f"# Rendered by nte {__version__} with these settings."]
+    for scene in sorted({group.scene for split in SPLITS for group in getattr(recipe, split) if is_own(group)}):
+        animation = read_animation(folder / scene)
+        content = (folder / scene).read_bytes() + Path(animation.xml).read_bytes()
+        lines.append(f"# {scene}: {sha256(content).hexdigest()[:16]}")
+    return "\n".join([*lines, to_yaml(recipe)])
+
+
+def plan(recipe: Recipe, folder: Path = Path()) -> list[ClipPlan]:
+    """The clips of a recipe, in order; each blurred one is followed by its sharp twin. folder: of the recipe's file.
+
+    Clips of one animation follow each other in it, frame after frame, training before test.
+    """
+    plans, frames = [], Counter[Path]()
+    for split in SPLITS:
+        count = Counter[str]()
+        for group in getattr(recipe, split):
+            animation = (folder / group.scene).absolute() if is_own(group) else None
+            for _ in range(group.clips):
+                start = frames[animation] + group.parameters.get(START, 0) if animation else 0
+                number = count[_scene_name(group)]
+                unit = ClipPlan(recipe.name, recipe.seed, split, number, group, animation=animation, start=start)
+                plans += [unit, replace(unit, sharp=True)] if unit.blurred else [unit]
+                count[_scene_name(group)] += 1
+                if animation:
+                    frames[animation] += group.frames
+    return plans
+
+
+def is_own(group: Group) -> bool:
+    """Whether the scene is somebody's own: a file, not a family."""
+    return Path(group.scene).suffix in (".yaml", ".yml")
+
+
+def _scene_name(group: Group) -> str:
+    return Path(group.scene).stem if is_own(group) else group.scene
+
+
+def _check_own(where: str, group: Group, folder: Path) -> None:
+    """Raise NteError for an animation, or a scene, that cannot be rendered."""
+    path = folder / group.scene
+    if not path.is_file():
+        raise NteError(f"{where}.scene: {path} is no file")
+    unknown = [name for name in group.parameters if name != START]
+    if unknown or type(group.parameters.get(START, 0)) is not int:
+        raise NteError(f"{where}.parameters: expected nothing but '{START}', a whole number, for somebody's own scene")
+    check_arrays(f"the scene {group.scene}")
+    check_scene(read_animation(path), group.components)
+
+
+def _check(where: str, group: Group, folder: Path) -> None:
+    if not is_own(group):
+        _check_family(where, group)
+    for key, least in _AT_LEAST.items():
+        if (value := getattr(group, key)) < least:
+            raise NteError(f"{where}.{key} is {value}: expected at least {least}")
+        if value >= _TOO_MUCH:
+            raise NteError(f"{where}.{key} is {value}: expected less than {_TOO_MUCH}")
+    if group.components and group.unshadowed:
+        raise NteError(f"{where}.unshadowed is true: expected false with components, which are those of a whole path")
+    _check_shutter(where, group)
+    if group.components and group.spp != 1:
+        raise NteError(
+            f"{where}.spp is {group.spp}: expected 1 with components (vectors have no mean): use seeds for more"
+        )
+    if group.reference_spp % 2:
+        raise NteError(f"{where}.reference_spp is {group.reference_spp}: expected an even number (two halves)")
+    if is_own(group):
+        _check_own(where, group, folder)
+
+
+def _check_family(where: str, group: Group) -> None:
+    if group.scene not in FAMILIES:
+        raise NteError(
+            f"{where}.scene is '{group.scene}': expected one of {', '.join(FAMILIES)}, or a YAML file with a scene of "
+            "your own"
+        )
+    try:
+        FAMILIES[group.scene].read(group.parameters)
+    except NteError as error:
+        raise NteError(f"{where}.parameters: scene '{group.scene}': {error}") from error
+    if FAMILIES[group.scene].media:
+        if group.components:
+            raise NteError(
+                f"{where}.components is true: light in the medium of '{group.scene}' has no components: expected false"
+            )
+        if group.unshadowed:
+            raise NteError(f"{where}.unshadowed is true: the medium of '{group.scene}' has no surface: expected false")
+
+
+def _check_shutter(where: str, group: Group) -> None:
+    if not 0 <= group.shutter <= 1:
+        raise NteError(f"{where}.shutter is {group.shutter}: expected the open share of the frame, in [0, 1]")
+    if not group.shutter:
+        return
+    if group.components:
+        raise NteError(f"{where}.components is true: expected false with a shutter: its frames have no components")
+    if group.spp != 1:
+        raise NteError(f"{where}.spp is {group.spp}: expected 1 with a shutter (a sample has one time): use seeds")
+    if group.reference_spp % (2 * SUBFRAMES):
+        raise NteError(
+            f"{where}.reference_spp is {group.reference_spp}: expected a multiple of {2 * SUBFRAMES} with a shutter "
+            f"({SUBFRAMES} sub-frames in each half)"
+        )

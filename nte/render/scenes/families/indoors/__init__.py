@@ -1,0 +1,1 @@
+"""Families of furnished rooms and halls."""

@@ -1,0 +1,1 @@
+"""Families under an open sky."""

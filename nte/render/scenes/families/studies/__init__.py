@@ -1,0 +1,1 @@
+"""Families on a small stage, each for one effect that denoisers are judged on."""

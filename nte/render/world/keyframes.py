@@ -1,0 +1,171 @@
+"""Keyframes: a YAML file that says which XML scene is animated, and how its shapes, lights and camera move.
+
+docs/own_scenes.md is its user's page.
+"""
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, field
+from itertools import pairwise
+from pathlib import Path
+
+import numpy as np
+from omegaconf import MISSING
+
+from nte.config import load_config
+from nte.errors import NteError
+from nte.render.world.transforms import Floats, Track, look_at, rotation, translation
+
+INTERPOLATIONS = ("linear", "smooth")
+_TRIES = 33  # places on the way between two keyframes
+
+
+@dataclass
+class Key:
+    """Where something is in a frame, beside its place in the XML: scaled, turned, then moved."""
+
+    frame: float = MISSING
+    translate: list[float] = field(default_factory=lambda: [0.0, 0.0, 0.0])  # scene units
+    rotate: list[float] = field(default_factory=lambda: [0.0, 0.0, 0.0])  # degrees about x, then y, then z
+    scale: list[float] = field(default_factory=lambda: [1.0, 1.0, 1.0])
+    pivot: list[float] = field(default_factory=lambda: [0.0, 0.0, 0.0])  # world point that turning and scaling keep
+    brightness: float = 1.0  # of a light, times what the XML says
+
+
+@dataclass
+class CameraKey:
+    """Where the camera is in a frame, and what it looks at; world space, scene units."""
+
+    frame: float = MISSING
+    origin: list[float] = MISSING
+    target: list[float] = MISSING
+    up: list[float] = field(default_factory=lambda: [0.0, 1.0, 0.0])
+
+
+@dataclass
+class Animation:
+    """An XML scene and its motion."""
+
+    xml: str = MISSING  # path, from the file that says it
+    values: dict[str, str] = field(default_factory=dict)  # of the XML's <default> entries, by name
+    interpolation: str = "linear"  # between keyframes; smooth: without a jump of speed at them
+    objects: dict[str, list[Key]] = field(default_factory=dict)  # by the id of a shape
+    lights: dict[str, list[Key]] = field(default_factory=dict)  # by the id of an emitter that is no shape
+    camera: list[CameraKey] = field(default_factory=list)  # nothing: it stays where the XML has it
+
+
+def read_animation(path: Path) -> Animation:
+    """Read and check an animation; `xml` becomes a path that can be opened. Raises NteError naming the key."""
+    animation = load_config(Animation, path)
+    if animation.interpolation not in INTERPOLATIONS:
+        choices = ", ".join(INTERPOLATIONS)
+        raise NteError(f"{path}: interpolation is '{animation.interpolation}': expected one of {choices}")
+    for kind in ("objects", "lights"):
+        for name, keys in getattr(animation, kind).items():
+            _check_keys(f"{path}: {kind}.{name}", keys, ("translate", "rotate", "scale", "pivot"))
+            _check_scales(f"{path}: {kind}.{name}", keys, animation.interpolation)
+            for number, key in enumerate(keys):
+                if not 0 <= key.brightness < np.inf:
+                    where = f"{path}: {kind}.{name}[{number}]"
+                    raise NteError(f"{where}.brightness is {key.brightness}: expected a number of at least 0")
+    if animation.camera:
+        _check_keys(f"{path}: camera", animation.camera, ("origin", "target", "up"))
+        for number, view in enumerate(animation.camera):
+            forward = np.subtract(view.target, view.origin)
+            if np.linalg.norm(np.cross(forward, view.up)) < 1e-9 * max(1.0, float(np.linalg.norm(forward))):
+                raise NteError(f"{path}: camera[{number}]: origin, target and up lie on one line")
+    xml = path.parent / animation.xml
+    if not xml.is_file():
+        raise NteError(f"{path}: xml: {xml} is no file")
+    animation.xml = str(xml)
+    return animation
+
+
+def moves(keys: Sequence[Key]) -> bool:
+    """Whether any keyframe puts the object elsewhere than the XML does."""
+    return any(any(key.translate) or any(key.rotate) or {*key.scale} != {1} for key in keys)
+
+
+def object_track(keys: Sequence[Key], interpolation: str) -> Track:
+    """The transform, 4×4, that keyframes add to a place in the XML, at a time in frames."""
+    move, turn, size, pivot = (
+        _curve([key.frame for key in keys], [getattr(key, name) for key in keys], interpolation)
+        for name in ("translate", "rotate", "scale", "pivot")
+    )
+
+    def track(time: float) -> Floats:
+        x, y, z = np.radians(turn(time))
+        about = pivot(time)
+        turned = rotation((0, 0, 1), z) @ rotation((0, 1, 0), y) @ rotation((1, 0, 0), x)
+        around = translation(about) @ turned @ np.diag([*size(time), 1.0]) @ translation(-about)
+        return np.asarray(translation(move(time)) @ around)
+
+    return track
+
+
+def brightness_curve(keys: Sequence[Key], interpolation: str) -> Callable[[float], float] | None:
+    """Times what a light in the XML sends out, at a time in frames; None if no keyframe changes it."""
+    if all(key.brightness == 1 for key in keys):
+        return None
+    curve = _curve([key.frame for key in keys], [[key.brightness] for key in keys], interpolation)
+    return lambda time: max(0.0, float(curve(time)[0]))  # a smooth curve may swing below its keyframes
+
+
+def camera_track(keys: Sequence[CameraKey], interpolation: str) -> Track:
+    """Camera → world, 4×4, at a time in frames."""
+    origin, target, up = (
+        _curve([key.frame for key in keys], [getattr(key, name) for key in keys], interpolation)
+        for name in ("origin", "target", "up")
+    )
+    return lambda time: look_at(origin(time), target(time), up(time))
+
+
+def _curve(frames: Sequence[float], values: Sequence[Sequence[float]], kind: str) -> Callable[[float], Floats]:
+    """Values (K,) at a time: through the keyframes, before the first and after the last as there."""
+    at, points = np.asarray(frames, float), np.asarray(values, float)
+    if len(at) == 1:
+        return lambda time: points[0]
+    chords = np.diff(points, axis=0) / np.diff(at)[:, None]
+    # Catmull-Rom slopes, for keyframes at any distance; at rest at both ends, as it is beyond them.
+    slopes = np.zeros_like(points)
+    slopes[1:-1] = (points[2:] - points[:-2]) / (at[2:] - at[:-2])[:, None]
+
+    def curve(time: float) -> Floats:
+        now = min(max(time, at[0]), at[-1])
+        i = min(int(np.searchsorted(at, now, side="right")) - 1, len(at) - 2)
+        width = at[i + 1] - at[i]
+        t = (now - at[i]) / width
+        if kind == "linear":
+            return np.asarray(points[i] + chords[i] * (now - at[i]))
+        start = (1 + 2 * t) * (1 - t) ** 2 * points[i] + t * (1 - t) ** 2 * width * slopes[i]
+        return np.asarray(start + t**2 * (3 - 2 * t) * points[i + 1] - t**2 * (1 - t) * width * slopes[i + 1])
+
+    return curve
+
+
+def _check_scales(where: str, keys: Sequence[Key], interpolation: str) -> None:
+    """Raise NteError for a scale of 0, in a keyframe or on the way between two of them."""
+    for number, key in enumerate(keys):
+        if 0 in key.scale:
+            raise NteError(f"{where}[{number}].scale is {key.scale}: a transform with a scale of 0 is singular")
+    curve = _curve([key.frame for key in keys], [key.scale for key in keys], interpolation)
+    for number, (here, there) in enumerate(pairwise(keys)):
+        way = np.array([curve(time) for time in np.linspace(here.frame, there.frame, _TRIES)])
+        if (np.sign(way) != np.sign(way[0])).any():
+            raise NteError(
+                f"{where}[{number}].scale passes 0 on the way to the next keyframe, where it is singular: expected one "
+                f"sign{', and smooth curves swing beyond their keyframes' if interpolation == 'smooth' else ''}"
+            )
+
+
+def _check_keys(where: str, keys: Sequence[Key | CameraKey], vectors: Sequence[str]) -> None:
+    """Raise NteError for keyframes out of order and vectors that have not three finite numbers."""
+    if not keys:
+        raise NteError(f"{where} is empty: expected at least one keyframe")
+    for number, key in enumerate(keys):
+        if number and key.frame <= keys[number - 1].frame:
+            before = keys[number - 1].frame
+            raise NteError(f"{where}[{number}].frame is {key.frame:g} after {before:g}: expected a later one")
+        for name in vectors:
+            value = getattr(key, name)
+            if len(value) != 3 or not np.isfinite(value).all():
+                raise NteError(f"{where}[{number}].{name} is {value}: expected three numbers")
