@@ -17,12 +17,11 @@ from torch import Tensor
 
 from nte.denoiser import Session
 from nte.filters import asvgf
-from nte.filters.asvgf import Asvgf, AsvgfOptions
 from nte.filters.composition import COMPONENTS
 from nte.filters.moments import shorten
-from nte.filters.svgf import Svgf
 from nte.frames.clip import Clip, find_clips
 from nte.frames.frame import Frame
+from nte.registry import load_denoiser
 from nte.text_table import aligned
 
 FIRST = 3  # frames that only build up history
@@ -31,25 +30,27 @@ FIRST = 3  # frames that only build up history
 class Variant(NamedTuple):
     """A column: a filter, how it shortens history, and whether it sees the gradients of the components."""
 
-    make: Callable[[str], Svgf]
+    spec: str
     rule: Callable[[Tensor, Tensor], Tensor] = shorten
     own: bool = True
 
 
 VARIANTS = {
-    "SVGF": Variant(Svgf),
-    "A-SVGF": Variant(Asvgf),
-    "gradient of all light": Variant(Asvgf, own=False),
-    "gradient_noise=1": Variant(lambda target: Asvgf(AsvgfOptions(target, gradient_noise=1))),
-    "length 1/α": Variant(Asvgf, lambda length, change: length / (1 + change * (length - 1))),
-    "length · (1 − λ)^10": Variant(Asvgf, lambda length, change: (length - 1) * (1 - change) ** 10 + 1),
-    "length kept": Variant(Asvgf, lambda length, change: length),
+    "SVGF": Variant("svgf"),
+    "A-SVGF": Variant("asvgf"),
+    "gradient of all light": Variant("asvgf", own=False),
+    "gradient_noise=1": Variant("asvgf:gradient_noise=1"),
+    "length 1/α": Variant("asvgf", lambda length, change: length / (1 + change * (length - 1))),
+    "length · (1 − λ)^10": Variant("asvgf", lambda length, change: (length - 1) * (1 - change) ** 10 + 1),
+    "length kept": Variant("asvgf", lambda length, change: length),
 }
 
 
 def measure(clip: Clip, target: str, variant: Variant) -> str:
     """RMSE / history length of one variant on one component of a clip."""
-    session, errors, lengths = Session(variant.make(target)), [], []
+    name, _, options = variant.spec.partition(":")
+    session = Session(load_denoiser(f"{name}:target={target},{options}"))
+    errors, lengths = [], []
     with patch.object(asvgf, "shorten", variant.rule):
         for index, frame in enumerate(clip):
             hidden = () if variant.own else tuple(f"gradient_{name}" for name in COMPONENTS)

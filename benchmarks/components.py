@@ -10,6 +10,7 @@ from collections.abc import Callable
 
 import numpy as np
 
+from benchmarks.record import record
 from nte.render.components.frame import noisy, references
 from nte.render.engine.backend import load_mitsuba
 from nte.render.engine.mesh_stage import MeshStage
@@ -62,6 +63,8 @@ def main(size: int) -> int:
         ("colour reference", np.median(colour / many), 1.1, f"× bare {SPP} spp, {many.min():.2f} s"),
         ("with component references", np.median(separated / many), 2.0, "× the same"),
     ]
+    record("components", {f"{name}, {size}×{size}": float(value) for name, value, *_ in checks[1:]}, "× bare")
+    record("components", {f"{checks[0][0]}, {size}×{size}": float(checks[0][1])}, "s")
     print(f"{size}×{size}, kernels warm, {TIMES} repetitions")
     for name, value, limit, meaning in checks:
         print(f"{'ok  ' if value <= limit else 'SLOW'} {name:28} {value:.3f}, at most {limit:.3f} = {meaning}")

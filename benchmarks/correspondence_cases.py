@@ -9,7 +9,7 @@ import torch
 import torch.nn.functional as F
 from torch import Tensor
 
-from nte.color import display
+from nte.color import display, psnr
 from nte.denoiser import Session
 from nte.filters.align_accumulate import AlignAccumulate, AlignAccumulateOptions
 from nte.filters.estimated import matched_grey
@@ -90,7 +90,7 @@ def accumulation(folder: Path, motion: str, kappa: float, eta: float) -> float:
     session, values = Session(AlignAccumulate(AlignAccumulateOptions(motion, kappa=kappa, eta=eta))), []
     for frame in frames:
         apart = display(session.denoise(frame), exposure) - display(frame["reference"], exposure)
-        values.append(float(-10 * torch.log10(apart.square().mean())))
+        values.append(float(psnr(apart.square().mean())))
     return float(np.mean(values[1:]))
 
 

@@ -10,6 +10,7 @@ from collections.abc import Callable
 import torch
 from torch import Tensor
 
+from benchmarks.record import record
 from nte.models.kernels import _sum_of_taps, apply_kernels
 
 
@@ -42,6 +43,8 @@ def main() -> None:
     kernels = torch.rand(options.batch, 25, options.size, options.size, requires_grad=True)
     for name, apply in (("slices", by_slices), ("own", apply_kernels)):
         forward, backward = milliseconds(apply, image, kernels)
+        of = f"{name}, {options.batch} × {options.size}²"
+        record("kernels", {f"{of}, forward": forward, f"{of}, backward": backward}, "ms")
         print(f"{name:7} forward {forward:6.2f} ms, backward {backward:6.2f} ms")
 
 

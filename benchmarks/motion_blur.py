@@ -22,6 +22,7 @@ import torch
 from omegaconf import OmegaConf
 from torch import Tensor
 
+from benchmarks.record import record
 from nte.color import display
 from nte.denoiser import Session
 from nte.evaluation.metrics import flip_map
@@ -220,6 +221,7 @@ def main(arguments: list[str]) -> int:
     if given.times:
         found = times(given.size)
         still, everything = found[0][1], found[-1][1]
+        record("motion_blur", {f"{area:.0%} filtered, {given.size}×{given.size}": ms for area, ms in found}, "ms")
         print(f"{given.size}×{given.size}, {torch.get_num_threads()} threads")
         columns = [["filtered", *(f"{area:.1%}" for area, _ in found)], ["ms", *(f"{ms:.1f}" for _, ms in found)]]
         print(aligned([*columns, ["of all", *(f"{ms / everything:.2f}" for _, ms in found)]]))

@@ -12,7 +12,7 @@ from pathlib import Path
 import numpy as np
 import torch
 
-from nte.color import display
+from nte.color import display, psnr
 from nte.frames.clip import Clip, find_clips
 from nte.frames.frame import Frame
 from nte.frames.scalars import sequence_scalars
@@ -42,14 +42,14 @@ def frames_of(clip: Clip, guides: str) -> Iterator[Frame]:
         yield Frame(seen, frame.index, exposure=frame.exposure, clean_guides=guides == "clean")
 
 
-def psnr(spec: str, clip: Clip, guides: str) -> float:
+def mean_psnr(spec: str, clip: Clip, guides: str) -> float:
     """Mean over the frames of a clip."""
     denoiser, found = load_denoiser(spec), []
     exposure = torch.from_numpy(sequence_scalars(clip.frame(0))[0])
     for frame in frames_of(clip, guides):
         image, _ = denoiser.step(frame, None)
         shown, truth = (display(torch.from_numpy(v), exposure) for v in (image.image, frame["reference"]))
-        found.append(-10 * float((shown - truth).square().mean().log10()))
+        found.append(float(psnr((shown - truth).square().mean())))
     return float(np.mean(found))
 
 
@@ -58,7 +58,9 @@ def main(folders: list[Path]) -> None:
     clips = [Clip(folder) for folder in find_clips(folders)]
     columns = [["settings", *SPECS]]
     for guides in GUIDES:
-        columns.append([guides, *(f"{np.mean([psnr(spec, clip, guides) for clip in clips]):.2f}" for spec in SPECS)])
+        columns.append(
+            [guides, *(f"{np.mean([mean_psnr(spec, clip, guides) for clip in clips]):.2f}" for spec in SPECS)]
+        )
     print(aligned(columns))
 
 

@@ -13,6 +13,7 @@ from pathlib import Path
 
 import trimesh
 
+from benchmarks.record import record
 from nte.render.components.frame import noisy
 from nte.render.engine.xml.stage import XmlStage
 from nte.render.passes.gbuffer import guides
@@ -94,6 +95,7 @@ def main(parts: int, levels: int) -> int:
             put(stages["moving"], index)
         limit = 1.3 * best["still"] + best["rebuild"]
         slow |= best["moving"] > limit
+        record("own_scene", {f"{what}, {kind}, {parts} parts": took for kind, took in best.items()}, "s")
         print(
             f"{'SLOW' if best['moving'] > limit else 'ok  '} {what:11} moving {best['moving']:.3f}, at rest "
             f"{best['still']:.3f}, one rebuild {best['rebuild']:.3f}: at most {limit:.3f}"

@@ -5,7 +5,7 @@ from collections.abc import Callable, Sequence
 from dataclasses import fields, is_dataclass
 from difflib import get_close_matches
 from pathlib import Path
-from typing import Any, TypeVar, cast
+from typing import Any, TypeVar
 
 from omegaconf import DictConfig, OmegaConf
 from omegaconf.errors import ConfigAttributeError, ConfigKeyError, OmegaConfBaseException
@@ -20,13 +20,13 @@ _RESOLVER = re.compile(r"\$\{[^}]*[:$]")
 
 def load_config(
     schema: type[Schema], path: Path, overrides: Sequence[str] = (),
-    choose: Callable[[dict[str, Any]], Schema] | None = None,
+    choose: Callable[[Callable[[str], Any]], Schema] | None = None,
 ) -> Schema:  # fmt: skip
     """An instance of the dataclass `schema` from a YAML file and `key=value` overrides.
 
-    choose: makes the instance with the defaults from what file and overrides say, for schemas in which a key decides
-    which others there are. Raises NteError that names the file and the key. ${name} may refer to another key; resolvers
-    such as ${oc.env:…} are refused: a configuration must mean the same on every machine.
+    choose: makes the instance with the defaults where a key decides which others there are; it is given a function from
+    a dotted key to what file or overrides say, or None. Raises NteError that names the file and the key. ${name} may
+    refer to another key; resolvers such as ${oc.env:…} are refused: a configuration means the same on every machine.
     """
     for override in overrides:
         if "=" not in override:
@@ -36,9 +36,10 @@ def load_config(
         loaded = _read(path)
         refuse_resolvers(source, OmegaConf.to_container(loaded, resolve=False))
         source = "command line"
-        refuse_resolvers(source, OmegaConf.to_container(OmegaConf.from_dotlist(list(overrides)), resolve=False))
-        defaults = schema if choose is None else _chosen(choose, loaded, overrides, path)
+        typed = OmegaConf.from_dotlist(list(overrides))
+        refuse_resolvers(source, OmegaConf.to_container(typed, resolve=False))
         source = str(path)
+        defaults = schema if choose is None else _chosen(choose, loaded, typed, source)
         config = OmegaConf.merge(OmegaConf.structured(defaults), loaded)
         source = "command line"
         config.merge_with_dotlist(list(overrides))
@@ -59,15 +60,17 @@ def load_config(
 
 
 def _chosen(
-    choose: Callable[[dict[str, Any]], Schema], loaded: DictConfig, overrides: Sequence[str], path: Path
+    choose: Callable[[Callable[[str], Any]], Schema], loaded: DictConfig, typed: DictConfig, source: str
 ) -> Schema:
-    """The defaults for what file and overrides say; `choose` sees it as it is written."""
-    said = loaded.copy()
-    said.merge_with_dotlist(list(overrides))
+    """The defaults that `choose` makes of what file and overrides say."""
+
+    def said(key: str) -> Any:
+        return OmegaConf.select(typed, key, default=OmegaConf.select(loaded, key))
+
     try:
-        return choose(cast(dict[str, Any], OmegaConf.to_container(said, resolve=False)))
+        return choose(said)
     except NteError as error:
-        raise NteError(f"{path}: {error}") from error
+        raise NteError(f"{source}: {error}") from error
 
 
 def problem_with(error: Exception) -> str:

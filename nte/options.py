@@ -24,7 +24,7 @@ class Allowed(NamedTuple):
     allows: Callable[[Any], bool] = lambda value: True
 
 
-Weight: TypeAlias = Annotated[float, Allowed("a weight of the current frame in (0, 1]", lambda w: 0 < w <= 1)]
+Alpha: TypeAlias = Annotated[float, Allowed("a weight of the current frame in (0, 1]", lambda w: 0 < w <= 1)]
 Positive: TypeAlias = Annotated[float, Allowed("a finite number above 0", lambda x: 0 < x < math.inf)]
 NotNegative: TypeAlias = Annotated[float, Allowed("a finite number of 0 or more", lambda x: 0 <= x < math.inf)]
 Count: TypeAlias = Annotated[int, Allowed("a whole number of 1 or more", lambda n: n >= 1)]

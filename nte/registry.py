@@ -7,6 +7,7 @@ from typing import Any
 
 from nte.denoiser import Denoiser, Filter
 from nte.errors import NteError, needs_extra
+from nte.filters.composition import COMPONENTS, EACH, Composition
 from nte.options import Options
 
 # name → (module, class, extra that brings what it imports); imported when asked for
@@ -23,8 +24,6 @@ NAMES: dict[str, tuple[str, str, str]] = {
     "mcguire": ("nte.filters.mcguire", "McGuire", "eval"),
     "oidn": ("nte.filters.oidn", "Oidn", "compare"),
 }
-
-EACH = "components"  # as the option `target`
 
 
 def load_denoiser(spec: str, device: str = "cpu") -> Denoiser:
@@ -62,8 +61,6 @@ def load_denoiser(spec: str, device: str = "cpu") -> Denoiser:
     kind: type[Filter[Options]] = _import(*NAMES[name], spec)
     given = _parse(spec, text)
     if given.get("target") == EACH:
-        from nte.filters.composition import COMPONENTS, Composition
-
         return Composition({c: _make(kind, {**given, "target": c}, spec, device) for c in COMPONENTS})
     return _make(kind, given, spec, device)
 

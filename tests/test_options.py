@@ -8,7 +8,7 @@ from typing import Annotated, Any, ClassVar, Literal
 import pytest
 
 from nte.errors import NteError
-from nte.options import Allowed, Count, NotNegative, Options, Positive, Weight
+from nte.options import Allowed, Alpha, Count, NotNegative, Options, Positive
 
 
 @dataclass(frozen=True)
@@ -17,7 +17,7 @@ class Some(Options, name="some"):
 
     kind: Literal["hard", "soft"] = "hard"
     size: Count = 1
-    weight: Weight = 0.5
+    weight: Alpha = 0.5
     reach: Positive = 1.0
     noise: NotNegative = 0.0
     limit: Annotated[float, Allowed("a number above 0", lambda x: x > 0)] = 1.0
@@ -29,7 +29,7 @@ class Some(Options, name="some"):
 
 @dataclass(frozen=True)
 class More(Some, name="more"):
-    weight: Weight = 0.25
+    weight: Alpha = 0.25
     extra: bool = True
 
 

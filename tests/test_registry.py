@@ -1,21 +1,26 @@
 """What a user types becomes a denoiser, or one line that says what there is."""
 
 import re
+from collections.abc import Mapping
+from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import Any, ClassVar
 
+import numpy as np
 import onnxruntime
 import pytest
 import torch
 
-from nte.denoiser import Denoiser, Filter, Noisy
+from nte.denoiser import Denoiser, Filter, Noisy, Result, Session, sanitised
 from nte.errors import NteError
 from nte.filters.composition import COMPONENTS
 from nte.filters.estimated import EstimateOptions
 from nte.filters.svgf import SvgfOptions
 from nte.filters.taa import Taa, TaaOptions
 from nte.filters.trmv.options import TrmvOptions
+from nte.frames.frame import Frame
 from nte.motion.search import SEARCHES
+from nte.options import Options, Positive
 from nte.registry import NAMES, load_denoiser
 from tests.everything import floor_frame
 
@@ -99,6 +104,34 @@ def test_every_denoiser_gives_the_extras_that_it_names_and_no_others(name: str) 
     assert set(denoiser.components) <= set(denoiser.extras)
     with pytest.raises(NteError, match=f"has no extra 'taste'; it has {', '.join(denoiser.extras) or 'none'}"):
         denoiser.step(frame, None, ("taste",))
+
+
+@dataclass(frozen=True)
+class DimmerOptions(Options, name="dimmer"):
+    presets: ClassVar[Mapping[str, Mapping[str, Any]]] = {"dusk": {"factor": 0.25}}
+    factor: Positive = 0.5
+
+
+class Dimmer(Filter[DimmerOptions]):
+    needs = ("color",)
+    options_type = DimmerOptions
+
+    @sanitised
+    def step(self, frame: Frame, state: Any, extras: tuple[str, ...] = ()) -> tuple[Result, Any]:
+        return Result(frame["color"] * self.options.factor), ()
+
+
+def test_a_new_filter_is_a_class_and_a_row(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setitem(NAMES, "dimmer", (__name__, "Dimmer", ""))
+    frame = floor_frame(0)
+    for spec, factor in (("dimmer", 0.5), ("dimmer:factor=2", 2.0), ("dimmer:preset=dusk", 0.25)):
+        image = Session(load_denoiser(spec)).denoise(frame)
+        assert isinstance(image, np.ndarray)
+        np.testing.assert_allclose(image, factor * frame["color"], rtol=1e-6)
+    with pytest.raises(NteError, match=r"dimmer: factor is -1\.0, expected a finite number above 0"):
+        load_denoiser("dimmer:factor=-1")
+    with pytest.raises(NteError, match=r"expected a run folder, an \.onnx file, or one of noisy, .*, dimmer"):
+        load_denoiser("dimer")
 
 
 def test_options_of_another_filter_are_refused() -> None:

@@ -17,7 +17,7 @@ from nte.frames.clip import Clip, find_clips
 from nte.registry import load_denoiser
 
 OURS = ("metrics.json", "index.html")  # all that an evaluation writes, and so all that force replaces
-Progress = Callable[[int, int, str], None]  # frames done, frames in all, clip and frame
+Advance = Callable[[int, int, str], None]  # frames done, frames in all, clip and frame
 
 
 def evaluate(
@@ -28,7 +28,7 @@ def evaluate(
     lights: Sequence[str] | None = None,
     force: bool = False,
     device: str = "cpu",
-    progress: Progress | None = None,
+    progress: Advance | None = None,
     titles: Mapping[str, str] | None = None,
 ) -> Evaluation:
     """Run every denoiser over every clip, score its frames, and write `out`/metrics.json and index.html, the report.
@@ -76,7 +76,7 @@ def _loaded(denoisers: Iterable[str] | Mapping[str, Denoiser], device: str) -> d
 
 def _evaluated(
     opened: Mapping[str, Clip], denoisers: Mapping[str, Denoiser], first: int, lights: Sequence[str] | None,
-    device: str, progress: Progress | None,
+    device: str, progress: Advance | None,
 ) -> Evaluation:  # fmt: skip
     """Run and score, of what `evaluate` has checked."""
     total, done = sum(map(len, opened.values())), 0

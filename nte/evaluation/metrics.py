@@ -12,7 +12,7 @@ import torch
 from torch import Tensor
 from torchmetrics.functional.image import peak_signal_noise_ratio, structural_similarity_index_measure
 
-from nte.color import luminance
+from nte.color import PSNR_MAX, luminance
 from nte.errors import NteError
 from nte.frames.frame import Frame
 from nte.motion.geometric import frame_vectors, traditional_motion
@@ -21,7 +21,6 @@ REGIONS = ("all", "disoccluded", "static", "moving", "shadowed", "glossy")
 MOVING_PX = 0.1  # a pixel that moved further than this since the previous frame is «moving»
 SHADOWED = 0.99  # of less visibility: shadow and penumbra, beyond the noise of the reference
 GLOSSY = 0.1  # share of the light, in luminance, that other lobes than the diffuse one give
-PSNR_MAX = 100.0  # dB, also that of identical images: below it lies the rounding of a display value
 FLIP_PPD = 67.0  # pixels per degree: 0.7 m in front of a 0.7 m wide screen of 3840 pixels
 _SSIM_SMALLEST = 6  # the 11×11 window is mirrored at the border
 

@@ -1,7 +1,7 @@
 """A published comparison, reproduced: situations, each with its clips, its light, its pixels and its methods."""
 
 import json
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from concurrent.futures import ProcessPoolExecutor, as_completed
 from dataclasses import dataclass, field
 from itertools import groupby
@@ -14,7 +14,7 @@ from omegaconf import MISSING
 from nte.config import load_config
 from nte.errors import NteError
 from nte.evaluation.bootstrap import bootstrap_interval
-from nte.evaluation.evaluate import evaluate, prepare_folder
+from nte.evaluation.evaluate import Advance, evaluate, prepare_folder
 from nte.evaluation.metric_table import METRICS
 from nte.evaluation.metrics import REGIONS
 from nte.evaluation.report.strips import write_strips
@@ -85,7 +85,7 @@ def run_comparison(
     out: Path,
     force: bool = False,
     device: str = "cpu",
-    progress: Callable[[int, int, str], None] | None = None,
+    progress: Advance | None = None,
     jobs: int = 1,
 ) -> list[Row]:
     """Evaluate every situation on the rendered recipe in `data`; write a report for each, and `out`/summary.json.
@@ -123,7 +123,7 @@ class _Unit:
     def name(self) -> str:
         return self.situation.name
 
-    def run(self, progress: Callable[[int, int, str], None] | None = None) -> list[Row]:
+    def run(self, progress: Advance | None = None) -> list[Row]:
         """Evaluate, write the report and the strips, and give the rows of the summary."""
         methods, first = self.situation.methods, self.situation.first
         assert first is not None
@@ -135,9 +135,7 @@ class _Unit:
         return _rows(self.situation, found, self.against)
 
 
-def _in_processes(
-    units: list[_Unit], jobs: int, progress: Callable[[int, int, str], None] | None
-) -> Iterator[tuple[str, list[Row]]]:
+def _in_processes(units: list[_Unit], jobs: int, progress: Advance | None) -> Iterator[tuple[str, list[Row]]]:
     """(name, rows) of each unit, as they come; spawned, since a fork copies the locks of PyTorch's threads."""
     pool = ProcessPoolExecutor(jobs, mp_context=get_context("spawn"), initializer=_begin_worker)
     try:

@@ -11,7 +11,7 @@ from nte.frames.frame import Frame
 from nte.motion.correspondence import find_correspondence, patch_error
 from nte.motion.geometric import traditional_motion
 from nte.motion.warp import inside, pixel_centres
-from nte.options import NotNegative, Options, Weight
+from nte.options import Alpha, NotNegative, Options
 
 Motion: TypeAlias = Literal["estimate", "zero", "geometric"]
 
@@ -29,7 +29,7 @@ class SearchOptions(Options, name="align"):
     motion: Motion = "estimate"
     noise: Noise = "auto"
     radii: tuple[int, ...] = ()
-    alpha: Weight = 0.1
+    alpha: Alpha = 0.1
     kappa: NotNegative = 2.0
     eta: NotNegative = 1.6
 

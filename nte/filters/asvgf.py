@@ -18,7 +18,7 @@ from nte.filters.moments import brightness, shorten, variance_of, with_square
 from nte.filters.reproject import Geometry
 from nte.filters.svgf import Svgf, SvgfOptions, Weights, edge_stopping, geometry_guides, with_luminance
 from nte.frames.frame import Frame
-from nte.options import Allowed, NotNegative, Weight
+from nte.options import Allowed, Alpha, NotNegative
 
 STRATUM = 3  # pixels; one gradient sample in each stratum of 3×3
 BOX = (1.0, 1.0)  # 3×3 strata of equal weight
@@ -45,7 +45,7 @@ class AsvgfOptions(SvgfOptions, name="asvgf"):
     light's gradients for change and gives away its history; 1 keeps it (docs/svgf.md).
     """
 
-    alpha: Weight = 0.1
+    alpha: Alpha = 0.1
     gradient_iterations: Annotated[int, Allowed("a whole number of 0 or more", lambda n: n >= 0)] = 5
     gradient_noise: NotNegative = 0.0
 

@@ -13,7 +13,7 @@ import numpy.typing as npt
 
 from nte.denoiser import Filter, Result, State, sanitised
 from nte.errors import NteError, needs_extra
-from nte.frames.frame import Array, Frame
+from nte.frames.frame import Frame
 from nte.options import Options
 
 GUIDES = ("albedo", "normal")
@@ -73,7 +73,7 @@ class Oidn(Filter[OidnOptions]):
                 guides = list(self._prefilters(guides))
             denoised.append(self._denoise(image, *guides, hdr=True, clean_aux=clean_aux, quality=self.options.quality))
         image = np.ascontiguousarray(np.stack(denoised).transpose(0, 3, 1, 2))
-        return Result(_like(image, frame["color"])), ()
+        return Result(image), ()
 
     def settings(self, frame: Frame) -> str:
         """What the options come to on a frame like this one, as they would be typed."""
@@ -135,8 +135,3 @@ def _release(device: _Handle, filters: dict[str, _Handle]) -> None:
 def _interleaved(values: npt.NDArray[np.generic]) -> Pixels:
     """(N, H, W, C) of (N, C, H, W)."""
     return np.ascontiguousarray(values.transpose(0, 2, 3, 1), np.float32)
-
-
-def _like(image: Pixels, given: Array) -> Array:
-    """The kind of array that was given, on its device; PyTorch need not be imported for that."""
-    return image if isinstance(given, np.ndarray) else given.new_tensor(image)

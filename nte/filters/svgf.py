@@ -18,13 +18,14 @@ from nte.color import demodulate, remodulate
 from nte.denoiser import Filter, Result, check_size, sanitised
 from nte.errors import NteError
 from nte.filters.atrous import Edge, atrous_step
+from nte.filters.blocks import restarts
 from nte.filters.composition import Target
 from nte.filters.moments import brightness, estimated_variance, lengthen, running_mean_weight, with_square
 from nte.filters.reproject import Fetched, Geometry, geometry_of, previous_depth, reproject
 from nte.frames.frame import Frame
 from nte.frames.usable import mask_of
 from nte.motion.geometric import traditional_motion
-from nte.options import Allowed, Options, Positive, Weight
+from nte.options import Allowed, Alpha, Options, Positive
 
 SLOPE_FLOOR = 1e-4  # of the depth: what a rounded depth changes by on a wall that faces the camera
 
@@ -57,8 +58,8 @@ class SvgfOptions(Options, name="svgf"):
     """
 
     target: Target = "color"
-    alpha: Weight = 0.05
-    moments_alpha: Weight = 0.2
+    alpha: Alpha = 0.05
+    moments_alpha: Alpha = 0.2
     history: Annotated[float, Allowed("a number of frames, 1 or more", lambda n: 1 <= n < math.inf)] = 32
     iterations: int = 5
     feedback: int = 1
@@ -130,7 +131,7 @@ class Svgf(Filter[SvgfOptions]):
             return Fetched(depth.new_zeros(len(depth), channels, *depth.shape[2:]), torch.zeros_like(depth).bool())
         check_size(frame, state.history)
         motion = traditional_motion(frame["motion"])
-        allowed = motion.valid if frame.reset is None else motion.valid & ~(frame.reset.view(-1, 1, 1, 1) > 0)
+        allowed = motion.valid & ~restarts(frame)
         expected = None
         if frame.view is not None and frame.projection is not None and state.view is not None:
             expected = previous_depth(geometry.depth, frame.view, frame.projection, state.view)

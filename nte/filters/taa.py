@@ -22,7 +22,7 @@ from nte.filters.blocks import (
 from nte.filters.composition import Target
 from nte.frames.frame import Frame
 from nte.motion.geometric import traditional_motion
-from nte.options import Options, Weight
+from nte.options import Alpha, Options
 
 
 @dataclass(frozen=True)
@@ -34,7 +34,7 @@ class TaaOptions(Options, name="taa"):
     """
 
     clamp: Literal["none", "clamp", "clip"] = "clamp"
-    alpha: Weight = 0.1
+    alpha: Alpha = 0.1
     target: Target = "color"
 
 

@@ -28,7 +28,7 @@ from nte.motion.pyramid import (
     upsample,
 )
 from nte.motion.search import SEARCHES, Search, noise_of, searches_for
-from nte.motion.warp import warp
+from nte.motion.warp import fetch_bilinear, pixel_centres, warp
 from nte.motion.whole_shift import whole_shift
 
 __all__ = [
@@ -257,9 +257,14 @@ def _search_from(now: Tensor, before: Tensor, start: Tensor, search: Search, lev
     radius, refine = search.radii[level], level < search.refined
     if not start.any():
         return best_shift(now, before, radius, search.norm, refine)
-    shift, distance = best_shift(now, warp(before, start).image, radius, search.norm, refine)
+    shift, distance = best_shift(now, _fetched(before, start), radius, search.norm, refine)
     # What was compared lies at x + shift in the warped image, which shows the previous one from there on.
-    return shift + warp(start, shift).image, distance
+    return shift + _fetched(start, shift), distance
+
+
+def _fetched(image: Tensor, motion: Tensor) -> Tensor:
+    """Fetch the image along the motion as `warp` does, without its mask, which would cost as much again."""
+    return fetch_bilinear(image, pixel_centres(image) + motion)
 
 
 def _scaled(image: Tensor, search: Search) -> Tensor:
@@ -276,7 +281,7 @@ def _error(now: Tensor, before: Tensor, motion: Tensor, search: Search) -> Tenso
 
 def _distance(now: Tensor, before: Tensor, motion: Tensor, search: Search, radius: int, shrink: int = 1) -> Tensor:
     """Patch distance of scaled images along a motion, in images that are smaller by `shrink`."""
-    difference = smaller(now, shrink) - smaller(warp(before, motion).image, shrink)
+    difference = smaller(now, shrink) - smaller(_fetched(before, motion), shrink)
     distance = difference.square_() if search.norm == "l2" else difference.abs_()
     distance = distance.mean(1, keepdim=True)
     if search.norm.startswith("log"):

@@ -44,20 +44,24 @@ def best_shift(current: Tensor, previous: Tensor, radius: int, norm: Norm, refin
     rows = max(_PLANE // (width + 2 * radius) - 2 * radius, radius, 16)
     work = _Strips(current, radius, rows)
     order = torch.tensor(_ORDER, device=current.device)
+    across, down = order % _SIDE - REACH, order.div(_SIDE, rounding_mode="floor") - REACH
+    weight = 2 - torch.exp(-0.02 * (across * across + down * down))
     for n in range(count):
         for top in range(0, height, rows):
             bottom = min(top + rows, height)
             table = work.distances(current[n], margin[n], top, bottom, norm)
             best = table.view(torch.int32).amin(0)
-            place = order[(best & _BITS).long()]
-            least = (best & ~_BITS).view(torch.float32)
-            x, y = place % _SIDE - REACH, place.div(_SIDE, rounding_mode="floor") - REACH
-            shift[n, 0, top:bottom], shift[n, 1, top:bottom] = x, y
+            rank = (best & _BITS).flatten()
+            least = best.bitwise_and_(~_BITS).view(torch.float32)
+            for axis, step in enumerate((across, down)):
+                shift[n, axis, top:bottom] = step.index_select(0, rank).view_as(best)
             if norm == "log_centred":  # its weight has chosen the shift, and would pull the fraction towards 0
-                least = least / (2 - torch.exp(-0.02 * (x * x + y * y)))
+                least = least / weight.index_select(0, rank).view_as(least)
                 table.div_(table.new_tensor(_WEIGHTS).view(-1, 1, 1))
             if refine:
-                shift[n, :, top:bottom] += _subpixel(table, place, least, _floor(norm))
+                shift[n, :, top:bottom] += _subpixel(
+                    table, order.index_select(0, rank).view_as(best), least, _floor(norm)
+                )
             distance[n, 0, top:bottom] = (least - _floor(norm)).clamp(min=0)
     return shift, distance
 
@@ -97,20 +101,20 @@ class _Strips:
 
     def _differences(self, current: Tensor, shifted: Tensor, pixels: Tensor, norm: Norm) -> None:
         """Equations 2 to 5 without the centre's weight, per pixel, into `pixels`; the mean over channels inside."""
-        for c in range(len(current)):
-            to = pixels if c == 0 or self.channel is None else self.channel[: len(pixels)]
+        for c in range(current.shape[0]):
+            to = pixels if c == 0 or self.channel is None else self.channel[: pixels.shape[0]]
             torch.sub(current[c], shifted[c], out=to)
             to.square_() if norm == "l2" else to.abs_()
             if c > 0:
                 pixels += to
-        if len(current) > 1:
-            pixels /= len(current)
+        if current.shape[0] > 1:
+            pixels /= current.shape[0]
         if norm in ("log", "log_centred"):
             pixels.add_(2).log_()
 
     def _box(self, plane: Tensor) -> Tensor:
         """Sums over (2r + 1)² pixels, each at the corner of its box: the margin ends rows where they must."""
-        size, (one, two, three) = 2 * self.radius + 1, (buffer[: len(plane)] for buffer in self.planes[1:])
+        size, (one, two, three) = 2 * self.radius + 1, (buffer[: plane.shape[0]] for buffer in self.planes[1:])
         across = _sums(plane, size, 1, one, two)
         return _sums(across, size, self.stride, three, one if across is two else two)
 
@@ -121,12 +125,12 @@ def _sums(values: Tensor, count: int, step: int, one: Tensor, two: Tensor) -> Te
     The last (count − 1) · step elements mean nothing. log₂(count) additions: torch.cumsum, which would need one
     addition and one subtraction whatever the count, takes as long as five additions, and rounds.
     """
-    total, taken, length = values, 1, len(values)
+    total, taken, elements = values, 1, values.shape[0]
     for bit in bin(count)[3:]:
         for other in (total,) if bit == "0" else (total, values):
             start = taken * step
             taken += taken if other is total else 1
-            length = len(values) - (taken - 1) * step
+            length = elements - (taken - 1) * step
             torch.add(total[:length], other[start : start + length], out=one[:length])
             total, one, two = one, two, one
     return total
@@ -152,20 +156,22 @@ def _subpixel(table: Tensor, place: Tensor, least: Tensor, floor: float) -> Tens
     """
     x, y = place % _SIDE, place.div(_SIDE, rounding_mode="floor")
     inner = (x > 0) & (x < _SIDE - 1) & (y > 0) & (y < _SIDE - 1)
-    at = torch.where(inner, place, _CENTRE).flatten() * place.numel()
+    at = torch.where(inner, place, _CENTRE).sub_(_SIDE + 1).flatten().mul_(place.numel())  # of the shift up and left
     at += torch.arange(place.numel(), device=place.device)
+    planes = table.view(len(_SHIFTS), -1)
 
     def beside(dx: int, dy: int) -> Tensor:
-        return table.take(at + (dx + _SIDE * dy) * place.numel()).view_as(least) - least
+        return planes[(1 + dx) + _SIDE * (1 + dy) :].take(at).view_as(least).sub_(least)
 
     nw, n, ne, w, e, sw, s, se = (
         beside(dx, dy) for dx, dy in ((-1, -1), (0, -1), (1, -1), (-1, 0), (1, 0), (-1, 1), (0, 1), (1, 1))
     )  # fmt: skip
-    xx = (nw + ne + sw + se + 2 * (w + e - n - s)) / 4  # the centre itself is 0
-    yy = (nw + ne + sw + se + 2 * (n + s - w - e)) / 4
-    xy = (nw + se - ne - sw) / 4
-    to_x = (ne + se - nw - sw + 2 * (e - w)) / 8
-    to_y = (sw + se - nw - ne + 2 * (s - n)) / 8
+    corners = nw + ne + sw + se
+    xx = (w + e - n - s).mul_(2).add_(corners).div_(4)  # the centre itself is 0
+    yy = (n + s - w - e).mul_(2).add_(corners).div_(4)
+    xy = (nw + se - ne - sw).div_(4)
+    to_x = (ne + se - nw - sw).add_((e - w).mul_(2)).div_(8)
+    to_y = (sw + se - nw - ne).add_((s - n).mul_(2)).div_(8)
     determinant = xx * yy - xy * xy
     # Not a bowl: without the mixed term, each axis by itself, and only where it curves upwards.
     bowl = (xx > 0) & (yy > 0) & (determinant > 0)

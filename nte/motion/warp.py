@@ -56,7 +56,7 @@ def fetch_bilinear(image: Tensor, position: Tensor) -> Tensor:
     # Clamped here too: a position far outside, or NaN, would overflow the integer pixel index.
     x = position[:, 0].nan_to_num().clamp(0, width) / width
     y = position[:, 1].nan_to_num().clamp(0, height) / height
-    grid = torch.stack([x, y], 3) * 2 - 1
+    grid = torch.stack([x, y], 3).mul_(2).sub_(1)
     return F.grid_sample(image, grid, mode="bilinear", padding_mode="border", align_corners=False)
 
 

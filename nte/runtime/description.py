@@ -47,7 +47,8 @@ def read_description(
     if found != FORMAT:
         what = f"{found!r:.40}" if found else "no description of ours"
         raise NteError(f"{path}: {what} in the model's metadata, expected '{FORMAT}': use nte export")
-    state, scales = info.get("state"), info.get("scales", {})
+    state: Any = info.get("state")
+    scales: Any = info.get("scales", {})
     known = {
         "version": isinstance(info.get("version"), str),
         "needs": _are_channels(info.get("needs")),

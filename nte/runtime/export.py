@@ -5,8 +5,10 @@ import tempfile
 import warnings
 from collections.abc import Callable, Iterable, Iterator
 from pathlib import Path
+from typing import Any
 
 import numpy as np
+import numpy.typing as npt
 import onnx
 import torch
 
@@ -17,9 +19,10 @@ from nte.frames.frame import Frame
 from nte.models.trainable import TrainableDenoiser
 from nte.recurrence import FORWARD, SCALARS
 from nte.runtime.description import FORMAT, METADATA_KEY, UNSEALED, seal
-from nte.runtime.session import OnnxDenoiser, Pixels
+from nte.runtime.session import OnnxDenoiser
 from nte.version import __version__
 
+Numbers = npt.NDArray[Any]
 OPSET = 18
 SMALLEST = 16
 
@@ -121,7 +124,7 @@ def _test_sequence(names: Iterable[str], size: tuple[int, int], frames: int, see
         yield Frame({name: values.astype(np.float32) for name, values in made.items()}, index)
 
 
-def _values(row: Channel, rng: np.random.Generator, size: tuple[int, int]) -> Pixels:
+def _values(row: Channel, rng: np.random.Generator, size: tuple[int, int]) -> Numbers:
     """Values (2, C, H, W) of a channel, without structure; light and vectors have some that are none."""
     shape = 2, width_of(row.name), *size
     match row.kind:
@@ -134,16 +137,16 @@ def _values(row: Channel, rng: np.random.Generator, size: tuple[int, int]) -> Pi
             motion[rng.random((2, *size))[:, None].repeat(2, 1) < 1e-3] = rng.choice([np.nan, 1e20])
             return motion
         case "depth":
-            return np.where(rng.random(shape) < 0.05, 0, 4).astype(np.float32)
+            return np.where(rng.random(shape) < 0.05, 0, 4)
         case "direction" | "point":
             return rng.uniform(-0.6, 0.6, shape)
         case "id":
-            return rng.integers(0, 4, shape).astype(np.float32)
+            return rng.integers(0, 4, shape)
         case _:
             return rng.random(shape)
 
 
-def _against(motion: Pixels, rng: np.random.Generator) -> Pixels:
+def _against(motion: Numbers, rng: np.random.Generator) -> Numbers:
     """previous_forward_motion for a motion: a tenth of the pixels is hidden by others, some are unknown."""
     batch, _, *size = motion.shape
     forward = -motion + np.where(rng.random((batch, 1, *size)) < 0.1, 6.0, 0.0)

@@ -1,7 +1,7 @@
 """The schema of configs/*.yaml: every choice of a training run."""
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
@@ -96,10 +96,10 @@ def read_train_config(path: Path, overrides: Sequence[str] = ()) -> TrainConfig:
     return load_config(TrainConfig, path, overrides, _of_its_network)
 
 
-def _of_its_network(given: Mapping[str, Any]) -> TrainConfig:
-    """The defaults of a configuration with the kind of network that `given` names; none is the first that there was."""
-    network = given.get("network")
-    kind = network.get("kind", DEFAULT) if isinstance(network, Mapping) else DEFAULT
+def _of_its_network(said: Callable[[str], Any]) -> TrainConfig:
+    """The defaults of a configuration with the kind of network that it names; where it names none, DEFAULT."""
+    kind = said("network.kind")
+    kind = DEFAULT if kind is None else kind
     return TrainConfig(network=network_type(kind).Config(kind=kind))
 
 

@@ -5,6 +5,8 @@ import itertools
 import numpy as np
 import pytest
 import torch
+from hypothesis import given
+from hypothesis import strategies as st
 
 from nte.burst.mosaic import Mosaic, pattern_of
 from nte.errors import NteError
@@ -90,3 +92,27 @@ def test_motion_of_blocks_becomes_motion_of_pixels() -> None:
     spread = mosaic.spread(motion, 30, 24)
     assert spread.shape == (1, 2, 30, 24)
     torch.testing.assert_close(spread, torch.tensor([1.5, -6.0]).view(1, 2, 1, 1).expand(1, 2, 30, 24))
+
+
+@given(st.sampled_from(STARTS), st.tuples(st.integers(-3, 3), st.integers(-2, 2)), st.integers(0, 10_000))
+def test_whole_periods_there_and_back_are_the_same_pixels(
+    start: tuple[str, int, int], periods: tuple[int, int], seed: int
+) -> None:
+    mosaic = rolled(*start)
+    image = torch.rand(1, 1, 17, 22, generator=torch.Generator().manual_seed(seed))
+    motion = torch.tensor(periods).mul(mosaic.period).float().view(1, 2, 1, 1).expand(1, 2, 17, 22)
+    there, valid = mosaic.fetch(image, motion)
+    back, inside = mosaic.fetch(there, -motion)
+    inside &= mosaic.fetch(valid.float(), -motion)[0] > 0
+    x, y = (mosaic.period * abs(count) for count in periods)
+    assert inside.sum() == max(0, 17 - y) * max(0, 22 - x)
+    assert torch.equal(back[inside], image[inside])
+
+
+@given(st.sampled_from(STARTS), st.integers(0, 10_000))
+def test_a_coloured_ground_stays_what_it_is_whatever_the_motion(start: tuple[str, int, int], seed: int) -> None:
+    mosaic, generator = rolled(*start), torch.Generator().manual_seed(seed)
+    image = torch.tensor([0.1, 0.5, 0.9])[mosaic.colours(13, 16)][None, None]
+    fetched, valid = mosaic.fetch(image, 12 * torch.randn(1, 2, 13, 16, generator=generator))
+    assert valid.any()
+    assert torch.equal(fetched[valid], image[valid])

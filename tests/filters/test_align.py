@@ -342,16 +342,16 @@ def test_names_and_options_of_the_registry() -> None:
     assert load_denoiser("align_taa:guides=true").needs == ("color", "albedo", "normal")
     for spec, message in (
         ("estimate:noise=grain+taa", "noise is 'grain', expected one of auto, clean"),
-        ("estimate:speed=2+taa", "unknown option 'speed'; it has noise, guides, known"),
+        ("estimate:speed=2+taa", "unknown option 'speed'; it has noise, guides, known$"),
         ("estimate:denoiser=svgf+taa", "unknown option 'denoiser'"),
         ("estimate:noise=clean", "'estimate:noise=clean' is no denoiser"),
         ("align_accumulate:motion=optical", "motion is 'optical', expected one of estimate, zero, geometric"),
-        ("align_accumulate:radii=2-x", "radii are '2-x', expected whole numbers"),
+        ("align_accumulate:radii=2-x", "radii is '2-x', expected whole numbers"),
         ("align_accumulate:norm=l7", "norm is 'l7', expected one of"),
-        ("align_accumulate:target=visibility", "target is 'visibility', expected color, indirect or glossy"),
+        ("align_accumulate:target=visibility", "target is 'visibility', expected one of color, indirect, glossy"),
         ("align_accumulate:alpha=0", "alpha is 0.0, expected a weight"),
-        ("align_accumulate:kappa=-1", "kappa is -1.0, expected a number of at least 0"),
-        ("align_taa:tolerance=none", "tolerance is 'none', expected fixed or adaptive"),
+        ("align_accumulate:kappa=-1", "kappa is -1.0, expected a finite number of 0 or more"),
+        ("align_taa:tolerance=none", "tolerance is 'none', expected one of fixed, adaptive"),
         ("align_taa:noise=grain", "noise is 'grain', expected one of auto, clean, moderate, noisy, strong"),
     ):
         with pytest.raises(NteError, match=message):

@@ -47,7 +47,7 @@ def test_strata_hold_the_pair_wherever_it_lies_and_moments_of_the_pixels_that_ex
         assert float(strata.change[n, 0, i, j]) == pytest.approx(pair[0] - pair[1], abs=1e-6)
         assert float(strata.brightest[n, 0, i, j]) == pytest.approx(pair.max(), abs=1e-6)
         expected = depth[n, 0, rows, columns][torch.from_numpy(valid)][0] if valid.any() else depth[n, 0, 4, 4]
-        assert float(strata.surface.depth[n, 0, i, j]) == pytest.approx(float(expected))
+        assert float(strata.geometry.depth[n, 0, i, j]) == pytest.approx(float(expected))
         assert float(strata.moments[n, 0, i, j]) == pytest.approx(float(light[n, 0, rows, columns].mean()), rel=1e-5)
 
 
@@ -148,9 +148,8 @@ def test_noise_of_the_gradients_themselves_can_be_kept_from_shortening_history()
     ]
     means = {}
     for noise in (0.0, 1.0):
-        session = Session(
-            Asvgf(AsvgfOptions("indirect", gradient_noise=noise, gradient_iterations=2))
-        )  # as on narrow surfaces
+        # Two iterations, as on narrow surfaces.
+        session = Session(Asvgf(AsvgfOptions("indirect", gradient_noise=noise, gradient_iterations=2)))
         means[noise] = [session.step(frame, ("history_length",)).extras["history_length"].mean() for frame in given][-1]
     assert means[0.0] < 0.6 * frames
     assert means[1.0] > 0.75 * frames

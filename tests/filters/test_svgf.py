@@ -33,7 +33,7 @@ def rmse(image: np.ndarray, reference: np.ndarray) -> float:
 def test_the_error_of_a_static_scene_falls_like_that_of_a_running_mean(make: type[Svgf]) -> None:
     channels = still_channels()
     frames = without_gradient(noisy_frames(16, channels))
-    images = run(make(alpha=0.01, iterations=0, feedback=0, history=100), frames)
+    images = run(make(make.options_type(alpha=0.01, iterations=0, feedback=0, history=100)), frames)
     mean = np.cumsum([frame["color"] for frame in frames], 0) / np.arange(1, 17).reshape(-1, 1, 1, 1, 1)
     for image, expected in zip(images, mean, strict=True):
         np.testing.assert_allclose(image, expected, rtol=1e-3, atol=1e-4)
@@ -45,7 +45,9 @@ def test_the_error_of_a_static_scene_falls_like_that_of_a_running_mean(make: typ
 @pytest.mark.parametrize("alpha", [0.1, 0.3])
 def test_the_error_falls_until_the_floor_of_alpha(make: type[Svgf], alpha: float) -> None:
     channels = still_channels(size=(48, 64))
-    images = run(make(alpha=alpha, iterations=0, feedback=0), without_gradient(noisy_frames(40, channels)))
+    images = run(
+        make(make.options_type(alpha=alpha, iterations=0, feedback=0)), without_gradient(noisy_frames(40, channels))
+    )
     mean = np.mean([((image / channels["reference"]) - 1) ** 2 for image in images[30:]])
     assert mean == pytest.approx(alpha / (2 - alpha), rel=0.12)  # of an exponential mean of noise of variance 1
 
@@ -85,7 +87,9 @@ def test_emission_passes_unfiltered_and_its_edges_do_not_brighten(make: type[Svg
 @pytest.mark.parametrize("make", FILTERS)
 def test_zero_motion_moves_no_pixel(make: type[Svgf]) -> None:
     channels = still_channels()
-    for image in run(make(iterations=0, feedback=0), without_gradient([Frame(channels, i) for i in range(8)])):
+    for image in run(
+        make(make.options_type(iterations=0, feedback=0)), without_gradient([Frame(channels, i) for i in range(8)])
+    ):
         np.testing.assert_allclose(image, channels["color"], rtol=1e-5)
 
 

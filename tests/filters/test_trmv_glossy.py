@@ -20,7 +20,7 @@ from tests.filters.trmv_frames import plane
 CPU = torch.device("cpu")
 
 
-def scene(size: tuple[int, int], **given: object) -> FrameInputs:
+def ready_inputs(size: tuple[int, int], **given: object) -> FrameInputs:
     return prepare(plane(size=size, **given).torch(), None)  # type: ignore[arg-type]
 
 
@@ -58,20 +58,20 @@ def test_pixels_whose_path_went_elsewhere_take_the_lobe_of_those_around_them() -
     mean, covariance = torch.full((1, 2, 1, 20), float("nan")), torch.full((1, 3, 1, 20), float("nan"))
     mean[..., 2], covariance[..., 2] = 4.0, 1.0
     mean[..., 4], covariance[..., 4] = 8.0, 3.0
-    found = gather_lobes(mean, covariance, scene((1, 20)).edges)
+    found = gather_lobes(mean, covariance, ready_inputs((1, 20)).edges)
     assert found.glossy.flatten().tolist() == [True] * 12 + [False] * 8  # seven pixels around
     assert found.mean[0, 0, 0, 2] == 4
     assert found.mean[0, 0, 0, 4] == 8
     torch.testing.assert_close(found.mean[0, 0, 0, 3], torch.tensor(6.0))
     assert 4 < found.specular[0, 0, 0, 2] < found.specular[0, 0, 0, 4] < 8  # one vector for the lobe, not the sample's
     assert (found.mean[..., 12:] == 0).all()
-    spread = spread_of(covariance, scene((1, 20)).edges)
+    spread = spread_of(covariance, ready_inputs((1, 20)).edges)
     assert (spread[..., 12:] == 0).all()
     assert (spread[..., :12] > 0).all()
 
 
 def test_the_filter_is_as_wide_as_the_lobe_and_leaves_a_mirror_alone() -> None:
-    edges = scene((32, 32)).edges
+    edges = ready_inputs((32, 32)).edges
     noise = torch.rand(1, 3, 32, 32)
     assert torch.equal(filter_glossy(noise, torch.zeros(1, 1, 32, 32), edges), noise)
     deviations = [float(filter_glossy(noise, torch.full((1, 1, 32, 32), s), edges).std()) for s in (0.0, 1.0, 3.0, 9.0)]
@@ -80,7 +80,7 @@ def test_the_filter_is_as_wide_as_the_lobe_and_leaves_a_mirror_alone() -> None:
 
 
 def test_what_reflects_nothing_uses_the_traditional_vector() -> None:
-    ready = scene((4, 6), motion=-torch.ones(1, 2, 4, 6).numpy())
+    ready = ready_inputs((4, 6), motion=-torch.ones(1, 2, 4, 6).numpy())
     glossy = torch.zeros(1, 1, 4, 6, dtype=torch.bool)
     glossy[..., 3] = True
     found = glossy_reprojection(torch.full((1, 2, 4, 6), 2.0), glossy, ready)
@@ -89,12 +89,12 @@ def test_what_reflects_nothing_uses_the_traditional_vector() -> None:
 
 
 def test_so_does_a_reflection_that_was_not_on_its_reflector() -> None:
-    ready = scene((1, 10))
-    roughness = ready.surface.roughness.clone()
+    ready = ready_inputs((1, 10))
+    roughness = ready.gbuffer.roughness.clone()
     roughness[..., 6:8] = 1.0  # a diffuse thing before the floor
-    depth = ready.surface.depth.clone()
+    depth = ready.gbuffer.depth.clone()
     depth[..., 8:] = 0.0  # the sky
-    ready = ready._replace(before=ready.surface._replace(roughness=roughness, depth=depth))
+    ready = ready._replace(before=ready.gbuffer._replace(roughness=roughness, depth=depth))
     motion = torch.tensor([3.0, 0.0]).view(1, 2, 1, 1).expand(1, 2, 1, 10)
     found = glossy_reprojection(motion, torch.ones(1, 1, 1, 10, dtype=torch.bool), ready)
     assert found.motion[0, 0, 0].tolist() == [3, 3, 3, 0, 0, 0, 0, 3, 3, 3]
@@ -111,7 +111,7 @@ def test_near_a_focus_lobes_keep_their_shape_and_a_bound() -> None:
 
 
 def test_one_reflection_near_a_focus_moves_nobody_elses() -> None:
-    edges = scene((40, 60)).edges
+    edges = ready_inputs((40, 60)).edges
     mean, covariance = torch.full((1, 2, 40, 60), 1.0), torch.full((1, 3, 40, 60), 0.5)
     mean[..., ::2], covariance[..., ::2] = float("nan"), float("nan")
     clean, width = gather_lobes(mean, covariance, edges), spread_of(covariance, edges)

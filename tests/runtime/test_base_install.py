@@ -76,3 +76,9 @@ def test_what_needs_an_extra_says_which_in_one_line(noisy_disc: Path, tmp_path: 
     assert done.returncode == 2
     assert "pip install 'nte-denoiser[train]'" in done.stderr
     assert not (tmp_path / "out").exists()
+
+
+def test_a_function_that_needs_an_extra_says_which() -> None:
+    for name, extra in {"check": "eval", "train": "train", "dual_motion": "eval"}.items():
+        done = python(WITHOUT + f"import nte; assert '{name}' in dir(nte); nte.{name}")
+        assert f"ImportError: nte.{name} needs the package 'torch': pip install 'nte-denoiser[{extra}]'" in done.stderr

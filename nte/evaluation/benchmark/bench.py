@@ -160,8 +160,6 @@ def _serve(pipe: Connection, task: Task) -> None:
         first = source(0)
         check_needs(denoiser, first.channels, task.clip or "synthetic frames")
         exposure = sequence_scalars(first)[0] if scored and "color" in first else np.ones(1, np.float32)
-        if scored:
-            _psnr(first[reference], first[reference], exposure)  # what scoring imports is no memory of the denoiser's
         before = _peak_mb()
         del first  # the frames to come take its place: a frame is no memory of the denoiser's
         pipe.send(None)
@@ -188,15 +186,15 @@ def _peak_mb() -> float:
     return peak / 1e6 if sys.platform == "darwin" else peak * 1024 / 1e6
 
 
-def _psnr(image: Array, reference: Array, exposure: Array) -> float | None:
+def _psnr(image: Array, reference: Array, exposure: Array) -> float:
     """PSNR in decibels after the display transform, of the pixels whose reference says something."""
     import torch
 
-    from nte.color import display
-    from nte.evaluation.metrics import psnr
+    from nte.color import display, psnr
 
     shown = [display(torch.as_tensor(a), torch.as_tensor(exposure)) for a in (image, reference)]
-    return psnr(shown[0], shown[1], usable_pixels(torch.as_tensor(reference)))
+    errors = (shown[0] - shown[1]).square().mean(1, keepdim=True)[usable_pixels(torch.as_tensor(reference))]
+    return float(psnr(errors.mean()))
 
 
 def named_steps(denoiser: Denoiser, source: Source, frames: int = 2) -> dict[str, float]:

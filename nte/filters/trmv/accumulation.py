@@ -6,9 +6,9 @@ import torch
 from torch import Tensor
 from torch.profiler import record_function
 
-from nte.color import luminance
 from nte.filters.bilateral import clean_up
 from nte.filters.blocks import Moments, clamp_history, neighbourhood_moments
+from nte.filters.moments import brightness
 from nte.filters.trmv.fetch import Fetcher, fetch_from_anything
 from nte.filters.trmv.inputs import FrameInputs
 from nte.filters.trmv.options import TrmvOptions
@@ -140,7 +140,7 @@ def clean_up_deviation(weight: Weight, history: Tensor, clamped: Tensor, valid: 
     Without history α^V is 1, so w_A is (1 − α)²: 0.81 px wide.
     """
     doubt = (weight.used - weight.default).square()
-    before, after = (luminance(image) if image.shape[1] == 3 else image for image in (history, clamped))
+    before, after = (brightness(image) for image in (history, clamped))
     lost = (after - before).abs() / (before + _EPSILON)
     return torch.where(valid, (doubt + lost).clamp(max=WIDEST), _first(options))
 

@@ -14,7 +14,7 @@ LEAST_WEIGHT = 0.01  # of the pixels that show the surface
 CORNERS = ((0, 0), (1, 0), (0, 1), (1, 1))
 
 
-class Edge(NamedTuple):
+class MixedPixels(NamedTuple):
     """The pixels, P of them, whose four do not all show the same surface, and what they gather instead."""
 
     at: tuple[Tensor, Tensor, Tensor]  # indices (P,) of batch, row and column
@@ -27,18 +27,18 @@ class Fetcher(NamedTuple):
 
     motion: Tensor  # (N, 2, H, W) px, to the previous frame
     valid: Tensor  # (N, 1, H, W) bool: some pixel at the end of the vector shows the surface
-    edge: Edge | None = None
+    mixed: MixedPixels | None = None
 
     def __call__(self, image: Tensor, first: int = 0, rows: int | None = None) -> Tensor:
         """The previous frame's image (N, C, H, W) at the ends of the vectors, or of so many rows from the first on."""
         motion = self.motion[:, :, first : None if rows is None else first + rows]
         position = pixel_centres(motion) + motion.new_tensor([0, first]).view(1, 2, 1, 1) + motion
         fetched = fetch_bilinear(image, position)
-        if self.edge is not None and self.edge.source.shape[1]:
-            _, y, _ = self.edge.at
+        if self.mixed is not None and self.mixed.source.shape[1]:
+            _, y, _ = self.mixed.at
             here = ((y >= first) & (y < first + motion.shape[2])).nonzero()[:, 0]
-            n, y, x = (index[here] for index in self.edge.at)
-            flat, source, weight = image.flatten(2), self.edge.source[:, here], self.edge.weight[:, here]
+            n, y, x = (index[here] for index in self.mixed.at)
+            flat, source, weight = image.flatten(2), self.mixed.source[:, here], self.mixed.weight[:, here]
             fetched[n, :, y - first, x] = sum(flat[n, :, s] * w[:, None] for s, w in zip(source, weight, strict=True))
         return fetched
 
@@ -83,9 +83,9 @@ def fetch_from_surface(vectors: Reprojection, inputs: FrameInputs) -> Fetcher:
     n, row, column = (~whole & plain.valid)[:, 0].nonzero(as_tuple=True)
     found = total[n, 0, row, column]
     share = torch.where(found >= LEAST_WEIGHT, 1 / found.clamp(min=LEAST_WEIGHT), 0.0)
-    edge = Edge(
+    mixed = MixedPixels(
         (n, row, column),
         torch.stack([source[n, 0, row * width + column] for source in sources]),
         torch.stack([weight[n, 0, row, column] * share for weight in weights]),
     )
-    return Fetcher(vectors.motion, plain.valid & (total >= LEAST_WEIGHT), edge)
+    return Fetcher(vectors.motion, plain.valid & (total >= LEAST_WEIGHT), mixed)

@@ -18,8 +18,9 @@ _COLOURS = {"indirect": "colour"}
 _TRADITIONAL = {"shadow": "traditional", "glossy": "traditional", "occlusion": "traditional", **_COLOURS}
 
 
-def _above(most: float) -> Allowed:
-    return Allowed(f"a number above 0, at most {most}", lambda x: 0 < x <= most)
+def _positive(most: float) -> Allowed:
+    limit = f", at most {most}" if most < math.inf else ""
+    return Allowed(f"a number above 0{limit}", lambda x: 0 < x <= most)
 
 
 @dataclass(frozen=True)
@@ -51,10 +52,10 @@ class TrmvOptions(Options, name="trmv"):
     occlusion: OcclusionVectors = "dual"
     indirect: Literal["cones", "colour"] = "cones"
     reshading: Literal["cosine", "paper"] = "cosine"
-    half_angle: Annotated[float, _above(90)] = math.degrees(HALF_ANGLE)
-    alpha: Annotated[float, _above(1)] = 0.1
+    half_angle: Annotated[float, _positive(90)] = math.degrees(HALF_ANGLE)
+    alpha: Annotated[float, _positive(1)] = 0.1
     warm_up: bool = True
-    clamp: Annotated[float, _above(math.inf)] = 3.0
+    clamp: Annotated[float, _positive(math.inf)] = 3.0
     cleanup: bool = True
     history: Literal["cleaned", "blended"] = "cleaned"
     neighbourhood: Literal["spaced", "adjacent"] = "spaced"

@@ -1,0 +1,46 @@
+"""What a figure has been, run after run: python -m benchmarks.history [FIGURE]
+
+Without FIGURE, the last run's value of each; with it, every run of all figures whose names contain it, per machine.
+"""
+
+import argparse
+from collections.abc import Sequence
+from pathlib import Path
+
+from benchmarks.record import RESULTS, Figure, read
+from nte.text_table import aligned
+
+
+def history(figures: Sequence[Figure], wanted: str | None) -> str:
+    """The table of figures that are wanted, or of the last value of each; figures are in the order of their dates."""
+    if wanted is None:
+        chosen = list({(figure.name, figure.machine): figure for figure in figures}.values())
+    else:
+        chosen = [figure for figure in figures if wanted.lower() in figure.name.lower()]
+    chosen.sort(key=lambda figure: (figure.machine, figure.name, figure.date))
+    columns = [
+        ["figure", *(figure.name for figure in chosen)],
+        ["value", *(f"{figure.value:.4g} {figure.unit}".strip() for figure in chosen)],
+        ["commit", *(figure.commit for figure in chosen)],
+        ["date", *(figure.date[:10] for figure in chosen)],
+        ["machine", *(figure.machine for figure in chosen)],
+    ]
+    return aligned(columns)
+
+
+def main(arguments: Sequence[str] | None = None, folder: Path = RESULTS) -> int:
+    """Print the table; 2 if there is nothing of that name."""
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("figure", nargs="?", help="part of a figure's name")
+    wanted = parser.parse_args(arguments).figure
+    figures = read(folder)
+    if not any(wanted is None or wanted.lower() in figure.name.lower() for figure in figures):
+        known = ", ".join(sorted({figure.name for figure in figures}))
+        print(f"no figure is called {wanted!r}: there is {known}" if known else "no figure is kept yet: run make bench")
+        return 2
+    print(history(figures, wanted))
+    return 0
+
+
+if __name__ == "__main__":
+    raise SystemExit(main())

@@ -1,0 +1,90 @@
+"""What makes a network that others can use, and what is refused before it trains in vain."""
+
+from dataclasses import dataclass
+
+import pytest
+from torch import Tensor, nn
+
+from nte.errors import NteError
+from nte.models.registry import KINDS, make_network, network_type
+from nte.models.temporal import TemporalConfig
+from nte.models.trainable import NetworkConfig, TrainableDenoiser
+from nte.recurrence import Recurrent
+
+
+@dataclass
+class PlainConfig(NetworkConfig):
+    """No choices."""
+
+    kind: str = f"{__name__}:Plain"
+
+
+class Plain(TrainableDenoiser):
+    """Scales its input."""
+
+    Config = PlainConfig
+    needs = ("color",)
+
+    def __init__(self, config: PlainConfig) -> None:
+        super().__init__(config)
+        self.scale = nn.Conv2d(3, 3, 1)
+
+    def forward(self, color: Tensor) -> tuple[Tensor]:
+        """(image,)."""
+        return (self.scale(color),)
+
+
+@pytest.mark.parametrize("kind", KINDS)
+def test_every_row_is_a_network_that_its_own_choices_make(kind: str) -> None:
+    made = network_type(kind)
+    config = made.Config(kind=kind)
+    network = make_network(config)
+    assert type(network) is made
+    assert network.config == config
+    assert set(network.inputs) >= set(network.recurrent)
+    assert network.outputs[0] == "image"
+
+
+def test_a_network_without_a_past_is_one_too() -> None:
+    network = make_network(PlainConfig())
+    assert (network.inputs, network.outputs, network.optional, network.extras) == (("color",), ("image",), (), ())
+
+
+@pytest.mark.parametrize(
+    ("changes", "message"),
+    [
+        ({"needs": ("color", "colour")}, "takes the channel 'colour', which is not in the table"),
+        ({"target": "albedo"}, "has the target 'albedo', expected color, visibility, glossy, indirect"),
+        ({"needs": ("albedo",)}, "its forward takes 'color', expected some of albedo, depth_scale, exposure, reset"),
+    ],
+)
+def test_declarations_that_do_not_fit_are_refused(
+    changes: dict[str, object], message: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    for name, value in changes.items():
+        monkeypatch.setattr(Plain, name, value)
+    with pytest.raises(NteError, match=message):
+        make_network(PlainConfig())
+
+
+@pytest.mark.parametrize("kind", ["", "kpcn", ":Class", "nte.models.temporal:", 3, None, ["temporal"]])
+def test_what_names_no_network(kind: object) -> None:
+    with pytest.raises(NteError, match=r"'network.kind' is .*, expected temporal, or package.module:Class"):
+        network_type(kind)
+
+
+def test_a_class_that_is_no_network() -> None:
+    for place in ("nte.models.temporal:TemporalConfig", "nte.models.temporal:Nothing"):
+        with pytest.raises(NteError, match=r"nte\.models\.temporal has no TrainableDenoiser of that name"):
+            network_type(place)
+    with pytest.raises(NteError, match=r"there is no module 'nte.nowhere'"):
+        network_type("nte.nowhere:Network")
+
+
+def test_a_wrong_choice_is_named() -> None:
+    with pytest.raises(NteError, match=r"network\.front is 3"):
+        make_network(TemporalConfig(front=3))
+
+
+def test_recurrent_tensors_cover_the_image_rounded_up() -> None:
+    assert Recurrent("x", 8, scale=4).shape(2, 45, 64) == (2, 8, 12, 16)
