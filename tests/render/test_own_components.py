@@ -8,6 +8,7 @@ import pytest
 from nte.frames import Clip
 from nte.render.components.frame import noisy, references
 from nte.render.engine.mesh_stage import MeshStage
+from nte.render.engine.plugins import make_mesh
 from nte.render.engine.xml.stage import XmlStage
 from nte.render.passes.radiance import radiance
 from nte.render.recipes.clips import render_recipe
@@ -67,8 +68,8 @@ def family() -> MeshStage:
 def own(folder: Path, solid_ball: bool = False) -> XmlStage:
     """The same as XML and keyframes; the ball a mesh as there, or a sphere of Mitsuba's."""
     parts = []
-    for name, mesh in zip(MATERIALS, family().shapes, strict=True):
-        mesh.write_ply(str(folder / f"{name}.ply"))
+    for name, obj in zip(MATERIALS, family().scene.objects, strict=True):
+        make_mesh(obj).write_ply(str(folder / f"{name}.ply"))
         given, matrix = MATERIALS[name], " ".join(f"{value:.9g}" for value in place(name).ravel())
         grey = f'<rgb name="{{}}" value="{given["color"]}"/>'
         bsdf = f'<bsdf type="diffuse">{grey.format("reflectance")}</bsdf>'
@@ -139,7 +140,7 @@ def test_components_of_a_scene_of_all_kinds_sum_to_a_plain_path_trace(every_kind
     direct = clean["direct"] * found["reference_visibility"]
     whole = clean["emission"] + direct + found["reference_indirect"] + found["reference_glossy"]
     np.testing.assert_allclose(whole.mean(), plain.mean(), rtol=1e-2)
-    names = [obj.name for obj in every_kind.scene.objects]
+    names = [obj.name for obj in every_kind.objects]
     for name in ("round", "clear"):  # no diffuse lobe
         inside = clean["instance"][0] == names.index(name) + 1
         assert (sample["indirect"][:, inside] == 0).mean() > 0.9  # but at its edge
