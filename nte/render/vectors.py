@@ -73,9 +73,10 @@ def mirror_images(stage: Stage, bounce: Bounce, time: float) -> Mirrored:
     distant = second.instance == 0
     target[distant] = point[distant] + stage.distant * target[distant]
     normal = normals_at(stage, first, time - 1)
-    bend = _line(curvatures_at(stage, first, time - 1).reshape(-1, 9)).unflatten(1, (3, 3))
+    bend = _bend(curvatures_at(stage, first, time - 1))
     camera = torch.from_numpy(eye(stage, time - 1).copy())[None]
-    image = mirror_image(*(_line(values) for values in (target, point, normal)), camera, bend)
+    h, s, n = (_line(values) for values in (target, point, normal))
+    image = mirror_image(h, s, n, camera, bend)
     return Mirrored(first, _to_rows(image), rows)
 
 
@@ -103,12 +104,10 @@ def footprint(stage: Stage, image: Floats, time: float) -> Floats:
     if not usable.any():
         return np.full((len(image), 3), np.nan)
     seen = trace_film(stage, pixel[usable])
-    curvature = curvatures_at(stage, seen.hits, time)
-    of_seen = image[usable], seen.point, seen.normal, seen.roughness[:, None], curvature.reshape(-1, 9)
-    *surface, bend = (_line(values) for values in of_seen)
+    of_seen = image[usable], seen.point, seen.normal, seen.roughness[:, None]
+    place, point, normal, roughness = (_line(values) for values in of_seen)
     view, projection = _camera(stage, time)
-    place, point, normal, roughness = surface
-    bend, size = bend.unflatten(1, (3, 3)), (stage.height, stage.width)
+    bend, size = _bend(curvatures_at(stage, seen.hits, time)), (stage.height, stage.width)
     found = reflection_covariance(place, point, normal, roughness, view, projection, bend, size)
     return _spread(usable, _only(seen.hit, _to_rows(found)))
 
@@ -130,6 +129,11 @@ def _camera(stage: Stage, time: float) -> tuple[Tensor, Tensor]:
 def _line(rows: Floats) -> Tensor:
     """(P, C) → (1, C, 1, P): points of some pixels, as an image of one line."""
     return torch.from_numpy(np.ascontiguousarray(rows.T))[None, :, None]
+
+
+def _bend(curvature: Floats) -> Tensor:
+    """(P, 3, 3) → (1, 3, 3, 1, P), likewise."""
+    return torch.from_numpy(np.ascontiguousarray(curvature.transpose(1, 2, 0)))[None, :, :, None]
 
 
 def _to_rows(image: Tensor) -> Floats:
