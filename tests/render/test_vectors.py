@@ -221,6 +221,17 @@ def test_covariance_is_that_of_the_points_that_reflect_the_same(eye, gaze, targe
     np.testing.assert_allclose(found, expected[[0, 0, 1], [0, 1, 1]], atol=0.05 * np.trace(expected))
 
 
+def test_where_no_pixel_is_shadowed_and_none_reflects_there_are_no_vectors():
+    down = still(translation((0, 4, 0)) @ rotation((1, 0, 0), np.pi))
+    lamp = thing(square(0.5), (0, 4, 0), lambda _: down, (9, 9, 9))
+    found = vectors(
+        Scene((thing(square(6), (0, 0, 0), STILL), lamp), Camera(still(look_at((0, 3, -3), (0, 0, 0))), FOV))
+    )
+    assert found["color"].max() > 0
+    for name in ("shadow_motion", "reflection_motion", "reflection_covariance"):
+        assert np.isnan(found[name]).all(), name
+
+
 def test_a_deep_room_has_finite_vectors_or_none():
     made = MeshStage(FAMILIES["rooms"](derive_generator("vectors")), SIZE, SIZE, 3)
     channels = noisy(made, 2, [1])[1][0]

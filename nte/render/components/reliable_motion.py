@@ -78,7 +78,7 @@ def mirror_images(stage: Timeless, bounce: Bounce, time: float) -> Mirrored:
     distant = second.instance == 0
     target[distant] = point[distant] + stage.distant * target[distant]
     normal = normals_at(stage, first, time - 1)
-    bend = _line(curvatures_at(stage, first, time - 1).reshape(-1, 9)).view(1, 3, 3, 1, -1)
+    bend = _bend(curvatures_at(stage, first, time - 1))
     camera = torch.from_numpy(eye(stage, time - 1).copy())[None]
     h, s, n = (_line(values) for values in (target, point, normal))
     image = mirror_image(h, s, n, camera, bend)
@@ -110,12 +110,10 @@ def footprint(moment: Moment, image: Floats) -> Floats:
     if not usable.any():
         return np.full((len(image), 3), np.nan)
     seen = trace_film(moment, pixel[usable])
-    curvature = curvatures_at(moment, seen.hits, time)
-    of_seen = image[usable], seen.point, seen.normal, seen.roughness[:, None], curvature.reshape(-1, 9)
-    *surface, bend = (_line(values) for values in of_seen)
+    of_seen = image[usable], seen.point, seen.normal, seen.roughness[:, None]
+    place, point, normal, roughness = (_line(values) for values in of_seen)
     view, projection = _camera(moment, time)
-    place, point, normal, roughness = surface
-    bend, size = bend.view(1, 3, 3, 1, -1), (moment.height, moment.width)
+    bend, size = _bend(curvatures_at(moment, seen.hits, time)), (moment.height, moment.width)
     found = reflection_covariance(place, point, normal, roughness, view, projection, bend, size)
     return _spread(usable, _only(seen.hit, _to_rows(found)))
 
@@ -137,6 +135,11 @@ def _camera(stage: Timeless, time: float) -> tuple[Tensor, Tensor]:
 def _line(rows: Floats) -> Tensor:
     """(P, C) → (1, C, 1, P): points of some pixels, as an image of one line."""
     return torch.from_numpy(np.ascontiguousarray(rows.T))[None, :, None]
+
+
+def _bend(curvature: Floats) -> Tensor:
+    """(P, 3, 3) → (1, 3, 3, 1, P), likewise."""
+    return torch.from_numpy(np.ascontiguousarray(curvature.transpose(1, 2, 0)))[None, :, :, None]
 
 
 def _to_rows(image: Tensor) -> Floats:
