@@ -7,7 +7,9 @@ part: what they show is a mixture, and what they fetch may have been hidden.
 
 A cell speaks *for* the vectors if they explain its texture and neither no motion nor the opposite motion does. It
 speaks *against* them if they do not, and a search finds one displacement that does, and only one: where texture
-repeats or is flat, any vector is as good as another.
+repeats or is flat, any vector is as good as another. Vectors and displacements are compared by one measure. Where
+vectors lead out of the image nothing can be fetched: a cell contradicts those only if what it does has their direction,
+as with vectors of another unit.
 """
 
 from typing import NamedTuple
@@ -27,6 +29,7 @@ ONE_SURFACE = 1.1  # greatest ratio of the depths in 3×3 pixels of one surface
 SAME_SURFACE = 1.5  # greatest ratio of the depths of a pixel and of what it fetches
 ALONE = 0.15  # greatest share of the displacements that explain a cell as well as the best one
 APART = 1.2  # pixels between a vector and what the picture does that count as a contradiction
+ALONG = 0.95  # cosine of the angle between vectors of one direction
 AROUND = 3.0  # pixels: equally good displacements this close are one, and their mean is the place
 SEARCHED = 48  # cells of a frame that are searched, at the most
 LARGE = 200  # pixels: images whose shorter side exceeds this have cells of 16×16 pixels, others of 8×8
@@ -122,6 +125,7 @@ class _Pair:
         steps = torch.arange(-reach, reach + 1, step, dtype=torch.float32)
         displacements = torch.cartesian_prod(steps, steps)
         tried = (self._compare(chosen, displacement.view(2, 1), self.wide) for displacement in displacements)
+        given_wide = self._means(local, *self._compare(chosen, motion[0].flatten(1)[:, chosen], self.wide), self.least, len(cells))
         halves = torch.stack([self._means(half, *result, self.least / 2, 2 * len(cells)) for result in tried])
         first, second = halves.view(len(displacements), -1, 2).unbind(2)
         found = []
@@ -132,12 +136,13 @@ class _Pair:
             best = int(first[:, i].masked_fill(~known, float("inf")).argmin())
             error = float(second[best, i])
             as_good = known & ((first[:, i] + second[:, i]) / 2 <= max(EXPLAINED / 2, 2 * error))
-            contradicts = error <= min(EXPLAINED, BETTER * float(given[cell].nan_to_num(1.0)))
+            contradicts = error <= min(EXPLAINED, BETTER * float(given_wide[i].nan_to_num(1.0)))
             if contradicts and as_good.sum() <= ALONE * known.sum():
                 around = (displacements - displacements[best]).square().sum(1) <= AROUND**2
                 seen = displacements[as_good & around].mean(0)
                 mean = motion[0].flatten(1)[:, self.usable & (self.cell == cell)].nan_to_num().mean(1)
-                if float((seen - mean).norm()) >= APART:
+                alike = float(seen @ mean) > ALONG * float(seen.norm() * mean.norm())
+                if float((seen - mean).norm()) >= APART and (alike or bool(given[cell].isfinite())):
                     found.append(Contradiction(cell, _pair(mean), _pair(seen), error))
         return found, share
 
