@@ -17,7 +17,9 @@ class Imported:
     folder: Path
     vectors: Vectors  # how `motion` was read, or the forward motion that it was made from
     map: Path | None = None  # the channel map, where there is one to correct
-    called: Mapping[str, str] = field(default_factory=dict)  # channel → what its source is called there, or what it lacks
+    called: Mapping[str, str] = field(
+        default_factory=dict
+    )  # channel → what its source is called there, or what it lacks
     notes: Sequence[str] = ()  # which layer was taken for what, and what had to be done with the values
     group: str = "motion"  # of the map, where `vectors` stand
 
