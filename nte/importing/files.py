@@ -32,6 +32,7 @@ def files_of_pattern(folder: Path, pattern: str) -> dict[int, Path]:
 
     In a pattern # (or ####) is the frame number, with as many digits as there are, and * any part of a name; all
     else stands for itself. Hidden files and folders are left out. Raises NteError for a gap, and where more than one
+    sequence fits.
     """
     parts = re.split(r"(#+|\*)", Path(pattern).as_posix())
     kinds = {"#": f"({FRAME_NUMBER})", "*": "[^/]*"}
