@@ -110,7 +110,8 @@ def _foreign(source: Path | Sequence[Path], first: Path, map_name: str | None, o
     sequence = ForeignSequence(source, map_name or recognise(first), overrides=overrides)
 
     def notes() -> Iterable[str]:
-        return [f"read as {sequence.how.producer} (--map {sequence.map.stem})", *sequence.notes()]
+        left_out = [f"{name} is left out: {lacks}" for name, lacks in sequence.left_out.items()]
+        return [f"read as {sequence.how.producer} (--map {sequence.map.stem})", *left_out, *sequence.notes()]
 
     frames = _with_forward(sequence.frames(), sequence.files, sequence.about)
     return _Source(sequence.files, frames, sequence.replacing, notes=notes)

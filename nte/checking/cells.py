@@ -7,9 +7,12 @@ part: what they show is a mixture, and what they fetch may have been hidden.
 
 A cell speaks *for* the vectors if they explain its texture and neither no motion nor the opposite motion does. It
 speaks *against* them if they do not, and a search finds one displacement that does, and only one: where texture
-repeats or is flat, any vector is as good as another.
+repeats or is flat, any vector is as good as another. Vectors and displacements are compared by one measure. Where
+vectors lead out of the image nothing can be fetched: a cell contradicts those only if what it does has their direction,
+as with vectors of another unit.
 """
 
+from math import dist, hypot
 from typing import NamedTuple
 
 import torch
@@ -27,7 +30,11 @@ ONE_SURFACE = 1.1  # greatest ratio of the depths in 3×3 pixels of one surface
 SAME_SURFACE = 1.5  # greatest ratio of the depths of a pixel and of what it fetches
 ALONE = 0.15  # greatest share of the displacements that explain a cell as well as the best one
 APART = 1.2  # pixels between a vector and what the picture does that count as a contradiction
+ALONG = 0.95  # cosine of the angle between vectors of one direction
 AROUND = 3.0  # pixels: equally good displacements this close are one, and their mean is the place
+NEIGHBOURS = 3  # contradicting cells of which one must do the same; measured: fine aliased textures, lenses
+COMPANY = 1 / 3  # of the contradicting cells must have such a neighbour, or those that do have it by chance
+SIMILAR = 0.15  # of its length: how far two displacements of one motion may be apart
 SEARCHED = 48  # cells of a frame that are searched, at the most
 LARGE = 200  # pixels: images whose shorter side exceeds this have cells of 16×16 pixels, others of 8×8
 
@@ -77,6 +84,7 @@ class _Pair:
     def __init__(self, previous: Frame, current: Frame) -> None:
         self.height, self.width = current.size
         self.side = 16 if min(current.size) > LARGE else 8
+        self.reach, self.step = (24, 2) if self.side == 8 else (48, 3)  # of displacements that are tried, in pixels
         self.least = ENOUGH * self.side**2
         before = previous["albedo"].nan_to_num()
         self.albedo = current["albedo"].nan_to_num()[0].flatten(1)
@@ -86,10 +94,10 @@ class _Pair:
         both = [name for name in ("instance", "depth") if name in current and name in previous]
         self.surface = {name: (current[name].flatten(), previous[name].flatten()) for name in both}
         self.centres = pixel_centres(before)[0].flatten(1)
-        columns = -(-self.width // self.side)
+        self.columns = -(-self.width // self.side)
         x, y = self.centres.long() // self.side
-        self.cell = y * columns + x
-        self.cells = columns * -(-self.height // self.side)
+        self.cell = y * self.columns + x
+        self.cells = self.columns * -(-self.height // self.side)
 
     def errors(self, motion: Tensor) -> Tensor:
         """(cells,) mean albedo error of vectors (1, 2, H, W) in each cell; NaN where too few pixels can tell."""
@@ -118,10 +126,11 @@ class _Pair:
         chosen = (self.usable & torch.isin(self.cell, cells)).nonzero()[:, 0]
         local = torch.searchsorted(cells, self.cell[chosen])
         half = 2 * local + self.centres[:, chosen].floor().sum(0).long() % 2
-        reach, step = (24, 2) if self.side == 8 else (48, 3)
-        steps = torch.arange(-reach, reach + 1, step, dtype=torch.float32)
+        steps = torch.arange(-self.reach, self.reach + 1, self.step, dtype=torch.float32)
         displacements = torch.cartesian_prod(steps, steps)
         tried = (self._compare(chosen, displacement.view(2, 1), self.wide) for displacement in displacements)
+        by_vectors = self._compare(chosen, motion[0].flatten(1)[:, chosen], self.wide)
+        given_wide = self._means(local, *by_vectors, self.least, len(cells))
         halves = torch.stack([self._means(half, *result, self.least / 2, 2 * len(cells)) for result in tried])
         first, second = halves.view(len(displacements), -1, 2).unbind(2)
         found = []
@@ -132,14 +141,27 @@ class _Pair:
             best = int(first[:, i].masked_fill(~known, float("inf")).argmin())
             error = float(second[best, i])
             as_good = known & ((first[:, i] + second[:, i]) / 2 <= max(EXPLAINED / 2, 2 * error))
-            contradicts = error <= min(EXPLAINED, BETTER * float(given[cell].nan_to_num(1.0)))
+            contradicts = error <= min(EXPLAINED, BETTER * float(given_wide[i].nan_to_num(1.0)))
             if contradicts and as_good.sum() <= ALONE * known.sum():
                 around = (displacements - displacements[best]).square().sum(1) <= AROUND**2
                 seen = displacements[as_good & around].mean(0)
                 mean = motion[0].flatten(1)[:, self.usable & (self.cell == cell)].nan_to_num().mean(1)
-                if float((seen - mean).norm()) >= APART:
+                alike = float(seen @ mean) > ALONG * float(seen.norm() * mean.norm())
+                if float((seen - mean).norm()) >= APART and (alike or bool(given[cell].isfinite())):
                     found.append(Contradiction(cell, _pair(mean), _pair(seen), error))
-        return found, share
+        accompanied = [piece for piece in found if self._has_company(piece, found)]
+        return accompanied if len(accompanied) >= COMPANY * len(found) else [], share
+
+    def _has_company(self, piece: Contradiction, found: list[Contradiction]) -> bool:
+        """Whether one of the nearest other pieces does nearly the same: chance finds another displacement each time."""
+
+        def apart(other: Contradiction) -> float:
+            (y, x), (row, column) = (divmod(p.cell, self.columns) for p in (piece, other))
+            return hypot(y - row, x - column)
+
+        nearest = sorted((other for other in found if other.cell != piece.cell), key=apart)[:NEIGHBOURS]
+        near_enough = max(2 * self.step, SIMILAR * hypot(*piece.seen))
+        return any(dist(piece.seen, other.seen) <= near_enough for other in nearest)
 
     def _compare(self, pixels: Tensor, vectors: Tensor, found: "_Range") -> tuple[Tensor, Tensor]:
         """Albedo error (P,) of pixels (P,) whose vectors are (2, P), and whether both ends lie inside one surface."""

@@ -11,6 +11,7 @@ from nte.motion.geometric import infinite_sky
 
 LONGEST_PX = 0.5  # of nearly all vectors of a frame in which nothing moves
 NEARLY_ALL = 0.999
+TOGETHER = 3  # changed pixels among 3×3: what moves uncovers several side by side, a noisy guide changes single ones
 CHANGED = 0.01  # share of the pixels that show what was not there
 NEARER = 1.1  # ratio of depths
 ALBEDO = 0.05
@@ -40,7 +41,10 @@ def stillness(previous: Frame, current: Frame) -> Stillness:
     elif "albedo" in current and "albedo" in previous:
         now, before = current["albedo"], previous["albedo"]
         changed = ((now > _largest(before) + ALBEDO) | (now < -_largest(-before) - ALBEDO)).any(1)
-    return Stillness(longest, 0.0 if changed is None else float(changed.float().mean()))
+    if changed is None:
+        return Stillness(longest, 0.0)
+    around = F.avg_pool2d(changed.float().view(1, 1, *current.size), 3, 1, 1) * 9  # what is outside counts as unchanged
+    return Stillness(longest, float((changed.view_as(around) & (around > TOGETHER - 0.5)).float().mean()))
 
 
 def without_motion(pairs: Sequence[Stillness]) -> str:

@@ -13,6 +13,7 @@ from nte.frames.frame import Frame
 SANITISED = ("radiance", "reflectance")  # kinds whose bad pixels denoisers take care of
 UNIT_SCALARS = ("roughness", "visibility", "reference_visibility", "time")  # in [0, 1]
 MANY = 0.01  # share of the pixels from which impossible values are a fault of the channel, not of a few pixels
+MOST = 0.5  # share of the pixels from which vectors longer than four images are a fault: they have another unit
 ROUNDING = 0.005  # of half floats, and of averages
 SAMPLED = 4096  # directions of a frame that are looked at, at the most
 
@@ -38,6 +39,8 @@ class Tally:
     finite: int = 0  # values
     bad: int = 0  # as nte.frames.bad counts them
     first_bad: int | None = None  # frame
+    far: int = 0  # vectors longer than four images
+    first_far: int | None = None
     impossible: int = 0  # outside the channel's range, or an id that is not whole
     seen: int = 0  # not all zero
     directions: list[Tensor] = field(default_factory=list)  # (3, n), some of those that are not zero
@@ -61,8 +64,11 @@ def tally_values(tallies: Mapping[str, Tally], frame: Frame) -> None:
             entry.finite += finite.numel()
         row = CHANNELS[name]
         # What another channel cannot be is judged below, by its range.
-        counted = row.kind in SANITISED or row.kind == "motion" or row.nan_means
+        counted = row.kind in SANITISED or row.nan_means
         number = bad.get(name, 0) if counted else int((~values.isfinite()).any(1).sum())
+        if row.kind == "motion" and not row.nan_means and (far := bad.get(name, 0) - number):
+            entry.far += far
+            entry.first_far = frame.index if entry.first_far is None else entry.first_far
         if number:
             entry.bad += number
             entry.first_bad = frame.index if entry.first_bad is None else entry.first_bad
@@ -92,7 +98,8 @@ def judge_values(tallies: Mapping[str, Tally]) -> list[Finding]:
     depth = tallies.get("depth")
     if depth and not depth.seen:
         others = [n for n in ("normal", "instance", "position", "albedo") if n in tallies and tallies[n].seen]
-        if any(tallies[name].seen > MANY * tallies[name].pixels for name in others):
+        shown = (n for n in others if n != "albedo" or tallies[n].low < tallies[n].high)  # some give the sky an albedo
+        if any(tallies[name].seen > MANY * tallies[name].pixels for name in shown):
             expected = "above 0 wherever a surface is seen: too small, negative or infinite depths count as misses"
             found.append(Finding("depth", f"0 everywhere, though {' and '.join(others)} show surfaces", expected))
     return found
@@ -106,10 +113,12 @@ def _judge(name: str, entry: Tally) -> Iterator[Finding]:
         if row.kind in SANITISED:
             what, expected = "not finite, or negative", "finite and not negative; denoisers sanitise these pixels"
             fault = entry.bad > many
-        elif row.kind == "motion":
-            what = "not finite, or longer than four images"
         found = f"{what} in {entry.bad} pixels of {name}, the first in frame {entry.first_bad}"
         yield Finding(name, found, expected, fault)
+    if entry.far:  # a point near the camera's plane was seen far outside the image
+        found = f"longer than four images in {entry.far} pixels of {name}, the first in frame {entry.first_far}"
+        expected = "vectors that end in the image, or not far from it; longer ones count as unknown"
+        yield Finding(name, found, expected, entry.far > MOST * entry.pixels)
     if row.kind == "direction":
         yield from _judge_directions(name, entry)
     elif entry.impossible:

@@ -56,10 +56,20 @@ def read_layers(path: Path, size: tuple[int, int] | None = None) -> dict[str, np
 
 def read_parts(path: Path, size: tuple[int, int] | None = None) -> list[Part]:
     """Read the parts of an OpenEXR file, each by itself, as `read_layers` reads all of them."""
+    return load_exr(path, size)[1]
+
+
+def load_exr(path: Path, size: tuple[int, int] | None = None) -> tuple[OpenEXR.File, list[Part]]:
+    """Read an OpenEXR file as the library has it, to be changed and written again, and its parts as `read_parts` does.
+
+    Raises NteError as `read_layers` does, but for two parts with a channel of the same name.
+    """
     path = Path(path)
+    if not _is_text(path):
+        raise NteError(f"{path}: the name is not UTF-8, which the OpenEXR library needs: rename it")
     try:
-        with path.open("rb") as file:
-            magic = file.read(4)
+        with path.open("rb") as opened:
+            magic = opened.read(4)
     except OSError as error:
         raise NteError(f"{path}: cannot be read: {error.strerror}") from error
     if magic != _MAGIC:
@@ -68,16 +78,28 @@ def read_parts(path: Path, size: tuple[int, int] | None = None) -> list[Part]:
         with quiet(), OpenEXR.File(str(path), separate_channels=True, header_only=True) as file:
             headers = [dict(part.header) for part in file.parts]  # closing the file empties them
         _check_headers(path, headers, size)
-        with quiet(), OpenEXR.File(str(path), separate_channels=True) as file:
+        with quiet():
+            file = OpenEXR.File(str(path), separate_channels=True)
             parts = [_read_part(path, part, len(file.parts) > 1) for part in file.parts]
     except UnicodeDecodeError as error:  # which the library raises for attributes and names alike
         text = ascii(error.object)
         raise NteError(f"{path}: the header has text that is not UTF-8, {text:.60}: write it again in UTF-8") from error
     except (RuntimeError, ValueError, OSError) as error:
         raise NteError(f"{path}: the OpenEXR file is truncated or damaged: render or copy it again") from error
-    if not any(part.layers for part in parts):  # how the library reports some truncated files
+    promised = [bool(header.get("channels")) for header in headers]
+    # How the library reports some truncated files: a part that it could not decode has no channels.
+    if [bool(part.layers) for part in parts] != promised or not any(promised):
         raise NteError(f"{path}: the OpenEXR file is truncated or empty: render or copy it again")
-    return parts
+    return file, parts
+
+
+def _is_text(path: Path) -> bool:
+    """Whether a path can be encoded: what the system has in another encoding is not text to Python."""
+    try:
+        str(path).encode()
+    except UnicodeEncodeError:
+        return False
+    return True
 
 
 def write_exr(path: Path, channels: Mapping[str, npt.NDArray[np.generic]]) -> None:

@@ -10,7 +10,7 @@ import OpenEXR
 from nte.errors import NteError
 from nte.files import make_folder, write_whole
 from nte.frames.clip import half_keeps
-from nte.frames.exr import merge_parts, quiet, read_parts
+from nte.frames.exr import load_exr, merge_parts, quiet
 from nte.frames.exr_header import Header, window_size
 
 # Compressions that lose nothing: the channels that stay are decoded and encoded again.
@@ -28,16 +28,15 @@ def copy_exr(source: Path, out: Path, planes: Planes, dark_counts: bool = True) 
     The sizes are those of the display window, as `read_layers` gives them. Parts, views, windows, attributes
     (chromaticities, owner, pixel aspect, manifests of Cryptomatte) and all other channels stay; so do the pixels of a
     replaced channel that lie outside the display window. A channel keeps its type, except that one of half floats
-    becomes float32 where half floats do not keep its new pixels (half_keeps; dark_counts as there). What was
+    becomes float32 where half floats do not keep its new pixels (half_keeps; dark_counts as there), and one of whole
+    numbers where they are not whole. What was
     compressed with loss is not lossy again; of tiles of several sizes (mip maps) only the full size stays. Raises
     NteError, and writes nothing, for a channel that the file does not have, and for a name that two parts have.
     """
-    parts = read_parts(source)  # raises for what is damaged
+    file, parts = load_exr(source)
     left: dict[str | Place, npt.NDArray[np.floating]] = dict(planes.items())
     if any(isinstance(key, str) for key in left):
         merge_parts(source, parts)  # raises for two channels of one name
-    with quiet():
-        file = OpenEXR.File(str(source), separate_channels=True)
     several = len(file.parts) > 1
     for number, part in enumerate(file.parts):
         if part.header["compression"] not in _LOSSLESS:
@@ -71,13 +70,19 @@ def _placed(
     if plane.shape != size:
         raise NteError(f"the new pixels are {plane.shape[1]}x{plane.shape[0]}, the file is {size[1]}x{size[0]}")
     low, high = np.maximum(data[0], display[0]), np.minimum(data[1], display[1]) + 1
-    fits = stored.dtype != np.float16 or half_keeps(plane, dark_counts)
-    kind = stored.dtype if fits else np.dtype(np.float32)
+    kind = stored.dtype if _keeps(stored.dtype, plane, dark_counts) else np.dtype(np.float32)
     placed = np.array(stored, kind)
     if (low < high).all():
         inside, shown = (_rectangle(low - corner, high - corner) for corner in (data[0], display[0]))
         placed[inside] = plane[shown]
     return placed
+
+
+def _keeps(kind: np.dtype[np.generic], plane: npt.NDArray[np.floating], dark_counts: bool) -> bool:
+    """Whether a type of OpenEXR's (half, float, 32-bit whole numbers) holds these values."""
+    if kind == np.float16:
+        return half_keeps(plane.astype(np.float32, copy=False), dark_counts)
+    return kind == np.float32 or bool(((plane == np.floor(plane)) & (plane >= 0) & (plane < 2**32)).all())
 
 
 def _rectangle(low: npt.NDArray[np.generic], high: npt.NDArray[np.generic]) -> tuple[slice, slice]:

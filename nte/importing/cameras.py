@@ -38,6 +38,8 @@ def load_cameras(path: Path, frames: int) -> list[Camera]:
         for key, matrix in camera._asdict().items():
             if matrix.shape != (4, 4) or not (np.abs(matrix) < _LARGEST).all() or np.linalg.det(matrix) == 0:
                 raise NteError(f"{path}: camera {i}: '{key}' is not an invertible 4×4 matrix")
+        if np.linalg.det(camera.to_pixels((1, 1))[:, :3]) == 0:
+            raise NteError(f"{path}: camera {i}: 'projection' is orthographic: expected that of a perspective camera")
     return found
 
 

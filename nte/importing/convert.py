@@ -30,7 +30,7 @@ def to_ours(given: Mapping[str, Pixels], how: ChannelMap, camera: Camera | None 
     if "albedo" in ours:
         ours["albedo"] = np.clip(ours["albedo"], 0, 1)
     if "normal" in ours:
-        normal = 2 * ours["normal"] - 1 if how.normal.encoded else ours["normal"]
+        normal = decoded(ours["normal"]) if how.normal.encoded else ours["normal"]
         rotation = camera.view[:3, :3].T if camera and how.normal.space == "camera" else np.eye(3)
         ours["normal"] = unit(np.einsum("ij,jhw->ihw", rotation, normal)).astype(np.float32)
     for name in VECTORS:
@@ -41,6 +41,8 @@ def to_ours(given: Mapping[str, Pixels], how: ChannelMap, camera: Camera | None 
     for name in ("depth", "shutter_depth"):
         if name in ours:
             ours[name] = _depth(ours[name], how, camera)
+    if "position" in ours and "depth" not in ours:  # infinite or NaN: how some write a miss
+        ours["position"] = np.where(np.isfinite(ours["position"]).all(0), ours["position"], 0)
     if "depth" in ours:
         hit = ours["depth"] > 0
         ours |= {name: np.where(hit, ours[name], 0) for name in ("normal", "position", "instance") if name in ours}
@@ -72,6 +74,11 @@ def revert_vectors(vectors: Pixels, convention: Convention) -> Pixels:
     """The opposite of `convert_vectors`: ours (2, H, W) → as the producer has stored them."""
     given = vectors / convert_vectors(np.ones_like(vectors), convention)
     return np.ascontiguousarray(given[::-1] if convention.swapped else given)
+
+
+def decoded(stored: Pixels) -> Pixels:
+    """Directions (3, H, W) of n/2 + 1/2; 0, which no unit vector is stored as, stays: there is no surface."""
+    return np.where(stored.any(0), 2 * stored - 1, 0)
 
 
 def unit(vectors: npt.NDArray[np.floating]) -> npt.NDArray[np.float64]:
@@ -115,9 +122,12 @@ def with_motion(frames: Iterable[dict[str, Pixels]]) -> Iterator[dict[str, Pixel
 def fill_unknown(frame: Mapping[str, Pixels]) -> dict[str, Pixels]:
     """A frame whose unknown (NaN) vectors are those of neighbours, the nearest in depth first; 0 where none is known.
 
-    The sky counts as behind everything, so that it moves as sky does, or else as what is furthest away.
+    The sky counts as behind everything, so that it moves as sky does, or else as what is furthest away. Positions that
+    are no number become 0.
     """
     filled = dict(frame)
+    if "position" in frame:
+        filled["position"] = np.where(np.isfinite(frame["position"]).all(0), frame["position"], 0)
     for name in VECTORS:
         if name in frame and np.isnan(frame[name]).any():
             depth = frame.get("depth", np.zeros_like(frame[name][:1]))

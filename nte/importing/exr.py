@@ -17,7 +17,9 @@ class Imported:
     folder: Path
     vectors: Vectors  # how `motion` was read, or the forward motion that it was made from
     map: Path | None = None  # the channel map, where there is one to correct
-    called: Mapping[str, str] = field(default_factory=dict)  # channel → what its source is called there
+    called: Mapping[str, str] = field(
+        default_factory=dict
+    )  # channel → what its source is called there, or what it lacks
     notes: Sequence[str] = ()  # which layer was taken for what, and what had to be done with the values
     group: str = "motion"  # of the map, where `vectors` stand
 
@@ -43,6 +45,7 @@ def import_exr(
     about: About = {"shutter": shutter} if shutter != 1 else {}
     write_imported(out, sequence.frames(), len(sequence), how.producer, sequence.cameras, force, **about)
     called = {name: f"'{' '.join(s.layer) or s.file}'" for name, s in how.channels.items() if s.layer or s.file}
+    called |= {name: f"left out: {lacks}" for name, lacks in sequence.left_out.items()}
     own_map = sequence.map if sequence.map.parent != MAPS else None
     group = "motion" if sequence.has("motion") or not sequence.has("forward_motion") else "forward_motion"
     return Imported(out, getattr(how, group), own_map, called, list(sequence.notes()), group)

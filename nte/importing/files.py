@@ -31,15 +31,16 @@ def files_of_pattern(folder: Path, pattern: str) -> dict[int, Path]:
     """Frame number → file below `folder`, in order, for the names that fit a pattern; nothing where none does.
 
     In a pattern # (or ####) is the frame number, with as many digits as there are, and * any part of a name; all
-    else stands for itself. Raises NteError for a gap, and where more than one sequence fits.
+    else stands for itself. Hidden files and folders are left out. Raises NteError for a gap, and where more than one
+    sequence fits.
     """
     parts = re.split(r"(#+|\*)", Path(pattern).as_posix())
     kinds = {"#": f"({FRAME_NUMBER})", "*": "[^/]*"}
     expression = re.compile("".join(kinds.get(part[:1], re.escape(part)) for part in parts if part))
     if expression.groups > 1:
         raise NteError(f"{folder}: the pattern '{pattern}' has # more than once: expected one frame number")
-    files = (path for path in sorted(folder.rglob("*")) if path.name[0] != "." and path.is_file())
-    names = ((path.relative_to(folder).as_posix(), path) for path in files)
+    files = [(path.relative_to(folder).as_posix(), path) for path in sorted(folder.rglob("*")) if path.is_file()]
+    names = [(name, path) for name, path in files if not re.search(r"(^|/)\.", name)]
     fitting = [(match, path) for name, path in names if (match := expression.fullmatch(name))]
     if not expression.groups:
         return by_number(path for _, path in fitting) if fitting else {}

@@ -19,6 +19,7 @@ from nte.importing.channel_map import SKY, Source
 Stored = Mapping[str, npt.NDArray[np.generic]]  # full layered name → (H, W), float16, float32 or uint32
 _OWN = "."  # stands for the components that belong to no layer: R, G, B
 _SUFFIXES = {2: ("xy", "rg", "uv"), 3: ("rgb", "xyz")}  # of a layer's components, in their order
+_CHROMA = {"r", "g", "b", "x", "ry", "by"}  # with any of these beside it, Y is not a grey image
 _DARK = 1e-3  # a colour below this is that of a surface without such a lobe
 _LISTED = 40  # channels of a file that an error names
 
@@ -165,7 +166,7 @@ def _components(stored: Stored, row: Channel, layer: str) -> tuple[str, ...]:
     for suffixes in _SUFFIXES.get(count, ()):
         if set(suffixes) <= set(below):
             return tuple(below[s] for s in suffixes)
-    if row.kind in ("radiance", "reflectance") and set(below) - {"a"} == {"y"}:
+    if row.kind in ("radiance", "reflectance") and "y" in below and not _CHROMA & set(below):
         return (below["y"],) * count  # a grey image
     return ()
 

@@ -18,7 +18,7 @@ from nte.importing.channel_map import ChannelMap, Source, find_map, load_channel
 from nte.importing.convert import fill_unknown, to_ours, with_motion
 from nte.importing.files import files_of_pattern, numbered_files
 from nte.importing.ids import Ids
-from nte.importing.layers import Found, choose, find, find_prefix, missing, partly_there, places, read
+from nte.importing.layers import Found, Stored, choose, find, find_prefix, missing, partly_there, places, read
 from nte.importing.notes import LostValues, OddValues
 from nte.importing.sky import with_sky_motion
 from nte.importing.still import with_still_geometry
@@ -88,13 +88,12 @@ class ForeignSequence:
         It takes the place of the noisy image, or of the layer that the map calls `result`. Raises NteError where the
         noisy image is a sum of layers.
         """
-        source, path = self.inputs[0].source, self.files[index]
+        color = self.inputs[0]
+        source, path = color.source, color.files[index]
         parts = read_parts(path)
         stored, place = choose(path, parts, source), places(path, parts, source)
         layer = Source(layer=[self.how.result]) if self.how.result else source
-        prefix = self.how.prefix
-        if prefix == "*":
-            prefix = find_prefix(path, stored, "color", source, self.how.prefix_not)
+        prefix = self._prefix(color, index, stored)
         found = find(stored, "color", layer, prefix) or find(stored, "color", source, prefix)
         if found is None or len(found.names) != 1:
             raise NteError(f"{path}: the noisy image is no layer of its own: name one with result=LAYER in the map")
@@ -131,10 +130,7 @@ class ForeignSequence:
     def _read(self, channel: Input, index: int, parts: Sequence[Part]) -> Array:
         name, source, path = channel.name, channel.source, channel.files[index]
         stored = choose(path, parts, source)
-        prefix = self.how.prefix
-        if prefix == "*":
-            lead = self.inputs[0] if path == self.inputs[0].files[index] else channel
-            prefix = find_prefix(path, stored, lead.name, lead.source, self.how.prefix_not)
+        prefix = self._prefix(channel, index, stored)
         found = find(stored, name, source, prefix)
         if found is None and (channel.needed or partly_there(stored, source, prefix)):
             raise missing(path, stored, name, source)
@@ -146,12 +142,28 @@ class ForeignSequence:
         values = read(stored, name, source, found)
         return self.ids.keep(values) if CHANNELS[name].kind == "id" else values
 
+    def _prefix(self, channel: Input, index: int, stored: Stored) -> str:
+        """What stands before the layers' names in the file of frame `index` that holds `channel`.
+
+        Where the map leaves that open, the file's noisy image tells, or the channel itself in a file of its own.
+        """
+        if self.how.prefix != "*":
+            return self.how.prefix
+        path, color = channel.files[index], self.inputs[0]
+        lead = color if path == color.files[index] else channel
+        return find_prefix(path, stored, lead.name, lead.source, self.how.prefix_not)
+
     def _refuse_change(self, name: str, *ends: tuple[Path, Found | None]) -> None:
         """Raise NteError for a channel that the first file (ends[0]) and another one have in different places."""
         (has, found), (lacks, instead) = ends if ends[0][1] else ends[::-1]
         called = found.called if found else ""
         there = f"there is {instead.called} instead" if instead else "there is none"
         raise NteError(f"{lacks}: '{name}': {there}, where {has.name} has {called}: expected the same passes in each")
+
+    @property
+    def left_out(self) -> dict[str, str]:
+        """Channels of the map that are not read → what they lack."""
+        return {name: lacks for name in self.how.channels if (lacks := needs_camera(self.how, name))}
 
     def has(self, name: str) -> bool:
         """Whether the files have a channel; known when they have been read."""
@@ -166,9 +178,6 @@ class ForeignSequence:
             if found
         )
         yield f"read {', '.join(taken)}"
-        for name in self.how.channels:
-            if lacks := needs_camera(self.how, name):
-                yield f"{name} is left out: {lacks}"
         yield from self.odd.notes()
         yield from self.lost.notes()
         if self.how.still and self.has("position"):

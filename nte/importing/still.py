@@ -62,6 +62,6 @@ def _motion(position: Pixels, hit: Mask, now: Floats, before: Floats | None) -> 
 
 
 def _seen(position: Pixels, camera: Floats) -> Floats:
-    x, y, w = np.tensordot(camera[:, :3], position.astype(np.float64), 1) + camera[:, 3].reshape(3, 1, 1)
-    with np.errstate(divide="ignore", invalid="ignore"):
+    with np.errstate(divide="ignore", invalid="ignore"):  # a position may be anything, infinite included
+        x, y, w = np.tensordot(camera[:, :3], position.astype(np.float64), 1) + camera[:, 3].reshape(3, 1, 1)
         return np.asarray(np.stack([x, y]) / np.where(w > 0, w, np.nan))

@@ -148,3 +148,58 @@ def test_a_clip_without_vectors_is_checked_for_its_values(tmp_path: Path) -> Non
     assert "roughness: 7 to 7" in report.reason
     bare = write_clip(tmp_path / "bare", [{"color": frame["color"]} for frame in frames])
     assert check(Clip(bare)).verdict == "undecidable"
+
+
+def ground_frame(index: int, size: tuple[int, int] = (60, 200), speed: float = 2.0) -> dict[str, Pixels]:
+    """A textured plane that a camera at height 1.5 flies over backwards, `speed` a frame; above it is the sky."""
+    height, width = size
+    y, x = np.mgrid[:height, :width] + 0.5
+    right, down = (x - width / 2) / height, (y - height / 3) / height  # a ray's slopes; the horizon is a third down
+    hit = down > 0.02
+    far = np.where(hit, 1.5 / np.where(hit, down, 1), 0)  # depth
+    u, v = right * far, far - speed * index  # on the plane
+    waves = [np.sin(3 * u + 1) + np.sin(11 * v) / 2, np.sin(4 * v) + np.sin(13 * u) / 2, np.sin(2 * u + 5 * v)]
+    before = far - speed  # depth of the same point in the previous frame, negative where it was behind the camera
+    ratio = far / np.where(before > 0, before, np.nan) - 1
+    motion = np.stack([right, down]) * height * np.nan_to_num(ratio, nan=3 * width)
+    channels = {
+        "albedo": (0.5 + 0.3 * np.stack(waves)) * hit, "color": np.ones((3, *size)), "depth": far[None],
+        "instance": hit[None], "motion": np.where(hit, motion, 0),
+    }  # fmt: skip
+    return {name: values.astype(np.float32) for name, values in channels.items()}
+
+
+def test_a_fast_camera_is_no_other_unit(tmp_path: Path) -> None:
+    """Most of the picture was not there in the frame before: nothing can be fetched, so nothing contradicts."""
+    clip = Clip(write_clip(tmp_path / "clip", [ground_frame(i) for i in range(4)]))
+    assert check(clip).verdict != "implausible"
+
+
+@pytest.mark.parametrize("share", [0.05, 0.1, 0.9])
+def test_thin_parts_at_rest_that_each_frame_samples_anew(tmp_path: Path, share: float) -> None:
+    """Foliage that covers a share of every pixel, seen by one jittered sample: single pixels change, nothing moves."""
+
+    def sampled(frame: dict[str, Pixels]) -> dict[str, Pixels]:
+        leaf = rng.random((1, 64, 96)) < share
+        return {
+            "motion": 0 * frame["motion"], "depth": np.where(leaf, 3, 8), "instance": 1 + leaf,
+            "albedo": np.where(leaf, 0.2, 0.6) * np.ones((3, 64, 96)),
+        }  # fmt: skip
+
+    rng = np.random.default_rng(0)
+    assert check(wrong(tmp_path, sampled)).verdict == "undecidable"
+
+
+def test_a_texture_too_fine_for_its_pixels(tmp_path: Path) -> None:
+    """Aliased, a texture turns into another one in each frame: some displacement always fits, but never the same."""
+
+    def aliased(index: int) -> dict[str, Pixels]:
+        frame = ground_frame(index, size=(64, 96), speed=-0.05)
+        x = np.arange(96) + 0.5
+        far = np.where(frame["depth"][0] > 0, frame["depth"][0], 1)
+        u, v = 90 * (x - 48) / 64 * far, 90 * (far + 0.05 * index)
+        albedo = np.stack([np.sin(u), np.sin(0.93 * v), np.sin(1.02 * (u + v))]) * (frame["depth"] > 0)
+        return {**frame, "albedo": (0.5 + 0.4 * albedo).astype(np.float32)}
+
+    clip = Clip(write_clip(tmp_path / "clip", [aliased(i) for i in range(4)]))
+    assert check(clip).verdict != "implausible"

@@ -89,3 +89,22 @@ def test_light_that_never_meets_says_nothing_of_exposure(tmp_path: Path) -> None
     left = np.arange(96) < 48
     report = checked(tmp_path, lambda f, i: {"color": f["color"] * left, "reference": f["reference"] * ~left})
     assert [finding for finding in report.findings if finding.channel == "reference"] == []
+
+
+def test_what_passed_close_to_the_camera_may_have_been_far_outside(tmp_path: Path) -> None:
+    """A point near the camera's plane is projected to anywhere: with a fast camera that is right for whole regions."""
+
+    def near(frame: dict[str, Pixels], index: int) -> dict[str, Pixels]:
+        motion = frame["motion"].copy()
+        motion[:, 50:, :40] = np.geomspace(500, 1e7, 40)
+        return {"motion": motion}
+
+    report = check(tmp_path, near)
+    assert report.verdict == "plausible"
+    assert "note: motion: longer than four images in 1680 pixels of motion, the first in frame 0" in describe(report)
+
+
+def test_an_albedo_of_the_sky_shows_no_surface(tmp_path: Path) -> None:
+    sky = {"albedo": np.ones((3, 64, 96)), "depth": np.zeros((1, 64, 96))}
+    report = check(tmp_path, lambda f, i: {**sky, "normal": 0 * f["normal"], "instance": sky["depth"]})
+    assert [finding for finding in report.findings if finding.channel == "depth"] == []

@@ -1,5 +1,6 @@
 """One OpenEXR file: what is written is read again, and what cannot be read is refused by name."""
 
+import os
 from pathlib import Path
 
 import numpy as np
@@ -215,4 +216,26 @@ def test_text_of_another_encoding_is_called_so(tmp_path: Path) -> None:
     OpenEXR.File(header, {"R": np.ones((2, 3), np.float32)}).write(str(path))
     path.write_bytes(path.read_bytes().replace(b"M_ller", "Müller".encode("latin-1")))
     with pytest.raises(NteError, match=r"a\.exr: the header has text that is not UTF-8, b'M.xfcller'"):
+        read_layers(path)
+
+
+@pytest.mark.parametrize("lost", [1, 200])
+def test_a_part_that_is_cut_off_is_no_missing_part(tmp_path: Path, lost: int) -> None:
+    """The library gives the parts that it can decode, and an empty one for the part that it cannot."""
+    rng = np.random.default_rng(0)
+    headers = [{"compression": OpenEXR.ZIP_COMPRESSION, "type": OpenEXR.scanlineimage, "name": n} for n in ("a", "b")]
+    channels = [{c: rng.random((20, 30), np.float32)} for c in ("R", "Z")]
+    path = tmp_path / "cut.exr"
+    OpenEXR.File([OpenEXR.Part(*both) for both in zip(headers, channels, strict=True)]).write(str(path))
+    assert sorted(read_layers(path)) == ["a.R", "b.Z"]
+    path.write_bytes(path.read_bytes()[:-lost])
+    with pytest.raises(NteError, match="truncated"):
+        read_layers(path)
+
+
+def test_a_name_in_another_encoding_is_called_so(tmp_path: Path) -> None:
+    path = Path(os.fsdecode(os.fsencode(tmp_path) + b"/gr\xfcn.0001.exr"))
+    write_exr(tmp_path / "plain.exr", {"R": np.ones((2, 3), np.float32)})
+    (tmp_path / "plain.exr").rename(path)
+    with pytest.raises(NteError, match="the name is not UTF-8"):
         read_layers(path)

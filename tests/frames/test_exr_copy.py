@@ -10,7 +10,7 @@ import OpenEXR
 import pytest
 
 from nte.errors import NteError
-from nte.frames.exr import read_layers, read_parts
+from nte.frames.exr import read_layers, read_parts, write_exr
 from nte.frames.exr_copy import copy_exr
 
 RNG = np.random.default_rng(0)
@@ -157,3 +157,28 @@ def test_of_mip_maps_the_full_size_stays(tmp_path: Path) -> None:
     np.testing.assert_array_equal(read_layers(source)["R"], image)
     copy_exr(source, tmp_path / "b.exr", {"R": 2 * image})
     np.testing.assert_array_equal(read_layers(tmp_path / "b.exr")["R"], 2 * image)
+
+
+def test_whole_numbers_become_floats_where_the_new_pixels_are_not_whole(tmp_path: Path) -> None:
+    source = {c: np.arange(12, dtype=np.uint32).reshape(3, 4) for c in "RGB"}
+    write_exr(tmp_path / "a.exr", source)
+    new = {"R": np.full((3, 4), 0.25, np.float32), "G": np.full((3, 4), 7, np.float32)}
+    copy_exr(tmp_path / "a.exr", tmp_path / "b.exr", new)
+    found = read_layers(tmp_path / "b.exr")
+    assert {name: plane.dtype.name for name, plane in found.items()} == {"R": "float32", "G": "uint32", "B": "uint32"}
+    for name, plane in {**source, **new}.items():
+        np.testing.assert_array_equal(found[name], plane)
+
+
+def test_a_frame_is_decoded_once(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    write_exr(tmp_path / "a.exr", {"R": np.ones((3, 4), np.float32)})
+    decoded = []
+    opened = OpenEXR.File
+
+    def count(*arguments: Any, **options: Any) -> Any:
+        decoded.append(options.get("header_only", False))
+        return opened(*arguments, **options)
+
+    monkeypatch.setattr(OpenEXR, "File", count)
+    copy_exr(tmp_path / "a.exr", tmp_path / "b.exr", {"R": np.zeros((3, 4), np.float32)})
+    assert decoded.count(False) == 1

@@ -27,8 +27,10 @@ from nte.importing.channel_map import (
     Vectors,
     load_channel_map,
 )
+from nte.importing.exr import import_exr
+from nte.importing.files import files_of_pattern
 from nte.importing.ids import UNNAMED, Ids
-from tests.importing.producers import SIZE, SKY_ROWS, named, rotation, scene, write_map
+from tests.importing.producers import SIZE, SKY_ROWS, named, rotation, scene, write_layers, write_map
 from tests.synthetic import Pixels
 
 Layers = dict[str, npt.NDArray[Any]]
@@ -459,3 +461,67 @@ def test_two_halves_of_a_resolver_do_not_become_one(tmp_path: Path) -> None:
     path.write_text("prefix: '$'\nfile: '{oc.env:HOME}'\nchannels: {color: '${prefix}${file}'}\n")
     with pytest.raises(NteError, match=r"'channels\.color.*' calls a resolver"):
         load_channel_map(path)
+
+
+def test_a_pattern_leaves_hidden_folders_out(tmp_path: Path) -> None:
+    frames = {"": 1.0, ".thumbnails/": 7.0}
+    for below, value in frames.items():
+        for i in range(2):
+            layers = named("", "RGB", np.full((3, *SIZE), value, np.float32))
+            (tmp_path / "shot" / "seq" / below).mkdir(parents=True, exist_ok=True)
+            write_exr(tmp_path / f"shot/seq/{below}c.{i}.exr", {name[1:]: plane for name, plane in layers.items()})
+    assert sorted(files_of_pattern(tmp_path / "shot", "*/c.#.exr")) == [0, 1]
+    assert files_of_pattern(tmp_path / "shot", "seq/*/c.#.exr") == {}
+
+
+def test_a_grey_image_beside_depth(tmp_path: Path) -> None:
+    """Y and Z of no layer are the standard names of a grey image with depth."""
+    depth = np.full(SIZE, 3.0, np.float32)
+    grey = np.random.default_rng(0).random(SIZE, np.float32)
+    source = write_layers(tmp_path / "grey", [{"Y": grey, "A": grey, "Z": depth}])
+    about = write_map(tmp_path / "map.yaml", {"channels": {"color": ".", "depth": "Z"}})
+    frame = Clip(import_exr(source, about, tmp_path / "clip").folder).frame(0)
+    np.testing.assert_allclose(frame["color"][0], np.stack([grey] * 3), rtol=1e-3)
+
+
+def test_a_pixel_without_a_normal_or_a_position_is_no_surface(tmp_path: Path) -> None:
+    """Where there is no depth, 0 among encoded normals and infinity among positions are misses."""
+    normal = np.zeros((3, *SIZE), np.float32)
+    normal[:, 5:] = np.reshape([0.5, 1.0, 0.5], (3, 1, 1))
+    position = np.where(np.arange(SIZE[0])[:, None] < 5, np.inf, 2.0) * np.ones((3, *SIZE))
+    layers = named("N", "XYZ", normal) | named("P", "XYZ", position) | named("C", "RGB", np.ones((3, *SIZE)))
+    source = write_layers(tmp_path / "shot", [layers] * 2)
+    about = {"channels": {"color": "C", "normal": "N", "position": "P"}, "normal": {"encoded": True}}
+    frame = Clip(import_exr(source, write_map(tmp_path / "map.yaml", about), tmp_path / "clip").folder).frame(0)
+    for name, value in (("normal", (0, 1, 0)), ("position", (2, 2, 2))):
+        np.testing.assert_array_equal(frame[name][0, :, :5], 0)
+        np.testing.assert_array_equal(frame[name][0, :, 5:], np.broadcast_to(np.reshape(value, (3, 1, 1)), (3, 43, 64)))
+
+
+def test_a_surface_whose_position_is_no_number_is_told_and_passes(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    position = np.ones((3, *SIZE), np.float32)
+    position[1, 7, 8] = np.nan
+    layers = named("C", "RGB", np.ones((3, *SIZE))) | named("P", "XYZ", position) | {"Z": np.ones(SIZE, np.float32)}
+    source = write_layers(tmp_path / "shot", [layers])
+    about = write_map(tmp_path / "map.yaml", {"channels": {"color": "C", "position": "P", "depth": "Z"}})
+    assert main(["import", "exr", str(source), "--map", str(about), "--out", str(tmp_path / "clip")]) == 0
+    assert "bad: 1 pixels of position, first in" in capsys.readouterr().out
+    np.testing.assert_array_equal(Clip(tmp_path / "clip").frame(0)["position"][0, :, 7, 8], 0)
+
+
+@pytest.mark.parametrize("use", ["motion: {layer: MV, unknown: sky}", "still"])
+def test_orthographic_cameras_are_refused(tmp_path: Path, capsys: pytest.CaptureFixture[str], use: str) -> None:
+    projection = [[0.1, 0, 0, 0.5], [0, -0.1, 0, 0.5], [0, 0, 0.01, 0], [0, 0, 0, 1]]
+    (tmp_path / "cameras.json").write_text(json.dumps([{"view": np.eye(4).tolist(), "projection": projection}] * 2))
+    layers = named("C", "RGB", np.ones((3, *SIZE))) | named("P", "XYZ", np.ones((3, *SIZE)))
+    layers |= named("MV", "XY", np.zeros((2, *SIZE))) | {"Z": np.zeros(SIZE, np.float32)}
+    source = write_layers(tmp_path / "shot", [layers] * 2)
+    about: dict[str, Any] = {"channels": {"color": "C", "position": "P"}, "still": True}
+    if use != "still":
+        about = {"channels": {"color": "C", "depth": "Z", "motion": {"layer": "MV", "unknown": "sky"}}}
+    path = write_map(tmp_path / "map.yaml", {**about, "cameras": "cameras.json"})
+    assert main(["import", "exr", str(source), "--map", str(path), "--out", str(tmp_path / "clip")]) == 2
+    assert "camera 0: 'projection' is orthographic" in capsys.readouterr().err
+    assert not (tmp_path / "clip").exists()
