@@ -86,6 +86,18 @@ def test_a_finished_run_can_be_resumed_without_a_change_wherever_it_lies(
     assert_same_run(run, finished)
 
 
+def test_a_run_whose_configuration_names_no_kind_of_network_is_of_the_first_kind(
+    finished: Path, tmp_path: Path, noisy_disc: Path
+) -> None:
+    run = copied(finished, tmp_path)
+    said = (run / "config.yaml").read_text()
+    (run / "config.yaml").write_text(said.replace("  kind: temporal\n", ""))
+    assert (run / "config.yaml").read_text() != said
+    assert torch.equal(load_run(run).state_dict()["heads.heads.0.bias"], load_run(finished).heads.heads[0].bias)
+    train(tiny_config(tmp_path, noisy_disc, "resume=true"), device="cpu")
+    assert_same_run(run, finished)
+
+
 def test_the_moving_average_by_hand(tmp_path: Path, noisy_disc: Path) -> None:
     name = "unet.encoders.0.0.weight"
     weights, averages = [], []
