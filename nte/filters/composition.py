@@ -1,9 +1,9 @@
 """Light components, denoised apart and put together again: a wrapper around any denoisers."""
 
 from collections.abc import Mapping
-from typing import Annotated, Any, Literal, TypeAlias
+from typing import Annotated, Literal, TypeAlias
 
-from nte.denoiser import Denoiser, Result, sanitised
+from nte.denoiser import Denoiser, Result, State, sanitised
 from nte.errors import NteError
 from nte.frames.frame import Frame
 from nte.options import Allowed
@@ -40,8 +40,8 @@ class Composition(Denoiser):
 
     @sanitised
     def step(
-        self, frame: Frame, state: Mapping[str, Any] | None, extras: tuple[str, ...] = ()
-    ) -> tuple[Result, Mapping[str, Any]]:
+        self, frame: Frame, state: Mapping[str, State] | None, extras: tuple[str, ...] = ()
+    ) -> tuple[Result, Mapping[str, State]]:
         """Denoise every component; the state is one of each."""
         tensors = frame.torch()
         images, states = {}, {}

@@ -5,11 +5,14 @@ import re
 from collections.abc import Mapping, Sequence
 from hashlib import sha256
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeAlias
 
 from nte.errors import NteError
 from nte.frames.channels import CHANNELS, TARGETS
 from nte.recurrence import FORWARD, SCALARS, Recurrent
+
+Description: TypeAlias = dict[str, Any]  # the JSON in a model's metadata, by its keys
+Shapes: TypeAlias = Mapping[str, Sequence[Any]]  # of a graph's inputs: sizes, or names of those that are free
 
 FORMAT = "nte-onnx/1"
 METADATA_KEY = "nte"
@@ -31,9 +34,7 @@ def check_seal(path: Path) -> None:
         raise NteError(f"{path}: damaged: its checksum does not fit: copy or export it again")
 
 
-def read_description(
-    path: Path, text: str | None, inputs: Mapping[str, Sequence[Any]], outputs: Sequence[str]
-) -> dict[str, Any]:
+def read_description(path: Path, text: str | None, inputs: Shapes, outputs: Sequence[str]) -> Description:
     """Return the description of the model at `path`, whose graph has these inputs, with their shapes, and outputs.
     (Inputs may be fewer than it says: the exporter drops those that a network does not use.)
 
@@ -73,7 +74,7 @@ def read_description(
     return dict(info)
 
 
-def recurrent_of(info: Mapping[str, Any], inputs: Mapping[str, Sequence[Any]]) -> dict[str, Recurrent]:
+def recurrent_of(info: Description, inputs: Shapes) -> dict[str, Recurrent]:
     """The recurrent tensors of a graph with these inputs and their shapes."""
     scales = info.get("scales", {})
     return {
@@ -83,7 +84,7 @@ def recurrent_of(info: Mapping[str, Any], inputs: Mapping[str, Sequence[Any]]) -
     }
 
 
-def _are_channels(names: Any) -> bool:
+def _are_channels(names: object) -> bool:
     return isinstance(names, list) and all(isinstance(name, str) and name in CHANNELS for name in names)
 
 
