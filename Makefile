@@ -1,13 +1,14 @@
 # make demo   everything once, from a bare machine: install, render, train, export, denoise, evaluate
 # make test   every test, the notebooks included
 # make lint   style and types
+# make coverage   the lines of nte/ that the fast tests leave out      make slow   the tests that make coverage left out
 # make paper  the published comparisons, with their data: a few hours       make bench   times, as ratios in one run
 PYTHON ?= python3
 VENV := .venv
 BIN := $(VENV)/bin
 INSTALLED := $(VENV)/installed
 
-.PHONY: demo test fast lint acceptance paper bench clean
+.PHONY: demo test fast slow coverage lint acceptance paper bench clean
 
 demo: $(INSTALLED)
 	$(BIN)/nte render datasets/quickstart.yaml --out data/quickstart
@@ -22,6 +23,13 @@ test: $(INSTALLED)
 
 fast: $(INSTALLED)
 	$(BIN)/pytest -n auto --maxprocesses 8 --dist worksteal -m "not slow"
+
+slow: $(INSTALLED)
+	$(BIN)/pytest -n auto --maxprocesses 8 --dist worksteal -m slow
+
+# Over the fast tests alone: counting lines makes tests of small functions half as slow again (Python 3.11).
+coverage: $(INSTALLED)
+	$(BIN)/pytest -n auto --maxprocesses 8 --dist worksteal -m "not slow" --cov --cov-report=term-missing:skip-covered
 
 lint: $(INSTALLED)
 	$(BIN)/ruff check .

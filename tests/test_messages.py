@@ -14,7 +14,7 @@ NOT_INSTALLED = re.compile(r"\b(datasets|docs|configs|export|benchmarks|tests|no
 def messages(tree: ast.AST) -> Iterator[ast.Constant]:
     """Every text in the code that may be shown: all but docstrings, and paths that the code itself opens."""
     kinds = (ast.Module, ast.ClassDef, ast.FunctionDef, ast.AsyncFunctionDef)
-    hidden = {id(node.body[0].value) for node in ast.walk(tree) if isinstance(node, kinds) and is_text(node.body)}
+    hidden = {id(node.body[0].value) for node in ast.walk(tree) if isinstance(node, kinds) and is_text(node.body)}  # type: ignore[attr-defined]
     for node in ast.walk(tree):
         if isinstance(node, ast.Call) and getattr(node.func, "id", "") == "Path":
             hidden |= {id(argument) for argument in node.args}

@@ -11,8 +11,8 @@ from hypothesis import strategies as st
 from torch import Tensor
 
 from nte import Frame, NteError
+from nte.color import PSNR_MAX
 from nte.evaluation.metrics import (
-    PSNR_MAX,
     flip_map,
     psnr,
     region_mean,

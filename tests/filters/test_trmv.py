@@ -10,7 +10,8 @@ import torch
 
 from nte.denoiser import Session
 from nte.errors import NteError
-from nte.filters.trmv import COMPONENTS, Trmv
+from nte.filters.composition import COMPONENTS
+from nte.filters.trmv import Trmv
 from nte.filters.trmv.options import TrmvOptions
 from nte.frames.frame import Frame
 from nte.registry import load_denoiser

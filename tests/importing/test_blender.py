@@ -6,7 +6,7 @@ import pytest
 from nte.cli import main
 from nte.frames.clip import Clip
 from nte.frames.exr import read_exr, write_exr
-from nte.importing.convert import UNNAMED
+from nte.importing.ids import UNNAMED
 from tests.importing.producers import SKY_ROWS, blender, scene, write_layers
 
 
