@@ -39,7 +39,10 @@ class SequenceScalars(NamedTuple):
     depth_scale: Numbers  # (N,), NaN until a frame with a surface
 
     def begun(self, frame: Frame, reset: Numbers) -> "SequenceScalars":
-        """Take from `frame` the scalars of sequences that start with it, where reset (N,) is 1, and of those still unknown."""
+        """Take from `frame` the scalars of sequences that start with it and the scalars that are still unknown.
+
+        reset (N,): 1 where a sequence starts.
+        """
         starts = [(reset > 0) | np.isnan(carried) for carried in self]
         if not np.any(starts):
             return self
