@@ -55,7 +55,10 @@ class Correspondence(NamedTuple):
 def find_correspondence(
     current: Tensor, previous: Tensor, search: Searches | None = None, known: Known | None = None
 ) -> Correspondence:
-    """Find the motion (as `find_motion`, which describes the arguments) and its patch error (as `patch_error`)."""
+    """Find the motion (N, 2, H, W), px, current → previous, with its patch error (N, 1, H, W).
+
+    `find_motion` describes the arguments, and `patch_error` the error. Raises NteError for images that differ in size.
+    """
     _check_sizes(current, previous)
     search = search or searches_for(current)
     motion = find_motion(current, previous, search, known)

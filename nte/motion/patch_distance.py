@@ -102,7 +102,10 @@ class _Strips:
         return table
 
     def _differences(self, current: Tensor, shifted: Tensor, pixels: Tensor, norm: Norm) -> None:
-        """Write Equations 2 to 5, per pixel, without the centre's weight, into `pixels`; channels are averaged first."""
+        """Write Equations 2 to 5 per pixel into `pixels`, without the centre's weight.
+
+        Channels are averaged inside the logarithm.
+        """
         for c in range(current.shape[0]):
             to = pixels if c == 0 or self.channel is None else self.channel[: pixels.shape[0]]
             torch.sub(current[c], shifted[c], out=to)
