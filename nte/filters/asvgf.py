@@ -40,9 +40,9 @@ class Strata(NamedTuple):
 class AsvgfOptions(SvgfOptions, name="asvgf"):
     """Options of A-SVGF: those of SVGF, and those of the gradients.
 
-    gradient_iterations: of the gradients' à-trous filter. gradient_noise: number of standard deviations, as if all Δ
-    were noise, that are subtracted from the filtered |Δ|. 0 is the published method, which mistakes the noise of
-    indirect light's gradients for change and drops its history; 1 keeps that history.
+    gradient_iterations: of the gradients' à-trous filter. gradient_noise: number of standard deviations of the filtered
+    Δ, computed as if Δ were all noise, that are subtracted from |Δ|. 0 is the published method, which mistakes the
+    noise of indirect light's gradients for change and drops its history; 1 keeps that history.
     """
 
     alpha: Alpha = 0.1
@@ -57,7 +57,7 @@ class Asvgf(Svgf):
     numbers, and shaded in the previous frame. One pixel of each 3×3 stratum has values, the others are NaN. λ is 0
     where no sample is near. A target other than `color` uses the gradients of its own light: `gradient_visibility`,
     `gradient_indirect` or `gradient_glossy`. Clips without these use `gradient` instead; then a moving shadow also
-    shortens the history of indirect and glossy light. The extra `alpha` shows λ.
+    shortens the history of indirect and glossy light. The extra `alpha` is the weight that λ has raised.
     """
 
     options: AsvgfOptions

@@ -71,7 +71,7 @@ def _windows(padded: Tensor, kernels: Tensor) -> Iterator[tuple[slice, slice]]:
 
 
 def combine_scales(fine: Tensor, coarse: Tensor, alpha: Tensor, downsample: Downsample) -> Tensor:
-    """Combine two scales by Eq. 4: o = f − U[α·D(f)] + U[α·c]. The coarse image replaces low frequencies of the fine one.
+    """Combine two scales by Eq. 4: o = f − U[α·D(f)] + U[α·c], so that c replaces the low frequencies of f.
 
     fine f (N, C, 2H, 2W); coarse c (N, C, H, W); alpha α (N, 1, H, W) in [0, 1]. U is bilinear upsampling. D is 2×2 max
     pooling in the paper's text, and the mean in Vogels et al. 2018. The maximum subtracts too much, which darkens the

@@ -126,7 +126,7 @@ class TemporalDenoiser(TrainableDenoiser):
 
     @property
     def multiple(self) -> int:
-        """The number to a multiple of which image sizes are padded inside."""
+        """The number to whose multiples `forward` pads the image's height and width."""
         levels, scales = len(self.config.channels), self.config.scales
         return max(self.config.front << (levels - 1), 1 << (scales - 1))
 
