@@ -97,7 +97,7 @@ def _pairs(
     Bands, of different images or different rows, share no pixel, so they can be filtered at the same time.
     """
     batch, _, height, width = shape
-    group = min(batch, max(1, STRIP_PIXELS // (height * width)))  # small images together
+    group = min(batch, max(1, STRIP_PIXELS // (height * width)))  # small images are filtered together
     strip = max(1, STRIP_PIXELS // (width * group))
     reach = len(kernel) - 1
     offsets = [(y, x) for y in range(reach + 1) for x in range(-reach, reach + 1) if y > 0 or x > 0]
@@ -105,7 +105,7 @@ def _pairs(
     borders = [height * band // bands for band in range(bands + 1)]
 
     def cut(first: int, top: int, bottom: int, y: int, x: int) -> Iterator[_Pair]:
-        """The pairs of one offset whose upper pixels are in these rows."""
+        """Yield the pairs of one offset whose upper pixels are in these rows."""
         dy, dx = y * step, x * step
         columns = width - abs(dx)
         if bottom > top and columns > 0:

@@ -128,8 +128,8 @@ def joint_bilateral(
 def atrous_bilateral(values: Tensor, edges: Edges, levels: int, in_place: bool = False) -> Tensor:
     """Filter values (N, C, H, W) by à-trous levels of 3 taps, 1, 2, 4, … px apart, along x and then along y.
 
-    4 levels reach 31×31 pixels with 32 taps. edges: weights of pairs, up to 2^(levels − 1) px. A constant stays
-    constant. in_place: write the result into the memory of the values.
+    4 levels reach 31×31 pixels with 16 taps besides the centre. edges: weights of pairs, up to 2^(levels − 1) px. A
+    constant stays constant. in_place: write the result into the memory of the values.
     """
 
     def taps(weights: Sequence[Tensor], axis: int, width: Tensor | float) -> list[list[Tap]]:

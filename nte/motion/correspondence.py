@@ -38,7 +38,7 @@ __all__ = [
 ]  # fmt: skip
 
 
-_ENOUGH = 32  # least pixels along each axis to measure the shift of the whole image reliably
+_ENOUGH = 32  # least number of pixels along each axis for a reliable shift of the whole image
 
 
 Searches = Search | Sequence[Search]  # one for all images of a batch, or one per image

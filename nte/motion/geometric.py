@@ -66,7 +66,7 @@ def dual_motion(
     """
     traditional = traditional_motion(motion)
     previous = pixel_centres(motion) + traditional.motion
-    # Nearest, not bilinear: a motion interpolated across an edge belongs to nobody.
+    # Nearest, not bilinear: a motion interpolated across an edge belongs to no surface.
     forward = fetch_nearest(previous_forward_motion, previous)
     known = traditional.valid & (forward.abs() < float("inf")).all(1, keepdim=True)
     dual = -torch.where(known, forward, 0.0)

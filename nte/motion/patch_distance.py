@@ -36,8 +36,8 @@ def best_shift(current: Tensor, previous: Tensor, radius: int, norm: Norm, refin
     exist; the previous image is clamped at its border. Log distances are returned without log 2 and without the weight
     of the centre, so that 0 means equal. refine: add the minimum of a quadric through the neighbouring distances.
 
-    Works in strips and holds the 25 distances of one strip at a time. Costs 25 · log₂(radius) additions per pixel, and
-    25 logarithms for the log norms.
+    Works in strips and holds the 25 distances of one strip at a time. Costs 50 · log₂(2·radius + 1) additions per
+    pixel, or up to twice as many, and 25 logarithms for the log norms.
     """
     count, _, height, width = current.shape
     shift = current.new_empty(count, 2, height, width)
@@ -127,8 +127,8 @@ class _Strips:
 def _sums(values: Tensor, count: int, step: int, one: Tensor, two: Tensor) -> Tensor:
     """The sums of `count` elements `step` apart, starting at each element, by doubling; stored in `one` or `two`.
 
-    The last (count − 1) · step elements are undefined. Costs log₂(count) additions. torch.cumsum, with one addition and
-    one subtraction for any count, takes as long as five additions, and rounds.
+    The last (count − 1) · step elements are undefined. Costs log₂(count) additions, or up to twice as many.
+    torch.cumsum, with one addition and one subtraction for any count, takes as long as five additions, and rounds.
     """
     total, taken, elements = values, 1, values.shape[0]
     for bit in bin(count)[3:]:

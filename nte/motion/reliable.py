@@ -183,7 +183,7 @@ def _ellipse(image: Tensor, point: Tensor, normal: Tensor, roughness: Tensor, ey
     normal = normal * side
     cosine = (axis * normal).sum(-1, keepdim=True).clamp(min=GRAZING)
     frame = tangents(normal, axis)
-    # In this frame the flat part is diagonal: across the plane of incidence, and within it.
+    # In this frame the matrix of a flat mirror is diagonal: across the plane of incidence, and within it.
     flat = (1 / distance + 1 / to_camera) * torch.cat([torch.ones_like(cosine), cosine**2], -1)
     turning = torch.diag_embed(flat)
     if curvature.dim():

@@ -41,7 +41,7 @@ def estimate_variance(rows: Tensor, pixels: PixelList, depth_threshold: float, n
     tiles, of_pixel = _tiles(pixels)
     motion = rows[:, MOTION]
     angle = torch.atan2(motion[:, 1], motion[:, 0])
-    # Four columns instead of eight: reading them is what the estimate costs.
+    # Four columns instead of eight, since reading them dominates the cost of the estimate.
     narrow = torch.stack([motion.square().sum(1).sqrt(), angle, rows[:, DEPTH], rows[:, MOVING]], 1)
     table = in_chunks(tiles, 16**2, lambda some, _: _tile_statistics(narrow, some, depth_threshold, naive))[of_pixel]
     length, length_variance, angle, angle_variance = table[:, :4].unbind(1)

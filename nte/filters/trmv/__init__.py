@@ -1,7 +1,7 @@
 """TRMV: «Temporally Reliable Motion Vectors for Real-time Ray Tracing» (Zeng et al. 2021) as a denoiser.
 
 Shadows, glossy reflections and diffuse indirect light are filtered separately, each with its own vectors, and summed.
-nte.filters.trmv.options says which options make the paper's comparisons, and which are not in the paper.
+nte.filters.trmv.options has presets for the paper's comparisons, and marks what is not in the paper.
 """
 
 import math

@@ -34,7 +34,7 @@ class Effect(NamedTuple):
     image: Tensor  # (N, C, H, W)
     history: History
     alpha: Tensor  # (N, 1, H, W) weight of the current frame; 1 where there is no history
-    vectors: Reprojection | None = None  # where history came from; None: from nowhere
+    vectors: Reprojection | None = None  # where history came from; None: none was used
 
 
 class Weight(NamedTuple):

@@ -72,7 +72,7 @@ def fetch_from_surface(vectors: Reprojection, inputs: FrameInputs) -> Fetcher:
         return index, before.gather(2, index).view_as(x)
 
     _, beside = at(end)
-    # A dual vector that leaves the image is not used: the traditional one ends on what hid the surface.
+    # Where a dual vector leaves the image, the traditional one is used, which ends on the occluder.
     dual = vectors.disoccluded & (vectors.motion != inputs.traditional.motion).any(1, keepdim=True)
     expected = torch.where(dual, beside, inputs.guide.disparity)
     room = expected * DEEPER + inputs.guide.slope.abs().sum(1, keepdim=True)

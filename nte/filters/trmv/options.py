@@ -25,12 +25,13 @@ def _positive(most: float) -> Allowed:
 
 @dataclass(frozen=True)
 class TrmvOptions(Options, name="trmv"):
-    """Options of TRMV; each one is a comparison of the paper or is marked as not in the paper.
+    """Options of TRMV; the presets make comparisons of the paper.
 
     target: `color`, or one component, which needs only its own channels. shadow, glossy, occlusion: the vectors that
     fetch history; `gradient`: traditional ones, with α raised as in A-SVGF where the light changed; `none`: the spatial
-    filter alone. indirect: whether indirect light is kept as cones or as a colour. reshading: weights of the cones.
-    half_angle: of the cones, degrees. alpha: least weight of the current frame. warm_up: a running mean until alpha is
+    filter alone. indirect: whether indirect light is kept as cones or as a colour. reshading: weights of the cones,
+    `paper` as in Eq. 11, or `cosine`, which keeps a white environment white (not in the paper). half_angle: of the
+    cones, degrees; 30 in the paper. alpha: least weight of the current frame. warm_up: a running mean until alpha is
     reached (not in the paper); false: alpha from the second frame on. clamp: history within μ ± clamp·σ of the current
     neighbourhood; `inf` leaves it as it is. cleanup: whether the 9×9 filter runs. history: the cleaned output, or the
     blended one. neighbourhood: of the clamp: `spaced`, 5×5 pixels that lie apart (not in the paper), or `adjacent`, 3×3
