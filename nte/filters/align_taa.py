@@ -36,8 +36,8 @@ class _State(NamedTuple):
 class AlignTaaOptions(SearchOptions, name="align_taa"):
     """Options of TAA without motion vectors: those of the search, and its own.
 
-    guides: search in albedo and normal, which have no noise, instead of the image. tolerance: of the clamp, `fixed` (1
-    σ), or `adaptive`: 2 σ, falling to 0.5 σ where history's albedo or normal differs from the current one. alpha:
+    guides: search in albedo and normal, which have no noise, instead of the image. tolerance: of the clamp, `fixed`
+    (1 σ), or `adaptive`: 2 σ, falling to 0.5 σ where history's albedo or normal differs from the current one. alpha:
     weight of the current frame where the mask m is 1.
     """
 

@@ -102,14 +102,17 @@ def reproject(
 ) -> Fetched:
     """Fetch values(x + motion(x)) from the previous frame, bilinearly over the taps that show the same surface.
 
-    values (N, C, H, W): of the previous frame. motion (N, 2, H, W): px, current → previous, finite. allowed (N, 1, H,
-    W), bool: whether there may be history at all. A tap passes if it lies inside the image and if |Δz| ≤ 10 (fwidth(z)
-    + depth_floor) and ‖Δn‖ ≤ 16 (fwidth(n) + 0.01); misses match only misses. Where the bilinear weights of the passing
-    taps sum to less than 0.01, the result is the mean of the passing pixels in the 3×3 around the position; where none
-    passes, `valid` is false.
+    values (N, C, H, W): of the previous frame. motion (N, 2, H, W): px, current → previous, finite. allowed
+    (N, 1, H, W), bool: whether there may be history at all. now and before: geometry of both frames.
 
-    now and before: geometry of both frames. expected_depth (N, 1, H, W): from `previous_depth`. Since objects move too,
-    which that depth does not include, a tap passes with either the expected or the current depth.
+    A tap passes if it lies inside the image and looks alike, and misses match only misses:
+
+        |Δz| ≤ 10 (fwidth(z) + depth_floor)  and  ‖Δn‖ ≤ 16 (fwidth(n) + 0.01)
+
+    Where the bilinear weights of the passing taps sum to less than 0.01, the result is the mean of the passing pixels
+    in the 3×3 around the position; where none passes, `valid` is false. expected_depth (N, 1, H, W): from
+    `previous_depth`. Objects move too, which that depth does not include, so a tap passes with either the expected or
+    the current depth.
     """
     batch, _, height, width = values.shape
     limits = DEPTH_LIMIT * (now.depth_width + depth_floor), (NORMAL_LIMIT * (now.normal_width + NORMAL_FLOOR)).square()

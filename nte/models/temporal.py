@@ -92,8 +92,8 @@ class KernelHeads(nn.Module):
     def forward(self, levels: list[Tensor]) -> list[tuple[Tensor, Tensor, Tensor]]:
         """Predict per scale, finest first: α, the spatial kernel, and the temporal kernel or an empty tensor.
 
-        levels: the U-Net's decoder features, finest first. Kernels (N, K·K, H, W) sum to 1; α (N, 1, H, W) is in (0,
-        1).
+        levels: the U-Net's decoder features, finest first. Kernels (N, K·K, H, W) sum to 1; α (N, 1, H, W) is in
+        (0, 1).
         """
         predicted = []
         for head, level, shuffle in zip(self.heads, self.levels, self.shuffles, strict=True):

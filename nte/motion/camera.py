@@ -38,8 +38,9 @@ def motion_of(points_then: Tensor, view_then: Tensor, projection_then: Tensor, h
 def move(points: Tensor, instance: Tensor, transforms: Tensor) -> Tensor:
     """Move world points (N, 3, H, W) by the rigid motion of the object that each pixel shows.
 
-    instance (N, 1, H, W): whole numbers from 0 to K − 1. transforms (K, 4, 4): for the previous frame T_k = O_k(i−1) ·
-    O_k(i)⁻¹, where O_k is the object-to-world matrix of object k. The transform of sky is the identity.
+    instance (N, 1, H, W): whole numbers from 0 to K − 1. transforms (K, 4, 4): one per object. To the previous frame,
+    with the object-to-world matrix O_k of object k, it is T_k = O_k(i−1) · O_k(i)⁻¹. The transform of sky is the
+    identity.
     """
     per_pixel = transforms[instance[:, 0].long()]  # (N, H, W, 4, 4)
     rotated = torch.einsum("nhwij,njhw->nihw", per_pixel[..., :3, :3], points)

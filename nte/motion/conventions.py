@@ -40,9 +40,9 @@ class Convention:
     def convert(self, motion: Tensor, previous_motion: Tensor, previous_depth: Tensor) -> Tensor:
         """Convert vectors of this convention to ours, (N, 2, H, W); NaN where the motion is unknown.
 
-        motion and previous_motion: the given vectors of the current and of the previous frame. previous_depth (N, 1, H,
-        W), 0 = miss: used for forward vectors, where it decides which of several surfaces that arrive at a pixel is
-        seen.
+        motion and previous_motion: the given vectors of the current and of the previous frame. previous_depth
+        (N, 1, H, W), 0 = miss: used for forward vectors, where it decides which of several surfaces that arrive at a
+        pixel is seen.
         """
         if self.forward:
             # Forward vectors lie on the previous frame's pixels, so they are scattered to where they point.

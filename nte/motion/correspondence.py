@@ -79,7 +79,7 @@ def find_motion(
 
     The motion is always finite, and the same input gives the same output. Each image of a batch is searched as if it
     were alone. Small images get fewer levels (FewerLevelsWarning). No gradients are recorded. Raises NteError for
-    images that differ in size.
+    images that differ in size, and for a number of searches that does not fit.
 
     >>> previous = torch.rand(1, 1, 64, 64, generator=torch.Generator().manual_seed(0))
     >>> current = previous.roll((2, 3), (2, 3))  # two pixels down, three to the right
@@ -113,7 +113,7 @@ def patch_error(current: Tensor, previous: Tensor, motion: Tensor, search: Searc
 
     The motion may come from anywhere but must be finite. Norm, patches and level are those of the search, so the errors
     of found motion and of other motion can be compared. The unit is that of the norm; log 2 is subtracted from log
-    distances, so that 0 means equal. search: one for all images, or one per image.
+    distances, so that 0 means equal. search: one for all images, or one per image; raises NteError for another number.
     """
     return torch.cat(
         [

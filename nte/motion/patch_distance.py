@@ -31,10 +31,11 @@ _PLANE = 1 << 16  # pixels of a strip, whose four working planes fit into a core
 def best_shift(current: Tensor, previous: Tensor, radius: int, norm: Norm, refine: bool) -> tuple[Tensor, Tensor]:
     """Find the shift for which current(x) looks most like previous(x + shift), for every pixel.
 
-    Returns the shift (N, 2, H, W), in px, and its patch distance (N, 1, H, W). current and previous: finite images (N,
-    C, H, W). Distances are averaged over channels and over (2·radius + 1)² pixels, at the border over the pixels that
-    exist; the previous image is clamped at its border. Log distances are returned without log 2 and without the weight
-    of the centre, so that 0 means equal. refine: add the minimum of a quadric through the neighbouring distances.
+    Returns the shift (N, 2, H, W), in px, and its patch distance (N, 1, H, W). current and previous: finite images
+    (N, C, H, W). Distances are averaged over channels and over (2·radius + 1)² pixels, at the border over the pixels
+    that exist; the previous image is clamped at its border. Log distances are returned without log 2 and without the
+    weight of the centre, so that 0 means equal. refine: add the minimum of a quadric through the neighbouring
+    distances.
 
     Works in strips and holds the 25 distances of one strip at a time. Costs 50 · log₂(2·radius + 1) additions per
     pixel, or up to twice as many, and 25 logarithms for the log norms.

@@ -32,10 +32,10 @@ def shadow_motion(
     """Compute shadow vectors (N, 2, H, W), Eq. 3: m^V = P intersect[line(T⁻¹l, T⁻¹b), T⁻¹plane(s)] − x.
 
     light, blocker and point: the light sample l, the blocker b and the shading point s of each shadowed pixel, before,
-    each moved by its own T⁻¹. normal: of s, before, of any length. view and projection: the camera before. position (N,
-    2, H, W): where x is in the current frame, px; None stands for the pixel centres. NaN where the line is parallel to
-    the plane, where it meets the plane on the light's side of the blocker, which then casts no shadow there, and where
-    it meets the plane behind the camera.
+    each moved by its own T⁻¹. normal: of s, before, of any length. view and projection: the camera before. position
+    (N, 2, H, W): where x is in the current frame, px; None stands for the pixel centres. NaN where the line is parallel
+    to the plane, where it meets the plane on the light's side of the blocker, which then casts no shadow there, and
+    where it meets the plane behind the camera.
 
     Example: a light 4 above the floor, and a blocker halfway. The light was 1 to the left, so the shadow was 1 to the
     right. That is half a pixel for this camera, which looks down on 4×4 units with 2×2 pixels.
@@ -136,11 +136,11 @@ def reflection_covariance(
     may hold any points.
 
     A mirror shows each image at one point s^C of its surface. A rough surface shows it at all points around s^C whose
-    microfacets can reflect the light to the camera. Slopes of a Beckmann distribution have the deviation α/√2, with α =
-    roughness². A step δ along the surface turns the half vector of camera and image point by (1/d + 1/d') (δ − a a·δ),
-    where d and d' are the distances of the two from s^C and a is the ray's direction, and it turns the normal by the
-    curvature. Microfacets must make up the difference; one radian of it counts 2 cos θ. The steps δ of that deviation
-    form an ellipse, which is projected to first order.
+    microfacets can reflect the light to the camera. Slopes of a Beckmann distribution have the deviation α/√2, where α
+    is roughness². A step δ along the surface turns the half vector of camera and image point by (1/d + 1/d')
+    (δ − a a·δ). Here d and d' are the distances of the two from s^C, and a is the ray's direction. The step also turns
+    the normal, by the curvature. Microfacets must make up the difference: each radian of their tilt makes up 2 cos θ of
+    it. The steps δ of that deviation form an ellipse, which is projected to first order.
 
     Zeng et al. trace the whole lobe from the image and ignore curvature. Their lobe is too wide by (d + d')/d, which is
     four times where a floor nearby reflects a distant object.

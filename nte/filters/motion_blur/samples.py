@@ -73,8 +73,8 @@ def read_samples(frame: Frame) -> tuple[Tensor, Size]:
     """Read a frame's samples as rows (N·H·W, 8): colour, vector, time, depth, moving (0 or 1).
 
     A vector that is not finite becomes 0, and one that is longer than the image's diagonal is cut to that length. A
-    time that is not finite becomes mid-shutter. The depth of the sky is infinite. Raises NteError for times outside [0,
-    1].
+    time that is not finite becomes mid-shutter. The depth of the sky is infinite. Raises NteError for times outside
+    [0, 1].
     """
     size = Size(frame.batch, *frame.size)
     time, motion, depth = frame["time"], frame["shutter_motion"], frame["shutter_depth"]

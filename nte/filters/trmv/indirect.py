@@ -152,8 +152,9 @@ def denoise_indirect(
 ) -> Effect:  # fmt: skip
     """Denoise diffuse indirect light (N, 3, H, W).
 
-    vectors: dual, traditional or none. cones: None reuses colours instead. trust (N, 1, H, W): of the history, in [0,
-    1]. History comes from the same surface only, except for colours along traditional vectors, the paper's comparison.
+    vectors: dual, traditional or none. cones: None reuses colours instead. trust (N, 1, H, W): of the history, in
+    [0, 1]. History comes from the same surface only, except for colours along traditional vectors, the paper's
+    comparison.
     """
     frame, reflectance = inputs.frame, diffuse_reflectance(inputs.frame)
     reprojection = {"dual": inputs.dual, "traditional": inputs.traditional, "none": None}[vectors]
