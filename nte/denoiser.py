@@ -1,4 +1,4 @@
-"""Everything is a denoiser: the protocol, and running one over a sequence."""
+"""The protocol that every denoiser follows, and functions that run one over a sequence."""
 
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from dataclasses import dataclass, field, replace
@@ -14,18 +14,18 @@ from nte.frames.frame import Array, Frame
 from nte.frames.usable import known_cap, light_cap, usable_frame
 from nte.options import Options
 
-State = Any  # whatever a denoiser carries from frame to frame
+State = Any  # what a denoiser carries from frame to frame
 
 
 @dataclass(frozen=True)
 class Result:
-    """What a step gives: the denoised image (N, C, H, W) in the input's units, and the extras asked for."""
+    """The result of one step: the denoised image (N, C, H, W), in the input's units, and the requested extras."""
 
     image: Array
     extras: Mapping[str, Array] = field(default_factory=dict)
 
     def like(self, frame: Frame) -> "Result":
-        """The result with the kind of arrays that `frame` has, on their device: a denoiser returns what it is given."""
+        """Return the result as the kind of arrays that `frame` has (NumPy or PyTorch), on the frame's device."""
         given = frame[next(iter(frame.channels))]
         if getattr(given, "device", "cpu") == getattr(self.image, "device", "cpu") and (
             isinstance(given, np.ndarray) == isinstance(self.image, np.ndarray)
@@ -42,35 +42,36 @@ class Result:
 
 @runtime_checkable
 class Denoiser(Protocol):
-    """An analytic filter, a network, an exported model or somebody else's denoiser, all used the same way.
+    """The interface of every denoiser: analytic filter, network, exported model or external program.
 
-    A class of yours inherits from this one and has `needs` and `step`; the rest has defaults.
+    To write a denoiser, inherit from this class and define `needs` and `step`; everything else has a default.
     """
 
-    needs: tuple[str, ...]  # channels it must have
-    optional: tuple[str, ...] = ()  # channels it uses if there
-    target: str = "color"  # the channel whose reference it approximates
-    extras: tuple[str, ...] = ()  # names of what a step gives besides the image, where it is asked to
-    components: tuple[str, ...] = ()  # light components that it denoises apart; they are extras
-    device: str | None = None  # on which `sanitised` hands it PyTorch tensors; None: it gets what there is
+    needs: tuple[str, ...]  # channels that every frame must have
+    optional: tuple[str, ...] = ()  # channels that are used where a frame has them
+    target: str = "color"  # the channel whose reference the denoiser approximates
+    extras: tuple[str, ...] = ()  # names of further outputs that a step returns on request
+    components: tuple[str, ...] = ()  # light components that are denoised separately; each is also an extra
+    device: str | None = None  # `sanitised` converts frames to PyTorch tensors on this device; None: no conversion
 
     def step(self, frame: Frame, state: State | None, extras: tuple[str, ...] = ()) -> tuple[Result, State]:
-        """Denoise one frame. `state` is what the step before returned; None starts a sequence.
+        """Denoise one frame and return the result and the state for the next frame.
 
-        extras: names out of `self.extras`, which the result then has; NteError for others. The given state may be
-        overwritten, except while autograd records.
+        state: what the previous step returned; None starts a sequence. Its memory may be overwritten, unless autograd
+        records. extras: the names, out of `self.extras`, that the result shall contain. Raises NteError for other
+        names.
         """
         ...
 
     def settings(self, frame: Frame) -> str:
-        """Describe what its options come to on a frame like this one, as they would be typed; "" if they are fixed."""
+        """Return the options in effect for a frame like this one, as a user would type them; "" if they are fixed."""
         return ""
 
 
 class Sanitised(NamedTuple):
-    """The state of a denoiser whose step is `sanitised`."""
+    """The state of a denoiser whose step is wrapped by `sanitised`."""
 
-    cap: Any  # (N,) NumPy: the radiance at which the sequence's light is capped, NaN while unknown
+    cap: Any  # (N,) NumPy: radiance above which the sequence's light is clamped, NaN while unknown
     inner: State
 
 
@@ -78,11 +79,12 @@ _Step = TypeVar("_Step", bound=Callable[..., tuple[Result, State]])
 
 
 def sanitised(step: _Step) -> _Step:
-    """Wrap a denoiser's `step`: it sees usable values only (nte.frames.usable), and masks of the pixels that are.
+    """Wrap a denoiser's `step` so that it sees only usable values and gets a mask of the usable pixels.
 
-    Channels that the denoiser does not read stay as they are. Arrays become tensors on its `device`, where it has
-    one; the result is of the kind that was given. The cap on light is carried in the state, beside the step's own.
-    Raises NteError, before anything is computed, for extras that it does not have.
+    The module nte.frames.usable defines what is usable. Channels that the denoiser does not read stay as they are. If
+    the denoiser has a `device`, arrays become PyTorch tensors on it; the result has the kind of arrays that was given.
+    The state holds the clamp for radiance beside the step's own state. Raises NteError, before any computation, for
+    extras that the denoiser does not have.
     """
 
     @wraps(step)
@@ -104,10 +106,10 @@ OptionsType = TypeVar("OptionsType", bound=Options)
 
 
 class Filter(Denoiser, Generic[OptionsType]):
-    """Base of the denoisers that have a name: they are made of options and a device.
+    """Base class of the denoisers that can be loaded by name: each is constructed from options and a device.
 
-    options: of `options_type`; None takes the defaults. device: on which PyTorch computes; one with `uses_device`
-    false ignores it. Raises NteError for options of another kind.
+    options: an instance of `options_type`; None takes the defaults. device: where PyTorch computes, such as "cpu" or
+    "cuda"; a class whose `uses_device` is false ignores it. Raises NteError for options of another type.
     """
 
     options_type: type[OptionsType]
@@ -122,7 +124,7 @@ class Filter(Denoiser, Generic[OptionsType]):
 
 
 class Noisy(Filter[Options]):
-    """The input itself: the baseline that everything must beat."""
+    """The noisy input, unchanged: the baseline that every denoiser must beat."""
 
     needs: tuple[str, ...] = ("color",)
     options_type = Options
@@ -130,12 +132,15 @@ class Noisy(Filter[Options]):
 
     @sanitised
     def step(self, frame: Frame, state: State | None, extras: tuple[str, ...] = ()) -> tuple[Result, State]:
-        """Return `color` as it is, without bad pixels."""
+        """Return `color` as it is, with bad pixels replaced."""
         return Result(frame["color"]), ()
 
 
 def check_needs(denoiser: Denoiser, available: Iterable[str], where: object) -> None:
-    """Raise NteError naming every channel that the denoiser needs and that is not available."""
+    """Raise NteError if a channel that the denoiser needs is not available; the error names all that are missing.
+
+    where: the frame or file, which begins the message.
+    """
     have = tuple(available)
     missing = [name for name in denoiser.needs if name not in have]
     if missing:
@@ -146,7 +151,10 @@ def check_needs(denoiser: Denoiser, available: Iterable[str], where: object) -> 
 
 
 def check_extras(denoiser: Denoiser, asked: Iterable[str], where: object = "") -> None:
-    """Raise NteError that names the first extra asked for that the denoiser does not have, and those that it has."""
+    """Raise NteError for the first extra that the denoiser does not have; the error lists those that it has.
+
+    where: the frame or file, which begins the message; "" for none.
+    """
     if unknown := [name for name in asked if name not in denoiser.extras]:
         has = ", ".join(denoiser.extras) or "none"
         name = f"{where}: " if where else ""
@@ -154,12 +162,12 @@ def check_extras(denoiser: Denoiser, asked: Iterable[str], where: object = "") -
 
 
 def check_size(frame: Frame, history: Array) -> None:
-    """Raise NteError where a frame has another batch or size than the sequence's history (N, C, H, W)."""
+    """Raise NteError if the frame's batch or size differs from that of the sequence's history (N, C, H, W)."""
     refuse_other_size(frame, (history.shape[0], *history.shape[2:]))
 
 
 def refuse_other_size(frame: Frame, was: tuple[int, ...]) -> None:
-    """Raise NteError where a frame's (batch, height, width) is not what it was in the frames before."""
+    """Raise NteError if the frame's (batch, height, width) differs from `was`, that of the frames before."""
     now = frame.batch, *frame.size
     if now != was:
         raise NteError(
@@ -169,7 +177,9 @@ def refuse_other_size(frame: Frame, was: tuple[int, ...]) -> None:
 
 
 def denoise(denoiser: Denoiser, frames: Iterable[Frame], extras: tuple[str, ...] = ()) -> Iterator[Result]:
-    """Denoise a sequence lazily, one result per frame; bad pixels are reported once (BadPixelWarning).
+    """Denoise a sequence lazily: yield one result per frame, and warn once about bad pixels (BadPixelWarning).
+
+    Raises NteError for extras that the denoiser does not have, and for a frame that lacks a channel.
 
     >>> clip = nte.Clip("data/clips/disc_000")
     >>> for result in nte.denoise(nte.load_denoiser("taa"), clip):
@@ -182,11 +192,11 @@ def denoise(denoiser: Denoiser, frames: Iterable[Frame], extras: tuple[str, ...]
 
 
 class Session:
-    """A denoiser with its state inside, for those who want an object: `denoise(frame)` and `reset()`.
+    """A denoiser that keeps its state between calls: `denoise(frame)` for each frame, and `reset()` for a new sequence.
 
-    Frames are counted: one whose `index` is that of the frame given before it, as all are that never set one, gets the
-    number after that frame's, since what a denoiser draws at random must differ from frame to frame. Any other index
-    is taken as it is.
+    The session numbers frames whose `index` is not set: if the index equals that of the frame before, the denoiser sees
+    the next number instead, because its random numbers must differ from frame to frame. Any other index is passed on
+    unchanged.
 
     >>> session = nte.Session(nte.load_denoiser("taa"))
     >>> images = [session.denoise(frame) for frame in nte.Clip("data/clips/disc_000")]
@@ -198,18 +208,24 @@ class Session:
         self.reset()
 
     def reset(self) -> None:
-        """Forget the past: the next frame starts a sequence."""
+        """Forget the history, so that the next frame starts a sequence."""
         self._state: State | None = None
         self._bad = BadPixelReport()
-        self._given: int | None = None  # index of the frame before, as it came
-        self._counted = 0  # and as the denoiser saw it
+        self._given: int | None = None  # index of the frame before, as given
+        self._counted = 0  # index of the frame before, as the denoiser saw it
 
     def denoise(self, frame: Frame) -> Array:
-        """The denoised image (N, C, H, W) of the next frame, in the input's units."""
+        """Denoise the next frame and return its image (N, C, H, W) in the input's units.
+
+        Raises NteError for missing channels and for a size that changes within the sequence.
+        """
         return self.step(frame).image
 
     def step(self, frame: Frame, extras: tuple[str, ...] = ()) -> Result:
-        """The next frame's image and the extras asked for. Raises NteError for missing channels."""
+        """Denoise the next frame and return its image with the extras that are asked for.
+
+        Raises NteError for missing channels, unknown extras, and a size that changes within the sequence.
+        """
         counted = self._counted + 1 if frame.index == self._given else frame.index
         self._given, self._counted = frame.index, counted
         frame = replace(frame, index=counted)

@@ -1,8 +1,8 @@
-"""Options as frozen dataclasses: each field says what it allows, is checked when it is set, and can be read from text.
+"""Options as frozen dataclasses: each field declares its allowed values, is checked on construction, and parses text.
 
-A field's type decides how text is read: bool, int, float, `Literal[…]`, `bool | None` (None is «auto») or
-`tuple[int, …]` (10-4-2). Limits stand beside the type, `Annotated[float, Allowed(…)]`; those that several need have
-names here. Named presets, such as the settings of a paper, are changes of the defaults.
+A field's type decides how text is read: bool, int, float, `Literal[…]`, `bool | None` (None is typed «auto») or
+`tuple[int, …]` (typed 10-4-2). Limits stand beside the type, as `Annotated[float, Allowed(…)]`; limits that several
+classes use have names in this module. Presets, such as a paper's settings, are named changes of the defaults.
 """
 
 import math
@@ -13,12 +13,12 @@ from typing import Annotated, Any, ClassVar, Literal, NamedTuple, Self, TypeAlia
 
 from nte.errors import NteError
 
-AUTO = "auto"  # how None is typed
+AUTO = "auto"  # the word for None
 _WORDS = {"true": True, "1": True, "false": False, "0": False}
 
 
 class Allowed(NamedTuple):
-    """The values that an option may have besides being of its type, and how an error calls them."""
+    """The values that an option may take, besides being of its type, and the words by which an error describes them."""
 
     expected: str
     allows: Callable[[Any], bool] = lambda value: True
@@ -32,14 +32,14 @@ Count: TypeAlias = Annotated[int, Allowed("a whole number of 1 or more", lambda 
 
 @dataclass(frozen=True)
 class Options:
-    """Base of all options; `name` is what errors and specs call their owner.
+    """Base class of all options; `name` is what errors and specs call the owner of the options.
 
-    Raises NteError, on construction, for a value that is not allowed. A subclass that has to compare fields extends
-    `__post_init__`.
+    Construction raises NteError for a value that is not allowed. A subclass that compares fields with each other
+    extends `__post_init__`.
     """
 
     name: ClassVar[str] = ""
-    presets: ClassVar[Mapping[str, Mapping[str, Any]]] = {}  # name → the fields that it sets
+    presets: ClassVar[Mapping[str, Mapping[str, Any]]] = {}  # name → the fields that the preset sets
 
     def __init_subclass__(cls, name: str) -> None:
         cls.name = name
@@ -52,26 +52,27 @@ class Options:
 
     @classmethod
     def preset(cls, preset: str, **changes: Any) -> Self:
-        """The options of a named preset, with changes. Raises NteError for a name that is none."""
+        """Return the options of a named preset, with changes. Raises NteError for an unknown name."""
         if preset not in cls.presets:
             raise NteError(f"{cls.name}: preset is '{preset}', expected one of {', '.join(cls.presets) or 'none'}")
         return cls(**{**cls.presets[preset], **changes})
 
     @classmethod
     def names(cls) -> tuple[str, ...]:
-        """Names of the options that a spec may set."""
+        """Return the names of the options that a spec may set."""
         return *(field.name for field in fields(cls)), *(["preset"] if cls.presets else [])
 
     @classmethod
     def choices(cls, option: str) -> tuple[str, ...]:
-        """The values among which an option or `preset` is chosen; none where it is not one of a few words."""
+        """Return the words from which `option` (or `preset`) is chosen; empty for an option of another kind."""
         return tuple(cls.presets) if option == "preset" else _rules(cls)[option].choices
 
     @classmethod
     def parse(cls, given: Mapping[str, str], spec: str) -> Self:
-        """The options that are given as text, key → value; `preset`, if given, sets the others.
+        """Make the options from text, key → value; a `preset` sets the fields that are not given.
 
-        Raises NteError, naming `spec`, for an unknown key and for a value of another type.
+        spec: what the user typed; errors quote it. Raises NteError for an unknown key and for a value that is not
+        allowed.
         """
         rules, changes = _rules(cls), {}
         for key, text in given.items():
@@ -86,7 +87,7 @@ class Options:
 
 
 class _Rule(NamedTuple):
-    """How a field's text is read, which values it may have, and how an error calls them."""
+    """How a field's text is read, which values it may take, and the words by which an error describes them."""
 
     read: Callable[[str], Any]
     allows: Callable[[Any], bool]
@@ -100,7 +101,7 @@ def _rules(options: type[Options]) -> dict[str, _Rule]:
 
 
 def _rule(hint: Any) -> _Rule:
-    """The rule of a field with this type. Raises TypeError for one that cannot be an option."""
+    """The rule of a field with this type. Raises TypeError for a type that cannot be an option."""
     if get_origin(hint) is Annotated:
         kind, limit = get_args(hint)
         rule = _rule(kind)

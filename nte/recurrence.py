@@ -1,7 +1,8 @@
-"""What a network carries from frame to frame: one rule for PyTorch and for an exported graph without it.
+"""The state that a network carries from frame to frame: one rule for PyTorch networks and for exported ones.
 
-A network is a function of named arrays: channels (N, C, H, W), SCALARS (N,), and the recurrent tensors that the frame
-before has left. Its caller keeps these in a NetworkState, fills them with 0 where sequences begin, and sets `reset`.
+A network is a function of named arrays: channels (N, C, H, W), SCALARS (N,), and the recurrent tensors that the
+previous frame left. The caller keeps these tensors in a NetworkState, fills them with 0 where sequences begin, and
+sets `reset`. This module does not import PyTorch.
 """
 
 from collections.abc import Callable, Mapping
@@ -14,31 +15,34 @@ from nte.denoiser import refuse_other_size
 from nte.frames.frame import Array, Frame
 from nte.frames.scalars import known_scalars
 
-SCALARS = ("reset", "exposure", "depth_scale")  # inputs (N,) of every network; one need not use them
-FORWARD = "previous_forward_motion"  # the input that is made, by scattering `motion`, where a frame does not have it
+SCALARS = ("reset", "exposure", "depth_scale")  # (N,), offered to every network, which need not use them
+FORWARD = "previous_forward_motion"  # input that is made by scattering `motion` where a frame does not have it
 Numbers = npt.NDArray[np.float32]
 
 
 class Recurrent(NamedTuple):
-    """A tensor (N, components, ⌈H/scale⌉, ⌈W/scale⌉) that a network hands on; 0 at first, ignored after a reset."""
+    """A tensor (N, components, ⌈H/scale⌉, ⌈W/scale⌉) that is carried on; 0 at first, ignored after a reset."""
 
-    source: str  # the output, or the channel, of a frame that the next frame gets
+    source: str  # name of the output or channel of this frame that the next frame gets
     components: int
     scale: int = 1
 
     def shape(self, batch: int, height: int, width: int) -> tuple[int, int, int, int]:
-        """Of a batch of frames of this size."""
+        """Return the tensor's shape for a batch of frames of this height and width."""
         return batch, self.components, -(-height // self.scale), -(-width // self.scale)
 
 
 class SequenceScalars(NamedTuple):
-    """Exposure and depth scale of sequences, in NumPy also where the network is PyTorch's."""
+    """Exposure and depth scale of each sequence, as NumPy arrays even if the network is a PyTorch module."""
 
-    exposure: Numbers  # (N,), NaN until there was light
-    depth_scale: Numbers  # (N,), NaN until a surface was seen
+    exposure: Numbers  # (N,), NaN until a frame with light
+    depth_scale: Numbers  # (N,), NaN until a frame with a surface
 
     def begun(self, frame: Frame, reset: Numbers) -> "SequenceScalars":
-        """With those of sequences that start with this frame, where reset (N,) is 1, and of those that had none yet."""
+        """Take from `frame` the scalars of sequences that start with it and the scalars that are still unknown.
+
+        reset (N,): 1 where a sequence starts.
+        """
         starts = [(reset > 0) | np.isnan(carried) for carried in self]
         if not np.any(starts):
             return self
@@ -46,12 +50,12 @@ class SequenceScalars(NamedTuple):
         return SequenceScalars(*(np.where(start, scalar, carried) for start, scalar, carried in own))
 
     def known(self) -> dict[str, Numbers]:
-        """Both by name, 1 where they are unknown."""
+        """Return both scalars by name, with 1 for those that are unknown."""
         return {name: np.nan_to_num(value, nan=1.0) for name, value in self._asdict().items()}
 
 
 class NetworkState(NamedTuple):
-    """The state of a network or of an exported one, after a frame."""
+    """The state of a network, in PyTorch or exported, after a frame."""
 
     tensors: dict[str, Array]  # the recurrent inputs of the next frame
     scalars: SequenceScalars
@@ -61,9 +65,10 @@ class NetworkState(NamedTuple):
 def begin(
     frame: Frame, state: NetworkState | None, recurrent: Mapping[str, Recurrent], zeros: Callable[..., Array]
 ) -> tuple[NetworkState, Numbers]:
-    """The state with which a frame is denoised, and reset (N,); `zeros` makes an array of a shape.
+    """Prepare the state for denoising a frame, and return it with reset (N,).
 
-    Raises NteError where the frame has another batch or size than those before.
+    state: None starts a sequence. recurrent: what the network carries, by the name of its input. zeros: a function that
+    makes an array of a shape, filled with 0. Raises NteError if the frame's batch or size differs from those before.
     """
     size = frame.batch, *frame.size
     if state is None:
@@ -80,7 +85,7 @@ def begin(
 
 
 def hand_on(state: NetworkState, recurrent: Mapping[str, Recurrent], made: Mapping[str, Any]) -> NetworkState:
-    """The state after a frame; made: its outputs and its channels, by name."""
+    """Return the state after a frame. made: the frame's outputs and channels, by name."""
     return state._replace(tensors={name: made[tensor.source] for name, tensor in recurrent.items()})
 
 

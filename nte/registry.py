@@ -1,4 +1,4 @@
-"""Names → denoisers: what a user types becomes something with a `step`."""
+"""The table of named denoisers, and the function that loads a denoiser from what a user types."""
 
 from collections.abc import Mapping
 from importlib import import_module
@@ -10,7 +10,7 @@ from nte.errors import NteError, needs_extra
 from nte.filters.composition import COMPONENTS, EACH, Composition
 from nte.options import Options
 
-# name → (module, class, extra that brings what it imports); imported when asked for
+# name → (module, class, the extra that installs what it imports); modules are imported on demand
 NAMES: dict[str, tuple[str, str, str]] = {
     "noisy": ("nte.denoiser", "Noisy", ""),
     "taa": ("nte.filters.taa", "Taa", "eval"),
@@ -27,14 +27,15 @@ NAMES: dict[str, tuple[str, str, str]] = {
 
 
 def load_denoiser(spec: str, device: str = "cpu") -> Denoiser:
-    """The denoiser that `spec` names: a run folder, an .onnx file, or `name:key=value,key=value`. A checkpoint
-    in a run folder stands for it as well: RUN/best.safetensors.
+    """Load the denoiser that `spec` describes.
 
-    What exists on disk wins over a name. Options are fields of the filter's options class; `preset=…` sets those of a
-    named preset, where it has presets, and the others change them. `estimate+` before any denoiser, or
-    `estimate:key=value+`: with motion that is estimated from the images (nte.filters.estimated; noise, guides, known).
-    Option `target=components`, of those that have `target`: a denoiser for each light component, put together. Raises
-    NteError for anything unknown, listing what there is.
+    `spec` is a run folder, a checkpoint in a run folder (RUN/best.safetensors), an .onnx file, or
+    `name:key=value,key=value`. An existing file or folder wins over a name. The keys are fields of the filter's options
+    class; for filters with presets `preset=…` sets several fields at once, and the other keys override it.
+
+    `estimate+` or `estimate:key=value+` before any denoiser estimates the motion vectors from the images (module
+    nte.filters.estimated; keys noise, guides, known). `target=components`, for filters that have a target, denoises
+    each light component separately and sums them. Raises NteError for anything unknown, and lists what there is.
 
     >>> nte.load_denoiser("taa:alpha=0.2,clamp=clip").needs
     ('color', 'motion')
@@ -66,7 +67,7 @@ def load_denoiser(spec: str, device: str = "cpu") -> Denoiser:
 
 
 def _make(kind: type[Filter[Options]], given: Mapping[str, str], spec: str, device: str) -> Denoiser:
-    """The filter with options as they are typed."""
+    """The filter with the options as they are typed."""
     options = kind.options_type.parse(given, spec)
     if kind.uses_device:
         check_device(device)
@@ -80,19 +81,19 @@ def _estimated(spec: str, text: str, denoiser: Denoiser, device: str) -> Denoise
 
 
 def _import(module: str, attribute: str, extra: str, spec: str) -> Any:
-    """What is called `attribute` in the module. Raises NteError that names the extra which brings what it imports."""
+    """The attribute of a module. Raises NteError, with the extra that installs what is missing, if an import fails."""
     try:
         return getattr(import_module(module), attribute)
     except ImportError as error:
         if (error.name or "").startswith("nte."):
-            raise  # a mistake of ours, which no installation mends
+            raise  # an error in nte itself, which no installation can fix
         raise needs_extra(extra, f"'{spec}'", error) from error
 
 
 def onnx_provider(device: str) -> tuple[str, dict[str, str]]:
-    """ONNX Runtime's execution provider for a device, with its options: `cuda:1` is the CUDA provider on device 1.
+    """Return ONNX Runtime's execution provider for a device, with its options.
 
-    Raises NteError for a device number that is none.
+    `cuda:1` gives the CUDA provider on device 1. Raises NteError if the part after the colon is not a number.
     """
     kind, colon, number = device.partition(":")
     if colon and not (number.isascii() and number.isdigit()):
@@ -101,7 +102,7 @@ def onnx_provider(device: str) -> tuple[str, dict[str, str]]:
 
 
 def check_device(device: str) -> None:
-    """Raise NteError where PyTorch has no such device."""
+    """Raise NteError if PyTorch has no such device."""
     import torch
 
     try:
@@ -111,7 +112,7 @@ def check_device(device: str) -> None:
 
 
 def _parse(spec: str, options: str) -> dict[str, str]:
-    """Key → value, as they are typed."""
+    """A mapping from key to value, both as they are typed."""
     pairs = [item.partition("=") for item in options.split(",") if item]
     for key, equals, value in pairs:
         if not equals or not value:

@@ -1,4 +1,4 @@
-"""What `align_taa` and `align_accumulate` share: motion from the images, from geometry or none, and its patch error."""
+"""Shared parts of `align_taa` and `align_accumulate`: motion estimated or given, and its patch error."""
 
 from dataclasses import dataclass
 from typing import Literal, NamedTuple, TypeAlias
@@ -18,12 +18,12 @@ Motion: TypeAlias = Literal["estimate", "zero", "geometric"]
 
 @dataclass(frozen=True)
 class SearchOptions(Options, name="align"):
-    """Options of both filters.
+    """Options that both filters have.
 
-    motion: `estimate` (the paper), `zero`, or `geometric` (the channel), with the same rejection each. noise: of
-    the frames, which chooses the search: `auto` (measured), `clean`, `moderate`, `noisy` or `strong`. radii: of the
-    patches instead, such as 10-4-2-2, finest first. alpha: least weight of the current frame, in (0, 1].
-    kappa, eta: m = κ ε − η rejects.
+    motion: `estimate` (the paper), `zero`, or `geometric` (the channel `motion`); the rejection is the same for all
+    three. noise: of the frames, which chooses the search: `auto` (measured), `clean`, `moderate`, `noisy` or `strong`.
+    radii: patch radii in px, finest level first, such as 10-4-2-2, instead of those of the search. alpha: least weight
+    of the current frame, in (0, 1]. kappa, eta: the mask m = κ ε − η rejects history with a large patch error ε.
     """
 
     motion: Motion = "estimate"
@@ -38,7 +38,7 @@ class SearchOptions(Options, name="align"):
         self.chooser()
 
     def chooser(self) -> Chooser:
-        """The chooser of the search for this noise, with these radii."""
+        """Return the chooser of the search for this noise, with these radii."""
         return Chooser(self.noise, {"radii": self.radii, "error_level": 0} if self.radii else {})
 
 
@@ -51,10 +51,10 @@ class Aligned(NamedTuple):
 
 
 def align(current: Tensor, previous: Tensor, frame: Frame, motion: Motion, choose: Chooser) -> Aligned:
-    """Align `previous` with `current`, (N, C, H, W) in about [0, 1], as the search compares them.
+    """Align `previous` with `current`, (N, C, H, W) with values in about [0, 1], as the search compares them.
 
-    motion: geometric is the frame's channel. Where motion is given its patch error is measured
-    with the same norm and the patches of the same level, so that rejection means the same.
+    motion: how to get the motion; `geometric` takes the frame's channel. The patch error of a given motion is measured
+    with the norm and the patches of the search, so that rejection means the same for found and given motion.
     """
     search = choose(current)
     if motion == "estimate":

@@ -23,18 +23,18 @@ from nte.motion.patch_distance import Norm
 
 
 class _State(NamedTuple):
-    merged: Tensor  # (N, 3, H, W) what was merged so far, demodulated if asked for
-    grey: Tensor  # (N, 1, H, W) of the frame before, as the search compares it
-    length: Tensor  # (N, 1, H, W) how many frames are in it
+    merged: Tensor  # (N, 3, H, W) the frames merged so far, demodulated if so configured
+    grey: Tensor  # (N, 1, H, W) the previous frame, as the search compares it
+    length: Tensor  # (N, 1, H, W) the number of merged frames
     exposure: Tensor  # (N,)
 
 
 @dataclass(frozen=True)
 class AlignAccumulateOptions(SearchOptions, name="align_accumulate"):
-    """Options of the accumulation: those of the search, and its own.
+    """Options of `align_accumulate`: those of the search, and its own.
 
-    norm: of the distance; the paper's is log L1ᶜ. demodulate: search and merge light without albedo, which is
-    multiplied back.
+    norm: of the patch distance; the paper uses log L1ᶜ, which is `log_centred`. demodulate: search and merge light
+    divided by albedo, and multiply the result by the albedo. target: the channel to denoise.
     """
 
     norm: Norm = "log_centred"
@@ -42,16 +42,16 @@ class AlignAccumulateOptions(SearchOptions, name="align_accumulate"):
     target: Literal["color", "indirect", "glossy"] = "color"
 
     def chooser(self) -> Chooser:
-        """The chooser of the search for this noise, with this norm and these radii."""
+        """Return the chooser of the search for this noise, with this norm and these radii."""
         chosen = super().chooser()
         return replace(chosen, changes={**chosen.changes, "norm": self.norm})
 
 
 class AlignAccumulate(Filter[AlignAccumulateOptions]):
-    """An exponential mean of `color` or `indirect` along correspondences, without any clipping of history.
+    """An exponential mean of the target channel along correspondences, without any clamping of history.
 
-    The weight of the current frame is 1/n for the nth frame of a history that is not longer than 1/alpha. Extras:
-    `motion`, `mask` (m) and `history_length`.
+    The weight of the current frame is 1/n for the nth frame of a history, and at least alpha. Extras: `motion`, `mask`
+    (m) and `history_length`.
     """
 
     options_type = AlignAccumulateOptions
@@ -66,7 +66,7 @@ class AlignAccumulate(Filter[AlignAccumulateOptions]):
 
     @sanitised
     def step(self, frame: Frame, state: State, extras: tuple[str, ...] = ()) -> tuple[Result, State]:
-        """Merge the frame into the history; the state is the merged image and what was searched."""
+        """Merge the frame into the history; the state holds the merged image and the image that was searched."""
         how = self.options
         albedo = frame["albedo"] if how.demodulate else None
         current = frame[self.target]
@@ -86,7 +86,7 @@ class AlignAccumulate(Filter[AlignAccumulateOptions]):
             mask = torch.where(starts, 1.0, rejection_mask(error, how.kappa, how.eta))
             where = Reprojection(motion, valid, torch.zeros_like(valid))
             past, valid = fetch_history(torch.cat([state.merged, state.length], 1), where, frame.reset)
-            # The paper's α weights history: α′ = α (1 − m). Ours weights the current frame.
+            # The paper's α is the weight of history: α′ = α (1 − m). Here alpha is the weight of the current frame.
             length = torch.where(valid, 1 + past[:, 3:] * (1 - mask), 1.0)
             weight = 1 - (1 - (1 / length).clamp(min=how.alpha)) * (1 - mask)
             merged = torch.where(valid, torch.lerp(past[:, :3], current, weight), current)

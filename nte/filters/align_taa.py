@@ -21,14 +21,14 @@ from nte.motion.correspondence import rejection_mask
 from nte.motion.warp import warp
 from nte.options import NotNegative
 
-LOOSE, TIGHT = 2.0, 0.5  # σ allowed where albedo and normal agree (a shadow moved), and where they do not
-_DIFFERENT = 0.1  # of albedo or normal, mean over its components: the tolerance is TIGHT from there on
+LOOSE, TIGHT = 2.0, 0.5  # tolerance in σ where albedo and normal agree (a shadow moved), and where they do not
+_DIFFERENT = 0.1  # mean difference of the components of albedo or normal from which the tolerance is TIGHT
 
 
 class _State(NamedTuple):
     output: Tensor  # (N, 3, H, W)
-    searched: Tensor  # (N, C, H, W) what the search compares: displayed grey, or albedo and normal
-    guides: Tensor | None  # (N, 6, H, W) albedo and normal, where the tolerance is adaptive
+    searched: Tensor  # (N, C, H, W) the image that the search compares: displayed grey, or albedo and normal
+    guides: Tensor | None  # (N, 6, H, W) albedo and normal, if the search or the tolerance uses them
     exposure: Tensor  # (N,)
 
 
@@ -36,9 +36,9 @@ class _State(NamedTuple):
 class AlignTaaOptions(SearchOptions, name="align_taa"):
     """Options of TAA without motion vectors: those of the search, and its own.
 
-    guides: search in albedo and normal, which have no noise, instead of the image. tolerance: `fixed` (1 σ), or
-    `adaptive`: 2 σ, down to 0.5 σ where the albedo or normal that history lies on differs. alpha: weight of the current
-    frame where m is 1.
+    guides: search in albedo and normal, which have no noise, instead of the image. tolerance: of the clamp, `fixed`
+    (1 σ), or `adaptive`: 2 σ, falling to 0.5 σ where history's albedo or normal differs from the current one. alpha:
+    weight of the current frame where the mask m is 1.
     """
 
     kappa: NotNegative = 40.0
@@ -50,8 +50,8 @@ class AlignTaaOptions(SearchOptions, name="align_taa"):
 class AlignTaa(Filter[AlignTaaOptions]):
     """TAA without motion vectors: history is fetched with Catmull–Rom and clamped to μ ± σ of 3×3 pixels.
 
-    The mask m = κ ε − η of the patch distance is used inverted: history counts where m is large, at edges and where
-    things change, and flat areas are left alone. Extras: `motion` and `mask`.
+    The mask m = κ ε − η of the patch error ε is used inverted: history is blended in where m is large, at edges and
+    where the image changes, and flat areas keep the current frame. Extras: `motion` and `mask`.
     """
 
     options_type = AlignTaaOptions
@@ -66,7 +66,7 @@ class AlignTaa(Filter[AlignTaaOptions]):
 
     @sanitised
     def step(self, frame: Frame, state: State, extras: tuple[str, ...] = ()) -> tuple[Result, State]:
-        """Blend the frame with its history, the previous output, which is the state with what was searched."""
+        """Blend the frame with its history; the state holds the output and the image that was searched."""
         how = self.options
         current = frame["color"]
         carried = None if state is None else state.exposure
@@ -94,7 +94,7 @@ class AlignTaa(Filter[AlignTaaOptions]):
     def _blend(
         self, current: Tensor, mask: Tensor, aligned: Aligned, guides: Tensor | None, state: _State, frame: Frame
     ) -> tuple[Tensor, Tensor]:  # fmt: skip
-        """(image, where it has a history)."""
+        """The blended image, and where it has a history."""
         past = warp_catmull_rom(state.output, aligned.motion).image.clamp(min=0)
         valid = aligned.valid & past.isfinite().all(1, keepdim=True)
         moments = neighbourhood_moments(current)
@@ -104,6 +104,7 @@ class AlignTaa(Filter[AlignTaaOptions]):
             apart = torch.maximum(apart[:, :3].mean(1, keepdim=True), apart[:, 3:].mean(1, keepdim=True))
             width = LOOSE + (TIGHT - LOOSE) * (apart / _DIFFERENT).clamp(max=1)
         history = clamp_history(past, moments._replace(deviation=moments.deviation * width))
-        # The paper's α weights history, and here the mask is inverted: α′ = α·m. Ours weights the current frame.
+        # The paper's α is the weight of history, and its mask is inverted here: α′ = α·m. Here alpha is the weight of
+        # the current frame.
         blended = torch.where(valid, torch.lerp(history, current, 1 - (1 - self.options.alpha) * mask), current)
         return keep_where_bad(blended, past, valid, frame, "color"), valid

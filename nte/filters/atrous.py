@@ -1,7 +1,7 @@
 """The à-trous wavelet filter with edge-stopping weights: a 5×5 kernel whose taps lie `step` pixels apart.
 
-Dammertz et al. 2010, «Edge-Avoiding À-Trous Wavelet Transform for fast Global Illumination Filtering»; the
-kernel and the variance filtered with it are those of SVGF (Schied et al. 2017).
+Dammertz et al. 2010, «Edge-Avoiding À-Trous Wavelet Transform for fast Global Illumination Filtering»; the kernel, and
+the filtering of the variance, are those of SVGF (Schied et al. 2017).
 """
 
 from collections.abc import Callable, Iterable, Iterator, Sequence
@@ -15,14 +15,14 @@ from torch import Tensor
 from nte.filters.threads import side_by_side, threads_for
 
 B3_SPLINE = (1.0, 2 / 3, 1 / 6)  # from the centre outwards, in x and in y
-STRIP_PIXELS = 1 << 17  # processed together: a dozen planes of them stay in a core's cache
+STRIP_PIXELS = 1 << 17  # pixels processed together, of which a dozen planes fit into a core's cache
 
 # (guides at p, guides at q, their distance in pixels) → (weight of q in p's mean, weight of p in q's mean)
 Edge: TypeAlias = Callable[[Sequence[Tensor], Sequence[Tensor], float], tuple[Tensor, Tensor]]
 
 
 class Filtered(NamedTuple):
-    """What an à-trous step gives: weighted means (N, C, H, W), and the variance of the mean if one was given."""
+    """The result of an à-trous step: weighted means (N, C, H, W), and the variance of the mean if one was given."""
 
     values: Tensor
     variance: Tensor | None
@@ -36,17 +36,17 @@ def atrous_step(
     variance: Tensor | None = None,
     kernel: Sequence[float] = B3_SPLINE,
 ) -> Filtered:
-    """One level: values(p) ← Σ_q h(q − p) w(p, q) values(q) / Σ_q h w, over the taps q inside the image.
+    """Filter one level: values(p) ← Σ_q h(q − p) w(p, q) values(q) / Σ_q h w, over the taps q inside the image.
 
-    values (N, C, H, W): any number of channels, all with the same weights. guides: tensors (N, ·, H, W) that
-    the weights depend on; edge(p, q, distance) is given their values at both ends of a pair of pixels, as
-    slices (N, ·, h, w), and returns the two edge-stopping weights (N, 1, h, w), the same tensor twice where they
-    are symmetric; a pixel's own weight is 1. variance (N, K, H, W) of the values, noise being
-    independent from pixel to pixel: Σ h² w² variance / (Σ h w)² (SVGF, Eq. 4 and below).
-    kernel: h along one axis from the centre outwards, beginning with 1; (1, 1, 1, 1) is a 7×7 window.
+    values (N, C, H, W): any number of channels, all filtered with the same weights. step: distance between taps, px.
+    guides: tensors (N, ·, H, W) that the weights depend on. edge(p, q, distance) receives their values at both ends of
+    a pair of pixels, as slices (N, ·, h, w), and returns the two edge-stopping weights (N, 1, h, w), or the same tensor
+    twice if they are symmetric; a pixel's own weight is 1. variance (N, K, H, W): of the values, with noise independent
+    from pixel to pixel; it becomes Σ h² w² variance / (Σ h w)² (SVGF, Eq. 4 and below). kernel: h along one axis from
+    the centre outwards, beginning with 1; (1, 1, 1, 1) is a 7×7 window.
 
-    Every unordered pair is visited once, strip by strip of rows, and gives to both of its pixels, so what is
-    symmetric in an edge is computed once. Memory: the accumulators and some temporaries of a strip of each thread.
+    Every unordered pair is visited once, strip by strip of rows, and contributes to both of its pixels, so that
+    symmetric parts of an edge are computed once. Memory: the sums, and some temporaries of a strip for each thread.
     """
     total = torch.ones_like(values[:, :1])
     mean = values.clone()
@@ -70,7 +70,7 @@ def atrous_step(
 
 
 class _Window(NamedTuple):
-    """A rectangle of some images of a batch; called, it cuts that out of a tensor (N, C, H, W), as a view."""
+    """A rectangle of some images of a batch; calling it cuts the rectangle out of a tensor (N, C, H, W), as a view."""
 
     first: int
     images: int
@@ -82,7 +82,7 @@ class _Window(NamedTuple):
     def __call__(self, tensor: Tensor) -> Tensor:
         if self.images < len(tensor):
             tensor = tensor.narrow(0, self.first, self.images)
-        # Half the time of slicing with brackets, which counts: a window is cut fifteen times for each pair.
+        # Half the time of slicing with brackets, which matters: a window is cut fifteen times for each pair.
         return tensor.narrow(2, self.top, self.rows).narrow(3, self.left, self.columns)
 
 
@@ -92,12 +92,12 @@ _Pair: TypeAlias = tuple[_Window, _Window, float, float]  # pixels p, their part
 def _pairs(
     shape: Sequence[int], step: int, kernel: Sequence[float], threads: int
 ) -> tuple[list[Iterator[_Pair]], Iterator[_Pair]]:
-    """All pairs of the kernel's half: those within each band of rows, strip by strip; and those between bands.
+    """All pairs of the kernel's half: those within each band of rows, strip by strip, and those between bands.
 
-    Bands, of different images or different rows, share no pixel, so they may be filtered at the same time.
+    Bands, of different images or different rows, share no pixel, so they can be filtered at the same time.
     """
     batch, _, height, width = shape
-    group = min(batch, max(1, STRIP_PIXELS // (height * width)))  # small images together
+    group = min(batch, max(1, STRIP_PIXELS // (height * width)))  # small images are filtered together
     strip = max(1, STRIP_PIXELS // (width * group))
     reach = len(kernel) - 1
     offsets = [(y, x) for y in range(reach + 1) for x in range(-reach, reach + 1) if y > 0 or x > 0]
@@ -105,7 +105,7 @@ def _pairs(
     borders = [height * band // bands for band in range(bands + 1)]
 
     def cut(first: int, top: int, bottom: int, y: int, x: int) -> Iterator[_Pair]:
-        """The pairs of one offset whose upper pixels are in these rows."""
+        """Yield the pairs of one offset whose upper pixels are in these rows."""
         dy, dx = y * step, x * step
         columns = width - abs(dx)
         if bottom > top and columns > 0:

@@ -1,4 +1,4 @@
-"""Blocks that the analytic filters share."""
+"""Building blocks that the analytic filters share."""
 
 from typing import NamedTuple
 
@@ -20,22 +20,25 @@ class Moments(NamedTuple):
 
 
 def neighbourhood_moments(image: Tensor, size: int = 3, step: int = 1) -> Moments:
-    """μ and σ per channel over size×size pixels, `step` apart; at the border over those that exist."""
+    """Compute μ and σ per channel over size×size pixels around each pixel of an image (N, C, H, W).
+
+    step: distance in px between these pixels. At the border, only the pixels that exist count.
+    """
     mean = box_mean(image, size, step)
-    # Around the mean of each image: E[x²] − μ² of bright HDR values would cancel in float32.
+    # The image's mean is subtracted first: E[x²] − μ² of bright HDR values would cancel in float32.
     centre = image.mean((2, 3), keepdim=True)
     variance = box_mean((image - centre).square_(), size, step) - (mean - centre).square_()
     return Moments(mean, variance.clamp(min=0).sqrt())
 
 
 def clamp_history(history: Tensor, moments: Moments, width: float = 1.0) -> Tensor:
-    """History clamped per channel to μ ± width·σ (Salvi 2015)."""
+    """Clamp history (N, C, H, W), per channel, to μ ± width·σ of the current neighbourhood (Salvi 2015)."""
     reach = width * moments.deviation
     return torch.maximum(torch.minimum(history, moments.mean + reach), moments.mean - reach)
 
 
 def clip_history(history: Tensor, moments: Moments, width: float = 1.0) -> Tensor:
-    """History moved along the line to μ until it lies in the box μ ± width·σ: keeps its hue."""
+    """Move history (N, C, H, W) along the line to μ until it lies in the box μ ± width·σ, which keeps its hue."""
     away = history - moments.mean
     reach = (width * moments.deviation).clamp(min=1e-8)
     outside = (away.abs() / reach).amax(1, keepdim=True).clamp(min=1)
@@ -43,23 +46,31 @@ def clip_history(history: Tensor, moments: Moments, width: float = 1.0) -> Tenso
 
 
 def accumulate(current: Tensor, history: Tensor, valid: Tensor, alpha: float) -> Tensor:
-    """α·current + (1 − α)·history where history is valid, else current. α weights the current frame."""
+    """Blend α·current + (1 − α)·history where history is valid, and take `current` elsewhere.
+
+    current and history (N, C, H, W); valid (N, 1, H, W), bool; alpha: weight of the current frame.
+    """
     return torch.where(valid, torch.lerp(history, current, alpha), current)
 
 
 def keep_where_bad(output: Tensor, history: Tensor, valid: Tensor, frame: Frame, target: str) -> Tensor:
-    """The output; where the current pixel tells nothing and history is valid, history as it is."""
+    """Replace the output by history, unchanged, where the current pixel is bad and history is valid.
+
+    output and history (N, C, H, W); valid (N, 1, H, W), bool; target: the channel whose mask of usable pixels counts.
+    """
     return torch.where(valid & (frame[mask_of(target)] == 0), history, output)
 
 
 def remembered(output: Tensor, valid: Tensor, frame: Frame, target: str) -> Tensor:
-    """The output as the next frame's history: NaN, which `fetch_history` drops, where neither of the two said
-    anything: the current pixel tells nothing and had no history."""
+    """Return the output (N, C, H, W) as the next frame's history, with NaN where neither frame nor history was usable.
+
+    Those are the pixels that are bad now and have no valid history; `fetch_history` drops them.
+    """
     return torch.where(valid | (frame[mask_of(target)] > 0), output, float("nan"))
 
 
 def restarts(frame: Frame) -> Tensor:
-    """(N, 1, 1, 1) bool: the sequences of which this frame is the first, as it says."""
+    """Return (N, 1, 1, 1) bool: true for the sequences that start with this frame, according to `frame.reset`."""
     first = frame[next(iter(frame.channels))]
     if frame.reset is None:
         return torch.zeros(frame.batch, 1, 1, 1, dtype=torch.bool, device=first.device)
@@ -68,7 +79,10 @@ def restarts(frame: Frame) -> Tensor:
 
 
 def fetch_history(history: Tensor, reprojection: Reprojection, reset: Tensor | None) -> tuple[Tensor, Tensor]:
-    """(warped history, where it may be used): finite, inside the previous frame, not in a sequence that restarts."""
+    """Fetch history (N, C, H, W) along the vectors, with the mask (N, 1, H, W), bool, of where it may be used.
+
+    It may be used where it is finite, lies inside the previous frame, and its sequence does not restart.
+    """
     warped, valid = warp(history, reprojection.motion)
     valid = valid & reprojection.valid & (warped.abs() < float("inf")).all(1, keepdim=True)
     return warped, valid if reset is None else valid & ~(reset.view(-1, 1, 1, 1) > 0)

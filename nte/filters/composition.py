@@ -1,4 +1,4 @@
-"""Light components, denoised apart and put together again: a wrapper around any denoisers."""
+"""Denoising each light component separately, and summing the results: a wrapper around any denoisers."""
 
 from collections.abc import Mapping
 from typing import Annotated, Literal, TypeAlias
@@ -8,20 +8,20 @@ from nte.errors import NteError
 from nte.frames.frame import Frame
 from nte.options import Allowed
 
-COMPONENTS = ("visibility", "glossy", "indirect")  # those with noise; emission and direct have none
-EACH = "components"  # as a target: a denoiser for each of them
+COMPONENTS = ("visibility", "glossy", "indirect")  # the noisy components; emission and direct have no noise
+EACH = "components"  # the value of `target` that stands for one denoiser per component
 
-# The option `target` of a filter that can denoise one of them.
+# The option `target` of a filter that can denoise a single component.
 Target: TypeAlias = Annotated[
     Literal["color", "visibility", "glossy", "indirect"], Allowed(f"one of color, {', '.join(COMPONENTS)}, {EACH}")
 ]
 
 
 class Composition(Denoiser):
-    """color = emission + direct·visibility + glossy + indirect, each noisy one from its own denoiser.
+    """The sum color = emission + direct·visibility + glossy + indirect, with one denoiser for each noisy component.
 
-    denoisers: component → a denoiser whose target it is. Extras: the components by their names. A frame
-    without `emission` counts as having none.
+    denoisers: component → a denoiser with that target, for each of COMPONENTS in that order; raises NteError otherwise.
+    Extras: the components by their names. A frame without `emission` has none.
     """
 
     extras: tuple[str, ...] = COMPONENTS
@@ -42,7 +42,7 @@ class Composition(Denoiser):
     def step(
         self, frame: Frame, state: Mapping[str, State] | None, extras: tuple[str, ...] = ()
     ) -> tuple[Result, Mapping[str, State]]:
-        """Denoise every component; the state is one of each."""
+        """Denoise every component and sum them; the state maps each component to its denoiser's state."""
         tensors = frame.torch()
         images, states = {}, {}
         for name, denoiser in self.denoisers.items():

@@ -1,4 +1,4 @@
-"""Any denoiser on frames without motion vectors: they are estimated from the images, by patch search.
+"""Any denoiser on frames without motion vectors, which are estimated from the images by patch search.
 
 Hanika, Tessari and Dachsbacher 2021, «Fast Temporal Reprojection without Motion Vectors».
 """
@@ -22,25 +22,24 @@ from nte.motion.search import SEARCHES, Search, searches_for
 from nte.motion.warp import inside, pixel_centres
 from nte.options import Options
 
-# Of the images, by which the search is chosen: a name of SEARCHES, or `auto`, as they have it.
+# The noise of the images, by which the search is chosen: a key of SEARCHES, or `auto` to measure it.
 Noise: TypeAlias = Literal["auto", "clean", "moderate", "noisy", "strong"]
-_TOLD_BY_OTHERS = ("motion", "forward_motion", "previous_forward_motion")  # vectors that would contradict ours
+_TOLD_BY_OTHERS = ("motion", "forward_motion", "previous_forward_motion")  # given vectors would contradict estimates
 
 
 def matched_grey(color: Tensor, exposure: Tensor) -> Tensor:
-    """What the search compares: displayed luminance (N, 1, H, W) in [0, 1] of radiance (N, 3, H, W); exposure (N,).
+    """Compute the image that the search compares: displayed luminance (N, 1, H, W) in [0, 1].
 
-    An exposure of NaN, of a sequence without light so far, counts as 1.
+    color (N, 3, H, W): radiance. exposure (N,): NaN, for a sequence without light so far, counts as 1.
     """
     return display(luminance(color), exposure.nan_to_num(1))
 
 
 @dataclass(frozen=True)
 class Chooser:
-    """Chooses the search for images: the one that is named, or with `auto` the one for the noise they have.
+    """A function that chooses the search for images: the named one, or with `auto` the one for their measured noise.
 
-    changes: fields of Search that replace those of the chosen one. Raises
-    NteError for values that they cannot have.
+    changes: fields of Search that replace those of the chosen one. Raises NteError for values that they cannot have.
     """
 
     noise: Noise = "auto"
@@ -50,21 +49,21 @@ class Chooser:
         replace(SEARCHES["clean"], **self.changes)
 
     def __call__(self, images: Tensor) -> list[Search]:
-        """The search for each of the images (N, C, H, W) of displayed values."""
+        """Choose the search for each of the images (N, C, H, W) of displayed values."""
         found = searches_for(images) if self.noise == "auto" else [SEARCHES[self.noise]] * len(images)
         return [replace(search, **self.changes) for search in found]
 
 
 class Estimate(NamedTuple):
-    """Motion from the images, with its error."""
+    """Motion estimated from the images, with its error."""
 
     motion: Tensor  # (N, 2, H, W) px, current → previous, finite; 0 where a sequence starts
-    error: Tensor | None  # (N, 1, H, W) patch error of this motion, if wanted; 0 where a sequence starts
-    valid: Tensor  # (N, 1, H, W) bool: the motion leads into the previous frame; false where a sequence starts
+    error: Tensor | None  # (N, 1, H, W) patch error of this motion, if asked for; 0 where a sequence starts
+    valid: Tensor  # (N, 1, H, W) bool: the motion ends inside the previous frame; false where a sequence starts
 
 
 class _Seen(NamedTuple):
-    """What was searched in the frame before."""
+    """The image that was searched in the previous frame."""
 
     image: Tensor  # (N, C, H, W)
     exposure: Tensor  # (N,), on the CPU
@@ -72,11 +71,11 @@ class _Seen(NamedTuple):
 
 @dataclass(frozen=True)
 class EstimateOptions(Options, name="estimate"):
-    """Options of the estimate.
+    """Options of the motion estimate.
 
-    noise: of the images: `auto` (measured), `clean`, `moderate` (some 4 to 50 spp), `noisy` (1 spp) or `strong`.
-    guides: search in `albedo` and `normal`, where they have less noise than the image. known: `motion` that frames have
-    is kept where it is finite, and guides the search around it.
+    noise: of the images: `auto` (measured), `clean`, `moderate` (about 4 to 50 samples per pixel), `noisy` (1 sample)
+    or `strong`. guides: search in `albedo` and `normal`, for frames where these have less noise than the image. known:
+    keep the frames' own `motion` where it is finite, and let it guide the search around it.
     """
 
     noise: Noise = "auto"
@@ -85,9 +84,9 @@ class EstimateOptions(Options, name="estimate"):
 
 
 class Estimator:
-    """Motion for frame after frame, from their images.
+    """A motion estimator that works frame by frame, from the images alone.
 
-    errors: give the patch error too.
+    errors: also return the patch error. device: where the search runs.
     """
 
     def __init__(self, options: EstimateOptions | None = None, *, device: str = "cpu", errors: bool = False) -> None:
@@ -97,9 +96,10 @@ class Estimator:
         self.needs: tuple[str, ...] = ("color", *looks, *(("motion",) if self.options.known else ()))
 
     def step(self, frame: Frame, state: _Seen | None) -> tuple[Estimate, _Seen]:
-        """Estimate the motion from the frame before, None at the start; the state is what was searched.
+        """Estimate the motion from the previous frame; the new state is the image that was searched.
 
-        The frame has usable values only, as within a denoiser's step (nte.frames.usable).
+        state: None starts a sequence. The frame must have usable values only, as within a denoiser's step
+        (nte.frames.usable). Raises NteError for a size that changes within a sequence.
         """
         tensors = frame.torch(self.device)
         color = tensors["color"]
@@ -110,7 +110,7 @@ class Estimator:
         image = matched_grey(color, exposure.to(color))
         if self.options.guides:
             image = torch.cat([tensors["albedo"], tensors["normal"]], 1)
-        elif state is not None and mask_of("color") in tensors:  # what tells nothing is searched as it was before
+        elif state is not None and mask_of("color") in tensors:  # a bad pixel keeps its previous value for the search
             image = torch.where((tensors[mask_of("color")] > 0) | restarts(tensors), image, state.image)
         if state is None:
             nothing = torch.zeros_like(image[:, :1])
@@ -133,10 +133,10 @@ class Estimator:
 
 
 class EstimatedMotion(Filter[EstimateOptions]):
-    """A denoiser that gets `motion` from the images: `color` of this frame, searched in that of the frame before.
+    """A denoiser that gets its `motion` from the images: `color` of this frame is searched in that of the previous one.
 
-    denoiser: any; it sees the estimated vectors in place of given ones, and no others. device: on which is searched.
-    A sequence starts with no motion. The wrapped denoiser's extras are its own.
+    denoiser: any; it receives the estimated vectors instead of given ones, and no others. device: where the search
+    runs. Motion is 0 in the first frame of a sequence. Target, extras and components are those of the wrapped denoiser.
     """
 
     options_type = EstimateOptions
@@ -144,19 +144,19 @@ class EstimatedMotion(Filter[EstimateOptions]):
     def __init__(self, denoiser: Denoiser, options: EstimateOptions | None = None, *, device: str = "cpu") -> None:
         super().__init__(options, device=device)
         self.denoiser, self.estimator = denoiser, Estimator(self.options, device=device)
-        self.device = None  # frames reach the denoiser as they are
+        self.device = None  # frames reach the wrapped denoiser without conversion
         self.target, self.extras, self.components = denoiser.target, denoiser.extras, denoiser.components
         wanted = (name for name in denoiser.needs if name not in _TOLD_BY_OTHERS)
         self.needs = tuple(dict.fromkeys([*self.estimator.needs, *wanted]))
         self.optional = tuple(name for name in denoiser.optional if name not in _TOLD_BY_OTHERS)
 
     def settings(self, frame: Frame) -> str:
-        """Those of the wrapped denoiser."""
+        """Return the settings of the wrapped denoiser for a frame like this one."""
         return self.denoiser.settings(frame)
 
     @sanitised
     def step(self, frame: Frame, state: State, extras: tuple[str, ...] = ()) -> tuple[Result, State]:
-        """Estimate the motion, then let the denoiser step; the state is its own and what was searched."""
+        """Estimate the motion, then run the wrapped denoiser; the state is its state and the searched image."""
         seen, inner = (None, None) if state is None else state
         found, seen = self.estimator.step(frame, seen)
         kept = {name: values for name, values in frame.channels.items() if name not in _TOLD_BY_OTHERS}

@@ -1,8 +1,8 @@
 """«A Reconstruction Filter for Plausible Motion Blur» (McGuire, Hennessy, Bukowski and Osman 2012).
 
-A post-process on sharp frames that also spreads what moves outwards: the dominant vector of the neighbourhood says
-where to look, and depth and speed of the two pixels say which of them blurs over the other. A comparator of
-`motion_blur`.
+A post-process on sharp frames that also blurs moving objects beyond their outlines. The dominant vector of the
+neighbourhood tells where to look, and depth and speed of two pixels tell which of them blurs over the other. Serves for
+comparison with `motion_blur`.
 """
 
 from dataclasses import dataclass
@@ -25,9 +25,9 @@ STILL_PX = 0.5  # a dominant half vector no longer than this leaves the pixel as
 class McGuireOptions(Options, name="mcguire"):
     """Options of the reconstruction filter.
 
-    samples: fetches (S) along the dominant vector. tile: of K×K pixels, in which that is found, and the length at which
-    half vectors are cut. extent: depth over which one surface is taken to be before another, as a share of the
-    pixel's depth.
+    samples: number of fetches (S) along the dominant vector. tile: side K, px, of the tiles in which the dominant
+    vector is found, and the length at which half vectors are cut off. extent: depth difference over which one surface
+    is taken to be in front of another, as a share of the smaller depth.
     """
 
     samples: Count = 15
@@ -36,9 +36,10 @@ class McGuireOptions(Options, name="mcguire"):
 
 
 class McGuire(Filter[McGuireOptions]):
-    """The filter, of sharp frames (`sharp/` of a recipe with a shutter).
+    """The reconstruction filter, for sharp frames (`sharp/` of a recipe with a shutter).
 
-    Half vectors are as long as a tile at most, and half a pixel at least in the comparisons.
+    `shutter_motion` is in px over the open shutter. Half vectors are at most a tile long, and count as at least half a
+    pixel in comparisons.
     """
 
     needs: tuple[str, ...] = ("color", "depth", "shutter_motion")
@@ -46,9 +47,9 @@ class McGuire(Filter[McGuireOptions]):
 
     @sanitised
     def step(self, frame: Frame, state: State, extras: tuple[str, ...] = ()) -> tuple[Result, State]:
-        """Blur one frame; it has no state."""
+        """Blur one frame; the filter has no state."""
         color, depth = frame["color"], frame["depth"]
-        # Sky is infinitely far; a finite number keeps differences of two of them 0.
+        # The sky is infinitely far; with a finite depth the difference of two sky pixels is 0, not NaN.
         depth = torch.where(depth > 0, depth, 1e8)
         half = _limited(frame["shutter_motion"].nan_to_num(0, 0, 0) / 2, self.options.tile)
         dominant = dominant_motion(half, self.options.tile)
@@ -57,7 +58,7 @@ class McGuire(Filter[McGuireOptions]):
         return Result(torch.where(moves, blurred, color)), ()
 
     def _gather(self, color: Tensor, depth: Tensor, half: Tensor, dominant: Tensor, index: int) -> Tensor:
-        """The third pass: the weighted mean along the dominant vector."""
+        """The third pass: the weighted mean of samples along the dominant vector."""
         speed = _length(half).clamp(min=0.5)
         places = pixel_centres(color)
         jitter = uniform_noise(color.shape[-2], color.shape[-1], index, 1, color.device) - 0.5
@@ -67,7 +68,7 @@ class McGuire(Filter[McGuireOptions]):
         samples, extent = self.options.samples, self.options.extent
         for number in range(samples):
             if 2 * number + 1 == samples:
-                continue  # the pixel itself, which has been counted
+                continue  # the middle sample is the pixel itself, which is counted already
             place = (places + dominant * (2 * (number + jitter + 0.5) / samples - 1)).floor() + 0.5
             found = fetch_nearest(packed, place)
             there, behind, fast = found[:, :3], found[:, 3:4], found[:, 4:]
@@ -84,7 +85,10 @@ class McGuire(Filter[McGuireOptions]):
 
 
 def dominant_motion(half: Tensor, tile: int) -> Tensor:
-    """(N, 2, H, W): the longest half vector in the pixel's tile (TileMax) and the eight around it (NeighborMax)."""
+    """Find the longest half vector (N, 2, H, W) in each pixel's tile (TileMax) and the eight around it (NeighborMax).
+
+    half (N, 2, H, W): half vectors, px. tile: side of a tile, px.
+    """
     height, width = half.shape[-2:]
     padded = F.pad(half, (0, -width % tile, 0, -height % tile))
     rows, columns = padded.shape[-2] // tile, padded.shape[-1] // tile
@@ -96,7 +100,7 @@ def dominant_motion(half: Tensor, tile: int) -> Tensor:
 
 
 def _longest(vectors: Tensor) -> Tensor:
-    """(N, 2, …) of (N, 2, …, T): the longest of T vectors."""
+    """The longest of T vectors, (N, 2, …) out of (N, 2, …, T)."""
     index = vectors.square().sum(1, keepdim=True).argmax(-1, keepdim=True)
     return vectors.gather(-1, index.expand(-1, 2, *(-1,) * (index.ndim - 2)))[..., 0]
 
@@ -110,7 +114,7 @@ def _length(vectors: Tensor) -> Tensor:
 
 
 def _in_front(a: Tensor, b: Tensor, extent: float) -> Tensor:
-    """Soft depth comparison: 1 where a is not behind b, 0 where it is by the extent."""
+    """A soft depth comparison: 1 where a is not behind b, 0 where it is behind by the extent or more."""
     return (1 - (a - b) / (extent * torch.minimum(a, b))).clamp(0, 1)
 
 

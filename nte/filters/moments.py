@@ -1,4 +1,4 @@
-"""Moments of luminance over time, history length, and the variance that SVGF makes of them.
+"""Moments of luminance over time, history length, and the variance that SVGF computes from them.
 
 Schied et al. 2017, «Spatiotemporal Variance-Guided Filtering», sections 4.1 and 4.2.
 """
@@ -12,56 +12,59 @@ from torch import Tensor
 from nte.color import luminance
 from nte.filters.atrous import Edge, atrous_step
 
-WINDOW = (1.0, 1.0, 1.0, 1.0)  # 7×7 pixels of equal weight
-TILE, HALO = 32, 3
+WINDOW = (1.0, 1.0, 1.0, 1.0)  # kernel of 7×7 pixels of equal weight
+TILE, HALO = 32, 3  # px: side of a tile, and the margin that the window needs around it
 
 
 def brightness(image: Tensor) -> Tensor:
-    """(N, 1, H, W): Rec. 709 luminance of a colour, a scalar image as it is."""
+    """Compute the Rec. 709 luminance (N, 1, H, W) of a colour image; an image with one channel is returned as it is."""
     return image if image.shape[1] == 1 else luminance(image)
 
 
 def with_square(values: Tensor) -> Tensor:
-    """First and second moment (N, 2, H, W) of one sample (N, 1, H, W) per pixel."""
+    """Make the first and second moment (N, 2, H, W) of one sample (N, 1, H, W) per pixel."""
     return torch.cat([values, values.square()], 1)
 
 
 def lengthen(length: Tensor, valid: Tensor, longest: float) -> Tensor:
-    """History length (N, 1, H, W) in frames, this one included: one more where history is valid, at most `longest`."""
+    """Count this frame in the history length (N, 1, H, W): one more where history is valid, at most `longest`, else 1.
+
+    valid (N, 1, H, W), bool.
+    """
     return torch.where(valid, (length + 1).clamp_(max=longest), 1.0)
 
 
 def running_mean_weight(length: Tensor, floor: float) -> Tensor:
-    """α of the current frame, (N, 1, H, W): 1/h is a plain mean of all frames, until `floor`."""
+    """Compute the current frame's weight α (N, 1, H, W): 1/h, a plain mean of all frames, but at least `floor`."""
     return length.reciprocal().clamp_(min=floor)
 
 
 def shorten(length: Tensor, change: Tensor) -> Tensor:
-    """History length that is left where the weight 1/h of the current frame is pulled to lerp(1/h, 1, λ).
+    """Compute the history length that is left when λ pulls the current frame's weight from 1/h to lerp(1/h, 1, λ).
 
-    The number of equally weighted frames whose mean has the same variance, 1/Σw² over the weights of all frames:
-    h where λ is 0, 1 where it is 1. length h ≥ 1 and change λ in [0, 1]: (N, 1, H, W). Who forgets light and not
-    its length takes the variance of one sample, which is 0, for the noise that is left.
+    length h ≥ 1 and change λ in [0, 1]: (N, 1, H, W). The result is 1/Σw² over the weights w of all frames, that is the
+    number of equally weighted frames whose mean has the same variance: h where λ is 0, and 1 where λ is 1. A filter
+    that drops light but keeps its length would take the variance of one sample, which is 0, for the noise that is left.
 
-    Other implementations shorten more: to 1/α, or, in Q2RTX, h by (1 − λ)^10. Where λ is mostly the
-    noise of the gradients themselves, that gives away history: this has the least error of the three in 15 of the 18
-    rows of benchmarks/asvgf.py.
+    Other implementations shorten more: to 1/α, or, in Q2RTX, h by (1 − λ)^10. Where λ is mostly the noise of the
+    gradients themselves, that drops too much history: this rule has the least error of the three in 15 of 18 measured
+    cases.
     """
-    pulled = 1 + change * (length - 1)  # h · lerp(1/h, 1, λ)
+    pulled = 1 + change * (length - 1)  # this is h · lerp(1/h, 1, λ)
     return length.square() / (pulled.square() + (1 - change).square() * (length - 1))
 
 
 def variance_of(moments: Tensor) -> Tensor:
-    """max(0, μ₂ − μ₁²), (N, 1, H, W), of moments (N, 2, H, W)."""
+    """Compute max(0, μ₂ − μ₁²), (N, 1, H, W), from moments (N, 2, H, W)."""
     return (moments[:, 1:] - moments[:, :1].square()).clamp_(min=0)
 
 
 def estimated_variance(moments: Tensor, length: Tensor, young: float, edge: Edge, guides: Sequence[Tensor]) -> Tensor:
-    """Variance of luminance (N, 1, H, W): over time, but where h < `young` over 7×7 pixels, times young/h.
+    """Estimate the variance of luminance (N, 1, H, W): over time, or, where h < `young`, over 7×7 pixels times young/h.
 
-    moments (N, 2, H, W); edge and guides as in `atrous_step`, without luminance: which pixels show the same surface.
-    Guides are 0 outside the image and must give a weight of 0 there. The spatial estimate costs
-    as much as an à-trous level, but only in tiles of 32×32 that need it.
+    moments (N, 2, H, W); length h (N, 1, H, W). edge and guides: as in `atrous_step`, without luminance; they tell
+    which pixels show the same surface. Guides are padded with 0 outside the image and must give a weight of 0 there.
+    The spatial estimate costs as much as an à-trous level, but only in those tiles of 32×32 that need it.
     """
     variance = variance_of(moments)
     fresh = length < young
@@ -76,10 +79,11 @@ def estimated_variance(moments: Tensor, length: Tensor, young: float, edge: Edge
 def told_by_others(
     light: Tensor, moments: Tensor, known: Tensor, edge: Edge, guides: Sequence[Tensor]
 ) -> tuple[Tensor, Tensor]:
-    """Light (N, C, H, W) and moments (N, 2, H, W), where not `known` those of the same surface in 7×7 pixels.
+    """Fill light (N, C, H, W) and moments (N, 2, H, W) where they are not `known` from the same surface in 7×7 pixels.
 
-    known (N, 1, H, W), bool: whether the frame or its history tells anything. Unknown pixels would count as black, and
-    darken what is around them. Where nothing around is known either, 0. edge and guides as in `estimated_variance`.
+    known (N, 1, H, W), bool: whether the frame or its history is usable. Unknown pixels would count as black and darken
+    their neighbours. Where nothing around is known either, the result is 0. edge and guides: as in
+    `estimated_variance`.
     """
     if known.all():
         return light, moments
@@ -91,7 +95,7 @@ def told_by_others(
 
 
 def _cut(image: Tensor, tiles: Tensor) -> Tensor:
-    """The chosen tiles (T, C, 38, 38) of an image, with what surrounds them."""
+    """The chosen tiles (T, C, 38, 38) of an image, with their margins."""
     down, across = (n * TILE - size for n, size in zip(tiles.shape[1:], image.shape[-2:], strict=True))
     padded = F.pad(image, (HALO, HALO + across, HALO, HALO + down))
     windows = padded.unfold(2, TILE + 2 * HALO, TILE).unfold(3, TILE + 2 * HALO, TILE)
@@ -99,7 +103,7 @@ def _cut(image: Tensor, tiles: Tensor) -> Tensor:
 
 
 def _paste(parts: Tensor, tiles: Tensor, size: Sequence[int]) -> Tensor:
-    """The image (N, C, H, W) of tiles (T, C, 32, 32), 0 elsewhere."""
+    """The image (N, C, H, W) made of tiles (T, C, 32, 32), 0 elsewhere."""
     batch, down, across = tiles.shape
     image = parts.new_zeros(batch, down, across, parts.shape[1], TILE, TILE)
     image[tiles] = parts

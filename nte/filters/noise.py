@@ -1,4 +1,4 @@
-"""Noise without a state: a function of pixel, frame and dimension, the same on every device and in every batch."""
+"""Random numbers without a state: functions of pixel, frame and dimension, equal on every device and in every batch."""
 
 import math
 
@@ -9,9 +9,9 @@ _MASK = 0xFFFFFFFF
 
 
 def gaussian_noise(height: int, width: int, frame: int, device: torch.device, key: int = 0) -> Tensor:
-    """(1, 2, H, W): independent standard normal numbers, two for each pixel of the frame (Box and Muller 1958).
+    """Draw independent standard normal numbers (1, 2, H, W), two for each pixel of the frame (Box and Muller 1958).
 
-    key: of the sequence; another one gives other numbers.
+    key: of the sequence; another key gives other numbers.
     """
     uniform = uniform_noise(height, width, frame, 2, device, key)
     radius, angle = (-2 * uniform[:, :1].log()).sqrt(), 2 * math.pi * uniform[:, 1:]
@@ -19,16 +19,19 @@ def gaussian_noise(height: int, width: int, frame: int, device: torch.device, ke
 
 
 def uniform_noise(height: int, width: int, frame: int, dimensions: int, device: torch.device, key: int = 0) -> Tensor:
-    """(1, D, H, W): independent numbers, uniform in (0, 1), D for each pixel of the frame; `key` as above."""
+    """Draw independent numbers (1, D, H, W), uniform in (0, 1), D = `dimensions` for each pixel of the frame.
+
+    key: of the sequence; another key gives other numbers.
+    """
     pixel = torch.arange(height * width, device=device).view(1, height, width)
     dimension = torch.arange(dimensions, device=device).view(dimensions, 1, 1)
     bits = _hash(pixel + (_hash(dimensions * frame + dimension) ^ _hash(torch.tensor(key, device=device))))
-    # Never 0: a logarithm must be finite.
+    # Never 0, so that the logarithm is finite.
     return (((bits >> 8).float() + 0.5) / 2**24)[None]
 
 
 def _hash(value: Tensor) -> Tensor:
-    """32 well mixed bits of each number: the finalizer of MurmurHash3 (Appleby), in 64-bit integers."""
+    """32 well-mixed bits of each number: the finalizer of MurmurHash3 (Appleby), in 64-bit integers."""
     value = value & _MASK
     value = ((value ^ (value >> 16)) * 0x85EBCA6B) & _MASK
     value = ((value ^ (value >> 13)) * 0xC2B2AE35) & _MASK

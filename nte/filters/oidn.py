@@ -1,6 +1,6 @@
-"""Intel Open Image Denoise: the single-frame denoiser that everybody can install, as a comparator.
+"""Intel Open Image Denoise, a single-frame denoiser that is easy to install, for comparison.
 
-Afra, «Intel Open Image Denoise», 2019–; through the package pyoidn. NumPy: it runs without PyTorch.
+Afra, «Intel Open Image Denoise», 2019–; used through the package pyoidn. It works on NumPy arrays, without PyTorch.
 """
 
 import weakref
@@ -19,18 +19,17 @@ from nte.options import Options
 GUIDES = ("albedo", "normal")
 Pixels = npt.NDArray[np.float32]
 
-_Handle: TypeAlias = Any  # a device or a filter of pyoidn, which has no types
+_Handle: TypeAlias = Any  # a device or a filter of pyoidn, which is not typed
 
 
 @dataclass(frozen=True)
 class OidnOptions(Options, name="oidn"):
     """Options of OIDN.
 
-    prefilter: denoise the guides first, each by itself, as OIDN's documentation recommends for noisy ones.
-    clean_aux: tell OIDN that the guides it gets are free of noise (its `cleanAux`); if it trusts noisy ones, it copies
-    their noise into the image. Both are true, false or None (typed `auto`). Left to themselves, guides that are not
-    known to be clean (`Frame.clean_guides`) are prefiltered, and those that are clean or prefiltered are trusted; with
-    clean_aux given, nothing is prefiltered unless asked for.
+    quality: OIDN's own quality setting. prefilter: denoise the guides first, each by itself, as OIDN's documentation
+    recommends for noisy guides; None does so for guides that are not known to be clean (`Frame.clean_guides`), unless
+    clean_aux is given. clean_aux: tell OIDN that its guides are free of noise (its `cleanAux`); with noisy guides it
+    then copies their noise into the image; None does so for guides that are clean or prefiltered. None is typed `auto`.
     """
 
     quality: Literal["high", "balanced", "fast"] = "high"
@@ -39,10 +38,10 @@ class OidnOptions(Options, name="oidn"):
 
 
 class Oidn(Filter[OidnOptions]):
-    """Frame by frame, on HDR radiance; albedo and normal guide it where the frame has them.
+    """OIDN on HDR radiance, frame by frame, guided by albedo and normal where the frame has them.
 
-    OIDN chooses its own exposure in each frame. It remembers nothing: the state is empty. Devices and filters are
-    kept from call to call. Raises NteError where pyoidn is not installed.
+    OIDN chooses its own exposure for each frame. It has no history: the state is empty. Its devices and filters are
+    kept from call to call. Raises NteError if pyoidn is not installed.
     """
 
     needs: tuple[str, ...] = ("color",)
@@ -61,7 +60,7 @@ class Oidn(Filter[OidnOptions]):
 
     @sanitised
     def step(self, frame: Frame, state: State | None, extras: tuple[str, ...] = ()) -> tuple[Result, State]:
-        """Denoise `color` (N, 3, H, W), each image of the batch by itself. Bad pixels count as 0."""
+        """Denoise `color` (N, 3, H, W), each image of the batch separately; bad pixels count as 0."""
         arrays = frame.numpy()
         prefilter, clean_aux = self._switches(frame)
         color = _interleaved(arrays["color"])
@@ -76,13 +75,13 @@ class Oidn(Filter[OidnOptions]):
         return Result(image), ()
 
     def settings(self, frame: Frame) -> str:
-        """What the options come to on a frame like this one, as they would be typed."""
+        """Return the options in effect for a frame like this one, as a user would type them."""
         prefilter, clean_aux = self._switches(frame)
         found = f"quality={self.options.quality},clean_aux={clean_aux},prefilter={prefilter}".lower()
         return found if any(name in frame for name in GUIDES) else f"quality={self.options.quality}, without guides"
 
     def _switches(self, frame: Frame) -> tuple[bool, bool]:
-        """(prefilter, clean_aux) of a frame."""
+        """The values of prefilter and clean_aux for a frame."""
         if not any(name in frame for name in GUIDES):
             return False, False
         clean, given, prefilter = bool(frame.clean_guides), self.options.clean_aux, self.options.prefilter
@@ -91,9 +90,9 @@ class Oidn(Filter[OidnOptions]):
 
 
 class _Prefilters:
-    """OIDN's networks for a guide alone: a filter that is given nothing but an albedo, or a normal.
+    """OIDN's networks that denoise a guide alone: filters that get an albedo or a normal and nothing else.
 
-    pyoidn's `denoise` needs a colour, so these are its low-level filters, made when first needed.
+    pyoidn's `denoise` requires a colour, so this class uses its low-level filters, which are made on first use.
     """
 
     def __init__(self, quality: str) -> None:
@@ -133,5 +132,5 @@ def _release(device: _Handle, filters: dict[str, _Handle]) -> None:
 
 
 def _interleaved(values: npt.NDArray[np.generic]) -> Pixels:
-    """(N, H, W, C) of (N, C, H, W)."""
+    """The values (N, C, H, W) as (N, H, W, C)."""
     return np.ascontiguousarray(values.transpose(0, 2, 3, 1), np.float32)

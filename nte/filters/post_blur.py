@@ -1,7 +1,7 @@
 """Simple motion blur of a sharp frame, along each pixel's own vector (Rosado 2007; Ritchie et al. 2010).
 
-«Motion Blur as a Post-Processing Effect», GPU Gems 3; «Split Second Motion Blur». A comparator of `motion_blur`: it
-blurs what moves inwards only, and cannot know what is behind.
+«Motion Blur as a Post-Processing Effect», GPU Gems 3; «Split Second Motion Blur». Serves for comparison with
+`motion_blur`: this filter blurs moving objects only within their outlines, and cannot show what is behind them.
 """
 
 from dataclasses import dataclass
@@ -16,15 +16,18 @@ from nte.options import Count, Options
 
 @dataclass(frozen=True)
 class PostBlurOptions(Options, name="post_blur"):
-    """Options of the simple motion blur; samples: fetches along the vector."""
+    """Options of the simple motion blur.
+
+    samples: number of fetches along the vector.
+    """
 
     samples: Count = 15
 
 
 class PostBlur(Filter[PostBlurOptions]):
-    """The mean of `samples` bilinear fetches of `color`, spread evenly over the vector, which the pixel halves.
+    """The mean of `samples` bilinear fetches of `color`, spread evenly over a vector that is centred on the pixel.
 
-    Reads sharp frames (`sharp/` of a recipe with a shutter); `shutter_motion` is px over the open shutter. Fetches
+    For sharp frames (`sharp/` of a recipe with a shutter). `shutter_motion` is in px over the open shutter. Fetches
     outside the image do not count.
     """
 
@@ -33,7 +36,7 @@ class PostBlur(Filter[PostBlurOptions]):
 
     @sanitised
     def step(self, frame: Frame, state: State, extras: tuple[str, ...] = ()) -> tuple[Result, State]:
-        """Blur one frame; it has no state."""
+        """Blur one frame; the filter has no state."""
         color, motion = frame["color"], frame["shutter_motion"].nan_to_num(0, 0, 0)
         total, count = torch.zeros_like(color), torch.zeros_like(color[:, :1])
         samples = self.options.samples

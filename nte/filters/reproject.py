@@ -1,7 +1,7 @@
-"""Reprojection with geometric tests: history is fetched tap by tap, only from where the same surface was seen.
+"""Reprojection with geometric tests: history is fetched tap by tap, and only from pixels that showed the same surface.
 
 Schied et al. 2017, «Spatiotemporal Variance-Guided Filtering», section 4.1, with the constants of NVIDIA's Falcor.
-Depth (N, 1, H, W) is along the view axis in scene units, 0 = miss; normals (N, 3, H, W) are unit, 0 at a miss.
+Depth (N, 1, H, W) is along the view axis in scene units, 0 = miss. Normals (N, 3, H, W) are unit, 0 at a miss.
 """
 
 from functools import partial
@@ -19,53 +19,55 @@ from nte.motion.warp import pixel_centres
 
 DEPTH_FLOOR, DEPTH_LIMIT = 0.01, 10.0  # |Δz| / (fwidth(z) + floor) ≤ limit, in scene units
 NORMAL_FLOOR, NORMAL_LIMIT = 0.01, 16.0  # ‖Δn‖ / (fwidth(n) + floor) ≤ limit
-LEAST_WEIGHT = 0.01  # of the bilinear taps that pass; below it a 3×3 search
+LEAST_WEIGHT = 0.01  # least sum of the bilinear weights that pass; below it, 3×3 pixels are searched
 
 
 class Geometry(NamedTuple):
-    """What the tests compare: depth and normal of one frame, and how fast they change from pixel to pixel."""
+    """The values that the tests compare: depth and normal of one frame, and their change from pixel to pixel."""
 
-    depth: Tensor  # (N, 1, H, W), a miss is infinitely far
+    depth: Tensor  # (N, 1, H, W), infinite at a miss
     normal: Tensor  # (N, 3, H, W)
     depth_width: Tensor  # fwidth(z), (N, 1, H, W)
     normal_width: Tensor  # ‖fwidth(n)‖, (N, 1, H, W)
 
 
 class Fetched(NamedTuple):
-    """Values (N, C, H, W) of the previous frame, 0 where nothing passed, and where something did: (N, 1, H, W) bool."""
+    """Values (N, C, H, W) of the previous frame, and the mask (N, 1, H, W), bool; values are 0 where it is false."""
 
     values: Tensor
     valid: Tensor
 
 
 def geometry_of(depth: Tensor, normal: Tensor) -> Geometry:
-    """The geometry of a frame; bad numbers (NaN, infinite) count as a miss and as a normal of 0."""
-    far = infinite_sky(depth)  # NaN > 0 is false
+    """Make the geometry of a frame; NaN or infinite values count as a miss in depth, and as a normal of 0."""
+    far = infinite_sky(depth)  # NaN becomes a miss, since NaN > 0 is false
     normal = torch.where(normal.abs() < float("inf"), normal, 0.0)
     return Geometry(far, normal, fwidth(far), fwidth(normal).square().sum(1, keepdim=True).sqrt_())
 
 
 def fwidth(values: Tensor) -> Tensor:
-    """|∂/∂x| + |∂/∂y| per pixel, of (N, C, H, W): HLSL's fwidth, but by the smaller of the differences to both sides.
+    """Compute |∂/∂x| + |∂/∂y| per pixel of values (N, C, H, W), from the smaller of the differences to both sides.
 
-    Whatever side a pixel of a silhouette lies on, one of its neighbours belongs to the same surface. Where none
-    is finite (a pixel alone before the sky, an image of one pixel) the width is 0.
+    HLSL's fwidth takes the difference to one side. With the smaller one, a pixel on either side of a silhouette uses a
+    neighbour on its own surface. Where no difference is finite (a single pixel before the sky, an image of one pixel)
+    the width is 0.
     """
     width = torch.zeros_like(values)
     for axis in (2, 3):
         change = values.diff(dim=axis).abs_()
         nothing = torch.full_like(values.narrow(axis, 0, 1), float("inf"))
         smaller = torch.minimum(torch.cat([change, nothing], axis), torch.cat([nothing, change], axis))
-        width += smaller.where(smaller < float("inf"), 0.0)  # ∞ − ∞ of two misses as well
+        width += smaller.where(smaller < float("inf"), 0.0)  # also for NaN, the ∞ − ∞ of two misses
     return width
 
 
 def previous_depth(depth: Tensor, view: Tensor, projection: Tensor, previous_view: Tensor) -> Tensor:
-    """How far from the previous camera the current surface points are, if they did not move: (N, 1, H, W).
+    """Compute the depth (N, 1, H, W) of the current surface points from the previous camera, as if they had not moved.
 
-    depth (N, 1, H, W), misses infinite or 0; view, projection and previous_view (N, 4, 4), column vectors. A
-    camera that moves forward was farther away from everything; comparing depths of two frames without this rejects
-    good history. In closed form: for a camera the depth is A(u, v)·z + B(u, v), both linear in the position.
+    depth (N, 1, H, W): a miss is infinite or 0. view, projection and previous_view (N, 4, 4): for column vectors. When
+    a camera moves forward, everything was farther away in the previous frame; a comparison of depths that ignores this
+    rejects good history. The form is closed: the depth is A(u, v)·z + B(u, v), with A and B linear in the image
+    position.
     """
     near, far = (_depth_of_corners(distance, view, projection, previous_view) for distance in (1.0, 2.0))
     slope, offset = (_linear(corners, depth) for corners in (far - near, 2 * near - far))
@@ -74,7 +76,7 @@ def previous_depth(depth: Tensor, view: Tensor, projection: Tensor, previous_vie
 
 
 def _depth_of_corners(distance: float, view: Tensor, projection: Tensor, previous_view: Tensor) -> Tensor:
-    """Previous depth (N, 1, 2, 2) of points at this depth, at (u, v) of ¼ and ¾."""
+    """The previous depth (N, 1, 2, 2) of points at this depth, at u and v of ¼ and ¾."""
     points = points_from_depth(torch.full((view.shape[0], 1, 2, 2), distance, device=view.device), view, projection)
     homogeneous = torch.cat([points, torch.ones_like(points[:, :1])], 1)
     now, before = (torch.einsum("nj,njhw->nhw", v[:, 2], homogeneous)[:, None] for v in (view, previous_view))
@@ -82,7 +84,7 @@ def _depth_of_corners(distance: float, view: Tensor, projection: Tensor, previou
 
 
 def _linear(corners: Tensor, like: Tensor) -> Tensor:
-    """The linear function (N, 1, H, W) of the pixel that has these values (N, 1, 2, 2) at (u, v) of ¼ and ¾."""
+    """The linear function (N, 1, H, W) of the pixel position that has the values (N, 1, 2, 2) at u and v of ¼ and ¾."""
     height, width = like.shape[-2:]
     scaled = pixel_centres(like) / like.new_tensor([width, height]).view(1, 2, 1, 1) * 2 - 0.5
     first, right, down = corners[..., :1, :1], corners[..., :1, 1:], corners[..., 1:, :1]
@@ -98,23 +100,26 @@ def reproject(
     expected_depth: Tensor | None = None,
     depth_floor: float = DEPTH_FLOOR,
 ) -> Fetched:
-    """Fetch values(x + motion(x)) from the previous frame, bilinear over the taps that show the same surface.
+    """Fetch values(x + motion(x)) from the previous frame, bilinearly over the taps that show the same surface.
 
-    values (N, C, H, W): of the previous frame; motion (N, 2, H, W): pixels, current → previous, finite; allowed
-    (N, 1, H, W), bool: whether there may be history at all. A tap passes where it lies inside the image,
-    |Δz| ≤ 10 (fwidth(z) + depth_floor) and ‖Δn‖ ≤ 16 (fwidth(n) + 0.01), misses only matching misses.
-    Where the bilinear weights of those that pass sum to less than 0.01, the mean of those that pass in
-    3×3 pixels around the position counts; where none does, `valid` is false.
+    values (N, C, H, W): of the previous frame. motion (N, 2, H, W): px, current → previous, finite. allowed
+    (N, 1, H, W), bool: whether there may be history at all. now and before: geometry of both frames.
 
-    expected_depth: what `previous_depth` says. Objects move as well, which it does not know, so a tap passes if it
-    has either that depth or today's.
+    A tap passes if it lies inside the image and looks alike, and misses match only misses:
+
+        |Δz| ≤ 10 (fwidth(z) + depth_floor)  and  ‖Δn‖ ≤ 16 (fwidth(n) + 0.01)
+
+    Where the bilinear weights of the passing taps sum to less than 0.01, the result is the mean of the passing pixels
+    in the 3×3 around the position; where none passes, `valid` is false. expected_depth (N, 1, H, W): from
+    `previous_depth`. Objects move too, which that depth does not include, so a tap passes with either the expected or
+    the current depth.
     """
     batch, _, height, width = values.shape
     limits = DEPTH_LIMIT * (now.depth_width + depth_floor), (NORMAL_LIMIT * (now.normal_width + NORMAL_FLOOR)).square()
     here = [now.depth, now.depth if expected_depth is None else expected_depth, now.normal, *limits]
     own = _flat(torch.cat([_finite(t) for t in here], 1))
     taken = _flat(torch.cat([_finite(before.depth), before.normal, values], 1))
-    # A position far outside would overflow the integer pixel index; clamped, it still is outside.
+    # A position far outside would overflow the integer pixel index. Clamped, it is still outside.
     outermost = motion.new_tensor([width, height]).view(1, 2, 1, 1) + 1
     corner = _flat((pixel_centres(motion) + motion).sub_(0.5).clamp_(min=-2).minimum(outermost))
     start = torch.arange(batch, device=motion.device).mul_(height * width).repeat_interleave(height * width)
@@ -132,16 +137,16 @@ def reproject(
 
 
 class _Taps(NamedTuple):
-    """Some pixels, flattened to a row: what they fetch from, what they compare with, and where."""
+    """Some pixels, flattened to a row: what they fetch from, what they compare with, and their positions."""
 
     taken: Tensor  # (4 + C, N·H·W): the previous depth, normal and values
     own: Tensor  # (7, M): depth, expected depth, normal, and the limits of the two tests
-    corner: Tensor  # (2, M): position in pixels, counted from the centre of the first one
-    start: Tensor  # (M,): where the image of the pixel's sequence begins
+    corner: Tensor  # (2, M): position in px, counted from the centre of the first pixel
+    start: Tensor  # (M,): index at which the image of the pixel's sequence begins
     size: tuple[int, int]
 
     def at(self, x: Tensor, y: Tensor) -> tuple[Tensor, Tensor]:
-        """(values (C, M) at these whole-numbered positions, whether each passes the tests: (M,), bool)."""
+        """Return the values (C, M) at these whole-numbered positions, and whether each passes the tests: (M,), bool."""
         height, width = self.size
         column, row = x.clamp(0, width - 1), y.clamp(0, height - 1)
         there = self.taken.index_select(1, (row * width + column).long() + self.start)
@@ -151,13 +156,13 @@ class _Taps(NamedTuple):
         return there[4:], (apart <= self.own[5]) & (turned <= self.own[6]) & (column == x) & (row == y)
 
     def pick(self, chosen: Tensor) -> "_Taps":
-        """Those of the pixels with these indices."""
+        """Return the pixels with these indices."""
         own, corner = (t.index_select(1, chosen) for t in (self.own, self.corner))
         return self._replace(own=own, corner=corner, start=self.start[chosen])
 
 
 def _fetch(taps: _Taps, may: Tensor) -> tuple[Tensor, Tensor]:
-    """(values (C, M), valid (M,)): bilinear, and by search where that finds too little."""
+    """The values (C, M) and their validity (M,): bilinear, or searched where too few taps pass."""
     base = taps.corner.floor()
     x, y = taps.corner - base
     total, mean = torch.zeros_like(x), torch.zeros_like(taps.taken[4:, : len(x)])
@@ -175,7 +180,7 @@ def _fetch(taps: _Taps, may: Tensor) -> tuple[Tensor, Tensor]:
 
 
 def _search(taps: _Taps) -> tuple[Tensor, Tensor]:
-    """(values (C, M), valid (M,)): the mean of those of 3×3 pixels that pass."""
+    """The mean (C, M) of those of 3×3 pixels that pass, and whether there is any (M,)."""
     x, y = taps.corner.round()
     total, mean = torch.zeros_like(x), torch.zeros_like(taps.taken[4:, : len(x)])
     for dy, dx in product((-1, 0, 1), (-1, 0, 1)):
@@ -186,10 +191,10 @@ def _search(taps: _Taps) -> tuple[Tensor, Tensor]:
 
 
 def _flat(values: Tensor) -> Tensor:
-    """(C, N·H·W) of (N, C, H, W): a view for a single image."""
+    """The values (N, C, H, W) as (C, N·H·W): a view for a single image."""
     return values.transpose(0, 1).flatten(1)
 
 
 def _finite(values: Tensor) -> Tensor:
-    """Infinite depths as a number that is far enough: the difference of two misses is 0, not NaN."""
+    """The values with infinite depths as a large finite number, so that the difference of two misses is 0, not NaN."""
     return values.clamp(max=1e30)

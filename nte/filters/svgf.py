@@ -1,4 +1,4 @@
-"""SVGF: temporal accumulation, then an à-trous filter as wide as the variance of what was accumulated asks for.
+"""SVGF: temporal accumulation, then an à-trous filter that is wider where the accumulated light has more variance.
 
 Schied et al. 2017, «Spatiotemporal Variance-Guided Filtering: Real-Time Reconstruction for Path-Traced Global
 Illumination». Constants are those of NVIDIA's Falcor; the functions follow the paper's sections.
@@ -34,11 +34,11 @@ from nte.frames.usable import mask_of
 from nte.motion.geometric import traditional_motion
 from nte.options import Allowed, Alpha, Options, Positive
 
-SLOPE_FLOOR = 1e-4  # of the depth: what a rounded depth changes by on a wall that faces the camera
+SLOPE_FLOOR = 1e-4  # least slope, as a share of the depth: the rounding of depth on a wall that faces the camera
 
 
 class SvgfState(NamedTuple):
-    """What the next frame needs: the history, and the surfaces on which it lies."""
+    """The state for the next frame: the history, and the surfaces that it belongs to."""
 
     history: Tensor  # (N, C + 3, H, W): filtered light, the two moments of its luminance, history length
     geometry: Geometry
@@ -46,22 +46,24 @@ class SvgfState(NamedTuple):
 
 
 class Weights(NamedTuple):
-    """How history and the current frame are mixed, each (N, 1, H, W)."""
+    """The weights by which history and the current frame are mixed, each (N, 1, H, W)."""
 
     length: Tensor  # of the history, in frames, this one included
     light: Tensor  # α: weight of the current frame's light
-    moments: Tensor  # and of its moments
+    moments: Tensor  # weight of the current frame's moments
 
 
 @dataclass(frozen=True)
 class SvgfOptions(Options, name="svgf"):
     """Options of SVGF.
 
-    target `components`: each component apart (Composition). alpha, moments_alpha: least weights of the current frame;
-    history: its greatest length in frames; iterations of the à-trous filter; feedback: which of them, counted from 1,
-    becomes the history (0: none, the accumulated light; 1 in the paper, 2 in Falcor); sigma_l, sigma_z, sigma_n: of the
-    edge-stopping weights of luminance, depth and normal; young: below this length the variance is spatial;
-    albedo_floor: least divisor of demodulation; depth_floor: tolerance of depths, in scene units.
+    target: the channel to denoise; `components` denoises each light component separately (nte.filters.composition).
+    alpha, moments_alpha: least weights of the current frame, for light and for moments. history: greatest length of the
+    history in frames. iterations: of the à-trous filter. feedback: the iteration, counted from 1, whose result becomes
+    the history; 1 in the paper, 2 in Falcor, 0 for the accumulated light. sigma_l, sigma_z, sigma_n: of the
+    edge-stopping weights of luminance, depth and normal. young: history length in frames below which the variance is
+    estimated in space. albedo_floor: least divisor of demodulation. depth_floor: tolerance of depths in reprojection,
+    in scene units.
     """
 
     target: Target = "color"
@@ -86,9 +88,9 @@ class SvgfOptions(Options, name="svgf"):
 
 
 class Svgf(Filter[SvgfOptions]):
-    """SVGF of `color`, or of one light component (`target`): the light without its texture is what is filtered.
+    """SVGF of `color` or of one light component (`target`), which filters the light without its texture.
 
-    Extras: `history_length`, `alpha`, `variance` (of the filtered luminance), each (N, 1, H, W).
+    Extras: `history_length`, `alpha` and `variance` (of the filtered luminance), each (N, 1, H, W).
     """
 
     options_type = SvgfOptions
@@ -132,7 +134,7 @@ class Svgf(Filter[SvgfOptions]):
         return result, SvgfState(torch.cat([history, moments, length - (1 - usable)], 1), geometry, frame.view)
 
     def _fetch(self, frame: Frame, geometry: Geometry, state: SvgfState | None) -> Fetched:
-        """History along the motion vectors, section 4.1; nothing of it in a first frame."""
+        """The history along the motion vectors (section 4.1), none in a first frame."""
         if state is None:
             channels = frame[self.target].shape[1] + 3
             depth = geometry.depth
@@ -148,14 +150,14 @@ class Svgf(Filter[SvgfOptions]):
         )
 
     def _weights(self, frame: Frame, light: Tensor, geometry: Geometry, length: Tensor) -> Weights:
-        """What a history of this length (N, 1, H, W) counts for beside the current frame."""
+        """The weights of the current frame beside a history of this length (N, 1, H, W)."""
         floors = self.options.alpha, self.options.moments_alpha
         return Weights(length, *(running_mean_weight(length, floor) for floor in floors))
 
     def _demodulated(self, frame: Frame) -> Tensor:
-        """(c − emission) / max(albedo, floor), section 3; of light that carries no texture, the light itself.
+        """The light (c − emission) / max(albedo, floor) (section 3); light that carries no texture is not divided.
 
-        Where an emitter's edge crosses a pixel, one sample may be darker than the mean emission: the difference is
+        Where an emitter's edge crosses a pixel, one sample may be darker than the mean emission. The difference is then
         negative, and clamping it would brighten the mean.
         """
         light = frame[self.target]
@@ -173,7 +175,11 @@ class Svgf(Filter[SvgfOptions]):
 def wavelet_level(
     light: Tensor, variance: Tensor, level: int, edge: Edge, guides: Sequence[Tensor], sigma_l: float
 ) -> tuple[Tensor, Tensor]:
-    """One level of section 4.3: light (N, C, H, W) and its luminance's variance (N, 1, H, W), taps 2^level apart."""
+    """Filter light (N, C, H, W), and the variance (N, 1, H, W) of its luminance, by one level (section 4.3).
+
+    level: 0 for the first; taps are 2^level px apart. edge and guides: as `edge_stopping` and `geometry_guides` make
+    them. sigma_l: of the luminance's weight.
+    """
     filtered = atrous_step(
         light, 2**level, edge, with_luminance(guides, brightness(light), variance, sigma_l), variance
     )
@@ -182,28 +188,33 @@ def wavelet_level(
 
 
 def luminance_scale(variance: Tensor, sigma_l: float) -> Tensor:
-    """Eq. 5: −1 / (σ_l √(ε + g₃ₓ₃(Var))); g₃ₓ₃ is [1, 2, 1]/4 in both directions, and the border repeats."""
+    """Compute −1 / (σ_l √(ε + g₃ₓ₃(Var))) of Eq. 5, (N, 1, H, W), from the variance of luminance (N, 1, H, W).
+
+    g₃ₓ₃ is the kernel [1, 2, 1]/4 in both directions; the border repeats.
+    """
     padded = F.pad(variance, (1, 1, 1, 1), mode="replicate")
     return F.avg_pool2d(F.avg_pool2d(padded, 2, 1), 2, 1).add_(1e-10).rsqrt_().mul_(-1 / sigma_l)
 
 
 def geometry_guides(geometry: Geometry, sigma_z: float) -> tuple[Tensor, Tensor, Tensor]:
-    """What the weights of Eq. 3 and 4 depend on: normal, depth, and −1 / (σ_z fwidth(z))."""
+    """Make the guides of the weights of Eq. 3 and 4: normal, depth, and −1 / (σ_z fwidth(z))."""
     depth = geometry.depth.clamp(max=1e30)
     slope = geometry.depth_width.maximum(SLOPE_FLOOR * depth)
     return geometry.normal, depth, -1 / (sigma_z * slope)
 
 
 def edge_stopping(sigma_n: float) -> Edge:
-    """w = max(0, n·n′)^σ_n · exp(−|Δz| / (σ_z fwidth(z) |q − p|) − |Δl| / (σ_l √(ε + g₃ₓ₃(Var)))): Eq. 3 to 5.
+    """Make the edge-stopping function of Eq. 3 to 5, for `atrous_step`.
 
-    Guides: normal; depth, and luminance or nothing; the factors by which their differences are multiplied.
+    w = max(0, n·n′)^σ_n · exp(−|Δz| / (σ_z fwidth(z) |q − p|) − |Δl| / (σ_l √(ε + g₃ₓ₃(Var))))
+
+    Its guides are the normal; depth, and luminance if that counts; and the factors for the differences of these.
     """
 
     def edge(p: Sequence[Tensor], q: Sequence[Tensor], distance: float) -> tuple[Tensor, Tensor]:
         n, m = p[0].unbind(1), q[0].unbind(1)
         cosine = (n[0] * m[0]).addcmul_(n[1], m[1]).addcmul_(n[2], m[2])
-        # A logarithm costs a third of seven squarings; that of the floor makes a weight of 0.
+        # A logarithm costs a third of seven squarings; the logarithm of the floor gives a weight of 0.
         same = cosine.clamp_(min=1e-38).log_().mul_(sigma_n)
         apart, toward_p, toward_q = (p[1] - q[1]).abs_().unbind(1), p[2].unbind(1), q[2].unbind(1)
         forth = torch.addcmul(same, apart[0], toward_p[0], value=1 / distance)
@@ -217,6 +228,6 @@ def edge_stopping(sigma_n: float) -> Edge:
 
 
 def with_luminance(guides: Sequence[Tensor], luminance: Tensor, variance: Tensor, sigma_l: float) -> list[Tensor]:
-    """Guides of `edge_stopping`, luminance included."""
+    """Add luminance (N, 1, H, W), with its variance, to the guides of `edge_stopping`."""
     normal, depth, scale = guides
     return [normal, torch.cat([depth, luminance], 1), torch.cat([scale, luminance_scale(variance, sigma_l)], 1)]

@@ -1,7 +1,7 @@
 """TAA accumulation, the «traditional» baseline: an exponential mean along motion vectors.
 
-With clamping to the neighbourhood of the current frame (Salvi 2015, «An Excursion in Temporal
-Supersampling»), clipping, or nothing.
+History is clamped to the neighbourhood of the current frame (Salvi 2015, «An Excursion in Temporal Supersampling»),
+clipped to it, or left as it is.
 """
 
 from dataclasses import dataclass
@@ -29,8 +29,9 @@ from nte.options import Alpha, Options
 class TaaOptions(Options, name="taa"):
     """Options of TAA.
 
-    clamp: what happens to history outside μ ± σ of the current 3×3 neighbourhood: `none`, `clamp` (per
-    channel) or `clip` (along the line to μ). alpha: weight of the current frame, in (0, 1].
+    clamp: what happens to history outside μ ± σ of the current 3×3 neighbourhood: `none`, `clamp` (per channel) or
+    `clip` (along the line to μ). alpha: weight of the current frame, in (0, 1]. target: the channel to denoise;
+    `components` denoises each light component separately (nte.filters.composition).
     """
 
     clamp: Literal["none", "clamp", "clip"] = "clamp"
@@ -39,7 +40,7 @@ class TaaOptions(Options, name="taa"):
 
 
 class Taa(Filter[TaaOptions]):
-    """Temporal accumulation of `color`, or of one light component (`target`), with bilinear history."""
+    """Temporal accumulation of `color` or of one light component (`target`), with bilinear fetching of history."""
 
     options_type = TaaOptions
 
@@ -50,7 +51,7 @@ class Taa(Filter[TaaOptions]):
 
     @sanitised
     def step(self, frame: Frame, state: State, extras: tuple[str, ...] = ()) -> tuple[Result, State]:
-        """Blend the frame into the history, which is the state: the previous output (N, C, H, W)."""
+        """Blend the frame into the history; the state is the previous output (N, C, H, W)."""
         current = frame[self.target]
         output, valid = current, torch.zeros_like(current[:, :1], dtype=torch.bool)
         if state is not None:

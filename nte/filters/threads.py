@@ -1,7 +1,7 @@
-"""Strips of an image on several threads of the CPU: each runs its many small operations by itself.
+"""Parallel work on strips of an image: several CPU threads, each of which runs many small operations by itself.
 
-PyTorch spreads one operation over threads, which then wait for each other; after thousands of operations of some
-microseconds that waiting is what takes the time, all the more where the machine has other work to do.
+PyTorch spreads single operations over threads, which then wait for each other. For thousands of operations of a few
+microseconds this waiting dominates, most of all on a machine that has other work to do.
 """
 
 from collections.abc import Callable, Iterator, Sequence
@@ -17,7 +17,7 @@ _SHARED: ContextVar[int] = ContextVar("threads that side_by_side may use", defau
 
 @contextmanager
 def own_threads() -> Iterator[None]:
-    """Within, PyTorch's operations run on the calling thread, and `side_by_side` has the threads they had."""
+    """Run PyTorch's operations within the context on the calling thread, and leave their threads to `side_by_side`."""
     before = torch.get_num_threads()
     token = _SHARED.set(max(before, _SHARED.get()))
     torch.set_num_threads(1)
@@ -29,15 +29,15 @@ def own_threads() -> Iterator[None]:
 
 
 def threads_for(tensor: Tensor) -> int:
-    """How many threads may share work on a tensor; one where autograd records, and on another device."""
+    """Return how many threads may share work on a tensor: 1 where autograd records or the device is not the CPU."""
     recorded = torch.is_grad_enabled() and tensor.requires_grad
     return 1 if recorded or tensor.device.type != "cpu" else max(_SHARED.get(), torch.get_num_threads())
 
 
 def side_by_side(tasks: Sequence[Callable[[], None]], threads: int) -> None:
-    """Run the tasks, which must not write where another reads or writes; returns when all are done.
+    """Run the tasks, in parallel if threads > 1, and return when all are done.
 
-    threads: as `threads_for` says. Whatever a task raises is raised here.
+    No task may write where another reads or writes. threads: from `threads_for`. Raises what a task raises.
     """
     threads = min(threads, len(tasks))
     if threads < 2:
@@ -47,10 +47,10 @@ def side_by_side(tasks: Sequence[Callable[[], None]], threads: int) -> None:
     recording, inference = torch.is_grad_enabled(), torch.is_inference_mode_enabled()
 
     def run(task: Callable[[], None]) -> None:
-        # These modes belong to a thread, and a new one starts with the defaults.
+        # Autograd modes are per thread, and a new thread starts with the defaults.
         with torch.inference_mode(inference), torch.set_grad_enabled(recording and not inference):
             task()
 
-    with own_threads(), ThreadPoolExecutor(threads) as pool:  # new threads have as many as this one: 1
+    with own_threads(), ThreadPoolExecutor(threads) as pool:  # new threads inherit the limit of one PyTorch thread
         for future in [pool.submit(run, task) for task in tasks]:
             future.result()

@@ -1,4 +1,4 @@
-"""Applying predicted kernels, and combining scales with them."""
+"""Filtering with predicted kernels, one per pixel, and combining the scales of an image."""
 
 import math
 from collections.abc import Iterator
@@ -13,12 +13,12 @@ Downsample = Literal["max", "mean"]
 
 
 def apply_kernels(image: Tensor, kernels: Tensor) -> Tensor:
-    """Filter image (N, C, H, W) with one kernel per pixel, kernels (N, K·K, H, W), row by row.
+    """Filter an image (N, C, H, W) with one kernel per pixel, kernels (N, K·K, H, W), taps row by row.
 
-    The border repeats, so kernels that sum to one keep a constant constant. Differentiable once.
+    The border repeats, so kernels that sum to 1 keep a constant image constant. Differentiable once.
     """
     padded = F.pad(image, [math.isqrt(int(kernels.shape[1])) // 2] * 4, mode="replicate")
-    # A traced graph takes the plain operators. So does inference, which has nothing to save.
+    # A traced graph needs the plain operators, and inference has nothing to save for a backward pass.
     if torch.is_grad_enabled() and not torch.jit.is_tracing():  # type: ignore[attr-defined, no-untyped-call]
         filtered: Tensor = _ApplyKernels.apply(padded, kernels)  # type: ignore[no-untyped-call]
         return filtered
@@ -26,9 +26,9 @@ def apply_kernels(image: Tensor, kernels: Tensor) -> Tensor:
 
 
 class _ApplyKernels(torch.autograd.Function):
-    """The sum over taps with a backward pass of its own.
+    """The sum over taps, with its own backward pass.
 
-    That of the slices writes a padded image of zeros for each tap; benchmarks/kernels.py has the times.
+    The automatic backward pass of slices writes a padded image of zeros for each tap, which is slow.
     """
 
     @staticmethod
@@ -47,13 +47,13 @@ class _ApplyKernels(torch.autograd.Function):
             if of_image is not None:
                 of_image[:, :, rows, columns].addcmul_(kernels[:, tap : tap + 1], grad)
             if of_kernels is not None:
-                for component in range(grad.shape[1]):  # the product of all, to be summed, costs twice the time
+                for component in range(grad.shape[1]):  # one product of all components and a sum take twice the time
                     of_kernels[:, tap].addcmul_(padded[:, component, rows, columns], grad[:, component])
         return of_image, of_kernels
 
 
 def _sum_of_taps(padded: Tensor, kernels: Tensor) -> Tensor:
-    """Σ kernel × shifted image: a loop over the K² taps, where an unfold would hold K²·C images at once."""
+    """The sum of kernel × shifted image: a loop over the K² taps, since an unfold would hold K²·C images at once."""
     height, width = kernels.shape[-2:]
     filtered = torch.zeros_like(padded[:, :, :height, :width])
     for tap, (rows, columns) in enumerate(_windows(padded, kernels)):
@@ -62,7 +62,7 @@ def _sum_of_taps(padded: Tensor, kernels: Tensor) -> Tensor:
 
 
 def _windows(padded: Tensor, kernels: Tensor) -> Iterator[tuple[slice, slice]]:
-    """Rows and columns of the padded image that each tap reads, row by row."""
+    """The rows and columns of the padded image that each tap reads, row by row."""
     height, width = kernels.shape[-2:]
     size = math.isqrt(int(kernels.shape[1]))
     for dy in range(size):
@@ -71,13 +71,13 @@ def _windows(padded: Tensor, kernels: Tensor) -> Iterator[tuple[slice, slice]]:
 
 
 def combine_scales(fine: Tensor, coarse: Tensor, alpha: Tensor, downsample: Downsample) -> Tensor:
-    """Eq. 4: o = f − U[α·D(f)] + U[α·c]: the coarse image replaces the low frequencies of the fine one.
+    """Combine two scales by Eq. 4: o = f − U[α·D(f)] + U[α·c], so that c replaces the low frequencies of f.
 
-    fine (N, C, 2H, 2W); coarse (N, C, H, W); alpha (N, 1, H, W) in [0, 1]. U is bilinear; D is 2×2 max
-    pooling in the paper's text and the mean in Vogels et al. 2018. The maximum takes away more than it
-    should, which darkens; both may go below zero, so the caller clamps.
+    fine f (N, C, 2H, 2W); coarse c (N, C, H, W); alpha α (N, 1, H, W) in [0, 1]. U is bilinear upsampling. D is 2×2 max
+    pooling in the paper's text, and the mean in Vogels et al. 2018. The maximum subtracts too much, which darkens the
+    image. The result may be below 0 with either, so the caller clamps it.
     """
     pool = F.max_pool2d if downsample == "max" else F.avg_pool2d
-    # U is linear: one upsampling serves both terms.
+    # U is linear, so one upsampling serves both terms.
     change = alpha * (coarse - pool(fine, 2))
     return fine + F.interpolate(change, scale_factor=2, mode="bilinear", align_corners=False)

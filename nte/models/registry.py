@@ -1,4 +1,4 @@
-"""Names → networks: what `network.kind` in a training configuration means. Adding a network is adding a row."""
+"""The table of networks: what `network.kind` in a training configuration means. A new network is a new row."""
 
 from importlib import import_module
 from typing import Any
@@ -8,15 +8,15 @@ from nte.frames.channels import CHANNELS, TARGETS
 from nte.models.trainable import NetworkConfig, TrainableDenoiser
 from nte.recurrence import FORWARD, SCALARS
 
-DEFAULT = "temporal"  # of configurations that name no kind
-# kind → module:class, imported when asked for
+DEFAULT = "temporal"  # the kind of a configuration that names none
+# kind → module:class; modules are imported on demand
 KINDS = {"temporal": "nte.models.temporal:TemporalDenoiser"}
 
 
 def network_type(kind: Any) -> type[TrainableDenoiser]:
-    """The class that `kind` names: a row of KINDS, or package.module:Class for a network that lies elsewhere.
+    """Return the class that `kind` names: a row of KINDS, or package.module:Class for a network in another package.
 
-    Raises NteError for one that there is not, or that is no network.
+    Raises NteError if there is no such class, or if it is not a TrainableDenoiser.
     """
     known = f"expected {', '.join(KINDS)}, or package.module:Class"
     place = KINDS.get(kind, kind) if isinstance(kind, str) else ""
@@ -27,7 +27,7 @@ def network_type(kind: Any) -> type[TrainableDenoiser]:
         found = getattr(import_module(module), name, None)
     except ModuleNotFoundError as error:
         if error.name is None or not f"{module}.".startswith(f"{error.name}."):
-            raise  # what it imports is missing
+            raise  # the module exists, but an import inside it fails
         way = "install it, or name its folder in PYTHONPATH"
         raise NteError(f"'network.kind' is '{kind}': there is no module '{error.name}': {way}") from error
     if not (isinstance(found, type) and issubclass(found, TrainableDenoiser)):
@@ -36,9 +36,9 @@ def network_type(kind: Any) -> type[TrainableDenoiser]:
 
 
 def make_network(config: NetworkConfig) -> TrainableDenoiser:
-    """The network that the configuration describes, with new weights.
+    """Make the network that the configuration describes, with new weights.
 
-    Raises NteError for choices that make none, and for a network whose declarations do not fit each other.
+    Raises NteError for settings that make no network, and for a network whose declarations contradict each other.
     """
     network = network_type(config.kind)(config)
     channels = {*network.needs, *network.optional}

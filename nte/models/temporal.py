@@ -1,7 +1,7 @@
 """The paper's network: multi-scale and temporal kernel prediction with dual motion vectors.
 
-Zeng et al., «Neural Temporal Denoising for Indirect Illumination». What the text leaves open is a setting;
-docs of each choice are in `TemporalConfig`.
+Zeng et al., «Neural Temporal Denoising for Indirect Illumination». Whatever the text leaves open is a setting, which
+`TemporalConfig` documents.
 """
 
 from dataclasses import dataclass, field
@@ -32,11 +32,11 @@ from nte.recurrence import FORWARD, Recurrent
 
 @dataclass
 class TemporalConfig(NetworkConfig):
-    """The network's choices; the defaults are the paper's, where it states them."""
+    """Settings of the network; the defaults are the paper's, where it states them."""
 
     kind: str = "temporal"
     channels: list[int] = field(default_factory=lambda: [32, 48, 64, 80, 96])  # U-Net, finest level first
-    front: int = 1  # pixel-unshuffle before the U-Net: 2 lets it work at half resolution
+    front: int = 1  # factor of a pixel-unshuffle before the U-Net; 2 makes it work at half resolution
     scales: int = 3  # kernels at full, 1/2 and 1/4 resolution; 1 is a single-scale network
     kernel_size: int = 5
     head_size: int = 3  # of the convolutions that predict kernels
@@ -44,11 +44,11 @@ class TemporalConfig(NetworkConfig):
     temporal: bool = True  # false: no temporal kernel and no history
     motion: str = "dual"  # dual or traditional
     feed_warped: bool = True  # the warped previous output is an input of the network
-    feed_masks: bool = False  # so are history's validity and the disocclusion mask (ours)
-    demodulate: bool = False  # filter irradiance, multiply the albedo back (ours)
+    feed_masks: bool = False  # the history's validity and the disocclusion mask are inputs too (not in the paper)
+    demodulate: bool = False  # filter irradiance and multiply the result by the albedo (not in the paper)
 
     def check(self) -> None:
-        """Raise NteError for values that make no network."""
+        """Raise NteError, naming the key, for values that make no network."""
         choices = {"downsample": ("max", "mean"), "motion": ("dual", "traditional"), "front": (1, 2, 4)}
         for key, allowed in choices.items():
             if getattr(self, key) not in allowed:
@@ -63,7 +63,7 @@ class TemporalConfig(NetworkConfig):
 
 
 class Denoised(NamedTuple):
-    """Outputs of the graph: the image in the input's units, the next history, and how it came about."""
+    """Outputs of the graph: the image in the input's units, the next history, and masks and weights for inspection."""
 
     image: Tensor
     next_history: Tensor
@@ -73,7 +73,7 @@ class Denoised(NamedTuple):
 
 
 class KernelHeads(nn.Module):
-    """Predicts, for each scale, K·K spatial weights and α; at the finest K·K temporal weights as well."""
+    """Convolutions that predict K·K spatial weights and α for each scale, and K·K temporal weights for the finest."""
 
     def __init__(self, config: TemporalConfig) -> None:
         super().__init__()
@@ -90,7 +90,11 @@ class KernelHeads(nn.Module):
         )
 
     def forward(self, levels: list[Tensor]) -> list[tuple[Tensor, Tensor, Tensor]]:
-        """Per scale, finest first: (α, spatial kernel, temporal kernel or an empty tensor)."""
+        """Predict per scale, finest first: α, the spatial kernel, and the temporal kernel or an empty tensor.
+
+        levels: the U-Net's decoder features, finest first. Kernels (N, K·K, H, W) sum to 1; α (N, 1, H, W) is in
+        (0, 1).
+        """
         predicted = []
         for head, level, shuffle in zip(self.heads, self.levels, self.shuffles, strict=True):
             values = head(levels[level]).float()
@@ -101,8 +105,10 @@ class KernelHeads(nn.Module):
 
 
 class TemporalDenoiser(TrainableDenoiser):
-    """Kernel-predicting recurrent denoiser of `color`. It carries its last output (exposed, demodulated if so
-    configured) and the last depth."""
+    """A recurrent, kernel-predicting denoiser of `color`.
+
+    The state holds the last output, exposed, and demodulated if so configured, and the last depth.
+    """
 
     Config = TemporalConfig
     extras = ("disoccluded", "valid", "alpha")
@@ -120,7 +126,7 @@ class TemporalDenoiser(TrainableDenoiser):
 
     @property
     def multiple(self) -> int:
-        """Image sizes are padded to a multiple of this inside."""
+        """The number to whose multiples `forward` pads the image's height and width."""
         levels, scales = len(self.config.channels), self.config.scales
         return max(self.config.front << (levels - 1), 1 << (scales - 1))
 
@@ -129,10 +135,10 @@ class TemporalDenoiser(TrainableDenoiser):
         previous_forward_motion: Tensor, reset: Tensor, exposure: Tensor, depth_scale: Tensor,
         history: Tensor, previous_depth: Tensor,
     ) -> Denoised:  # fmt: skip
-        """One frame on plain tensors, all conventions inside: this is the exported graph.
+        """Denoise one frame of plain tensors, with all conventions inside: this is the exported graph.
 
-        Images (N, C, H, W) of any size from 16; reset, exposure and depth_scale (N,). Where reset is 1,
-        history is ignored: the first frame's warped previous image is the noisy one.
+        Images (N, C, H, W) of any size from 16; reset, exposure and depth_scale (N,). Where reset is 1 the history is
+        ignored, and the noisy image takes the place of the warped previous one.
         """
         config = self.config
         scale = per_sequence(exposure)
@@ -157,16 +163,16 @@ class TemporalDenoiser(TrainableDenoiser):
             features.append(compress(warped))
         if config.feed_masks:
             features += [valid.to(light.dtype), disoccluded.to(light.dtype)]
-        # On the first frame the paper's rule holds: the noisy image takes the place of the warped one, everywhere.
+        # On the first frame the noisy image replaces the warped one everywhere, as in the paper.
         warped = torch.cat([warped, (valid | ~continues).to(light.dtype)], 1)
         filtered, alpha = self._filter(torch.cat(features, 1), light, warped)
         image = filtered if texture is None else filtered * texture
         return Denoised(image / scale, filtered, disoccluded.float(), valid.float(), alpha)
 
     def _filter(self, features: Tensor, light: Tensor, warped: Tensor) -> tuple[Tensor, Tensor]:
-        """Predict kernels from the features and apply them: (filtered light ≥ 0, α of the last blend).
+        """Predict kernels from the features and apply them; returns the filtered light ≥ 0 and α of the last blend.
 
-        warped (N, 4, H, W): the previous output, and 1 where the temporal kernels may read it, else 0.
+        warped (N, 4, H, W): the previous output, and a mask that is 1 where the temporal kernels may read it, else 0.
         """
         config = self.config
         height, width = light.shape[-2:]
@@ -181,7 +187,7 @@ class TemporalDenoiser(TrainableDenoiser):
         output = filtered[-1]
         for fine, (alpha, _, _) in zip(reversed(filtered[:-1]), reversed(predicted[1:]), strict=True):
             output = combine_scales(fine, output, alpha, "max" if config.downsample == "max" else "mean")
-        output = output.clamp(min=0)  # before it is blended, compressed or kept: Eq. 4 may go negative
+        output = output.clamp(min=0)  # before blending, compression and storage, since Eq. 4 may go negative
         alpha, _, temporal = predicted[0]
         if config.temporal:
             history, known = _apply_masked(warped[:, :3], warped[:, 3:], temporal)
@@ -190,13 +196,13 @@ class TemporalDenoiser(TrainableDenoiser):
         return output[..., :height, :width], alpha[..., :height, :width]
 
 
-_LEAST_WEIGHT = 1e-12  # of the pixels that a temporal kernel may read: below, it has chosen others
+_LEAST_WEIGHT = 1e-12  # a kernel with less total weight on the pixels that it may read has selected only others
 
 
 def _apply_masked(image: Tensor, weight: Tensor, kernels: Tensor) -> tuple[Tensor, Tensor]:
-    """Apply kernels to the pixels whose weight (N, 1, H, W) is 1, not 0, and renormalise them.
+    """Apply kernels to the pixels whose weight (N, 1, H, W) is 1 rather than 0, and renormalise the kernels.
 
-    Gives the image, and (N, 1, H, W) bool: where a kernel had anything to read; elsewhere the image is 0.
+    Returns the image, and (N, 1, H, W) bool, true where a kernel had anything to read; elsewhere the image is 0.
     """
     summed = apply_kernels(torch.cat([image * weight, weight], 1), kernels)
     total = summed[:, 3:]
@@ -205,7 +211,7 @@ def _apply_masked(image: Tensor, weight: Tensor, kernels: Tensor) -> tuple[Tenso
 
 
 def _normalised(depth: Tensor, depth_scale: Tensor) -> Tensor:
-    """Depth (N, 1, H, W) in [0, 1]: d/(d + scale), ½ at the scale; sky, stored as 0, is 1."""
+    """Depth (N, 1, H, W) mapped to [0, 1] by d / (d + scale): ½ at the scale, 1 for the sky, which is stored as 0."""
     return torch.where(depth > 0, depth / (depth + per_sequence(depth_scale)), 1.0)
 
 

@@ -1,7 +1,8 @@
-"""What a network is to the rest of nte: all that training, export and `nte info` know of one.
+"""The interface of networks: everything that training, export and `nte info` know about one.
 
-A network is a file: a dataclass with its choices, and a subclass of TrainableDenoiser that says what it takes, gives
-and carries, with a `forward` on plain tensors. What `step` does, and what the exported graph is, follows from these.
+A network is one file with a dataclass of its settings and a subclass of TrainableDenoiser. The subclass declares what
+the network takes, returns and carries, and has a `forward` on plain tensors; `step` and the exported graph follow from
+these declarations.
 """
 
 import inspect
@@ -22,7 +23,10 @@ from nte.recurrence import FORWARD, NetworkState, Recurrent, begin, hand_on
 
 @dataclass
 class NetworkConfig:
-    """The choices of a network, `network` in a training configuration. Every kind has a subclass, all with defaults."""
+    """Settings of a network, the section `network` of a training configuration.
+
+    Every kind has a subclass, in which every field has a default.
+    """
 
     kind: str  # a name in nte.models.registry, or package.module:Class
 
@@ -31,41 +35,44 @@ class NetworkConfig:
 
 
 class TrainableDenoiser(nn.Module, Denoiser):
-    """Base of the networks.
+    """Base class of the networks.
 
-    `forward` has a parameter for each of its inputs, by the name of a channel that is in `needs` or `optional`
-    (N, C, H, W), of a recurrent tensor, or `reset`, `exposure` or `depth_scale` (N,). An optional channel is None where
-    a frame does not have it, but previous_forward_motion is always there. `forward` returns a tensor for each of
-    `outputs`: the image (N, C, H, W) in the units of the target's channel, what the recurrent tensors become, and the
-    extras. It must make its inputs usable itself (nte.frames.usable), so that the exported graph does it too.
+    `forward` has one parameter per input, named after a channel (N, C, H, W) in `needs` or `optional`, a recurrent
+    tensor, or one of `reset`, `exposure` and `depth_scale` (N,). An optional channel is None where a frame lacks it,
+    except previous_forward_motion, which is then scattered from motion and depth. `forward` returns a tensor for each
+    of `outputs`: the image (N, C, H, W) in the units of the target's channel, the new values of the recurrent tensors,
+    and the extras. It must sanitise its inputs itself (nte.frames.usable), so that the exported graph does so too.
     """
 
-    Config: ClassVar[type[NetworkConfig]]  # of its choices
-    recurrent: Mapping[str, Recurrent] = MappingProxyType({})  # what it carries from frame to frame
+    Config: ClassVar[type[NetworkConfig]]  # class of the network's settings
+    recurrent: Mapping[str, Recurrent] = MappingProxyType({})  # tensors that are carried from frame to frame
     conventions: Mapping[str, str] = MappingProxyType({})  # what a runtime must know beyond the table of channels
 
     def __init__(self, config: NetworkConfig) -> None:
-        """Raise NteError for choices that make no network."""
+        """Raise NteError for settings that make no network."""
         super().__init__()
         config.check()
         self.config = config
 
     @property
     def inputs(self) -> tuple[str, ...]:
-        """Names of what `forward` takes, in order."""
+        """Names of the inputs of `forward`, in order."""
         return tuple(inspect.signature(self.forward).parameters)
 
     @property
     def outputs(self) -> tuple[str, ...]:
-        """Names of what `forward` gives, in order."""
+        """Names of the outputs of `forward`, in order."""
         made = [tensor.source for tensor in self.recurrent.values() if tensor.source not in CHANNELS]
         return tuple(dict.fromkeys(["image", *made, *self.extras]))
 
     def step(
         self, frame: Frame, state: NetworkState | None, extras: tuple[str, ...] = ()
     ) -> tuple[Result, NetworkState]:
-        """Denoise one frame; None starts a sequence. Raises NteError for extras that it does not have, for a channel
-        that is missing, and for a size that changes within a sequence."""
+        """Denoise one frame on the network's device; state None starts a sequence.
+
+        extras: names out of `self.extras`. Raises NteError for other extras, for a missing channel, and for a batch or
+        size that changes within a sequence.
+        """
         check_extras(self, extras)
         device = next(self.parameters()).device
         given = frame.torch(device)

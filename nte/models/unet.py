@@ -9,7 +9,7 @@ from torch import Tensor, nn
 
 
 class ConvBlock(nn.Sequential):
-    """Two 3×3 convolutions with ReLU: (N, inputs, H, W) → (N, outputs, H, W)."""
+    """Two 3×3 convolutions, each followed by ReLU: (N, inputs, H, W) → (N, outputs, H, W)."""
 
     def __init__(self, inputs: int, outputs: int) -> None:
         super().__init__(
@@ -21,10 +21,10 @@ class ConvBlock(nn.Sequential):
 
 
 class UNet(nn.Module):
-    """Encoder with 2×2 max pooling, decoder with nearest upsampling and skip connections.
+    """An encoder with 2×2 max pooling and a decoder with nearest upsampling and skip connections.
 
-    channels: features per level, finest first; level k works at 1/2^k of the input. Sizes must be multiples
-    of 2^(levels − 1).
+    channels: features per level, finest first; level k works at 1/2^k of the input's size. Image sizes must be
+    multiples of 2^(levels − 1).
     """
 
     def __init__(self, inputs: int, channels: Sequence[int]) -> None:
@@ -34,7 +34,7 @@ class UNet(nn.Module):
         self.decoders = nn.ModuleList(ConvBlock(skip + below, skip) for skip, below in pairwise(channels))
 
     def forward(self, features: Tensor) -> list[Tensor]:
-        """Decoder features of every level, finest first."""
+        """Compute the decoder features (N, channels[k], H/2^k, W/2^k) of every level k, finest first."""
         skips: list[Tensor] = []
         for encoder in self.encoders:
             features = encoder(F.max_pool2d(features, 2) if skips else features)

@@ -1,6 +1,6 @@
-"""Motion vectors as pure PyTorch functions: of surfaces, of what they show, and where images agree.
+"""Motion vectors as pure PyTorch functions: of surfaces, of shadows and reflections, and of matching images.
 
-The modules are loaded when a function is first asked for, so that `import nte` needs no PyTorch.
+A module is loaded when one of its functions is first used, so that `import nte` needs no PyTorch.
 """
 
 from importlib import import_module
@@ -12,7 +12,7 @@ _HOMES = {
     "reliable": ("mirror_image", "reflection_covariance", "reflection_motion", "shadow_motion", "shadow_point"),
     "warp": ("fetch_nearest", "inside", "pixel_centres", "warp"),
 }
-# `warp` is a module and a function in it; the module keeps the name.
+# `warp` names a module and a function in it; here it stays the module.
 _HOME = {name: module for module, names in _HOMES.items() for name in names if name not in _HOMES}
 __all__ = sorted(_HOME)
 

@@ -5,8 +5,9 @@ from torch import Tensor
 
 
 def box_mean(image: Tensor, size: int, step: int = 1) -> Tensor:
-    """Mean of size×size pixels of (N, C, H, W), `step` apart, or of those of them that exist; size is odd.
+    """Compute the mean of size×size pixels around each pixel of an image (N, C, H, W), for odd `size`.
 
+    step: distance in px between the pixels that are averaged. At the border the mean is over the pixels that exist.
     Three times as fast as avg_pool2d on a CPU.
     """
     for axis in (3, 2):

@@ -1,7 +1,7 @@
-"""Motion vectors for people with their own engine: from matrices and points, as pure functions.
+"""Motion vectors for other engines, from matrices and points, as pure functions.
 
-Cameras are (N, 4, 4) matrices for column vectors: `view` takes world to view space, `projection` takes view
-space to homogeneous [0, 1]² with y down. Points are (N, 3, H, W) in world space, positions in pixels.
+Cameras are (N, 4, 4) matrices for column vectors: `view` takes world space to view space, `projection` takes view
+space to homogeneous [0, 1]² with y down. Points are (N, 3, H, W) in world space; image positions are in pixels.
 """
 
 import torch
@@ -11,10 +11,10 @@ from nte.motion.warp import pixel_centres
 
 
 def project(points: Tensor, view: Tensor, projection: Tensor, hit: Tensor | None = None) -> Tensor:
-    """Pixel positions (N, 2, H, W) of world points (N, 3, H, W); NaN for what lies behind the camera.
+    """Project world points (N, 3, H, W) to pixel positions (N, 2, H, W); NaN for points behind the camera.
 
-    Where `hit` (N, 1, H, W) is false, the point is taken as a direction: a point at infinity, which only
-    the camera's rotation moves.
+    hit (N, 1, H, W): where it is false, the vector is a direction, that is a point at infinity, which only the camera's
+    rotation moves. None: all are points.
     """
     height, width = points.shape[-2:]
     weight = torch.ones_like(points[:, :1]) if hit is None else hit.to(points.dtype)
@@ -26,19 +26,21 @@ def project(points: Tensor, view: Tensor, projection: Tensor, hit: Tensor | None
 
 
 def motion_of(points_then: Tensor, view_then: Tensor, projection_then: Tensor, hit: Tensor | None = None) -> Tensor:
-    """Vectors (N, 2, H, W) from each pixel's centre to where its surface point is seen at another time.
+    """Compute vectors (N, 2, H, W), px, from each pixel's centre to where its surface point is seen at another time.
 
-    points_then: the surface points of the current pixels, where they are at that time (`move`). With the
-    previous frame's points and camera this is `motion`, with the next frame's `forward_motion`.
+    points_then: the world points (N, 3, H, W) of the current pixels' surfaces at the other time (`move` gives them).
+    view_then and projection_then: the camera at that time. With the previous frame's points and camera the result is
+    `motion`, with the next frame's it is `forward_motion`. hit (N, 1, H, W): false for sky, as in `project`.
     """
     return project(points_then, view_then, projection_then, hit) - pixel_centres(points_then)
 
 
 def move(points: Tensor, instance: Tensor, transforms: Tensor) -> Tensor:
-    """World points (N, 3, H, W) moved by the rigid motion of the object that each pixel sees.
+    """Move world points (N, 3, H, W) by the rigid motion of the object that each pixel shows.
 
-    instance (N, 1, H, W): whole numbers below K; transforms (K, 4, 4): for the previous frame
-    T_k = O_k(i−1) · O_k(i)⁻¹, with O_k the object-to-world matrix of object k. Sky is an identity.
+    instance (N, 1, H, W): whole numbers from 0 to K − 1. transforms (K, 4, 4): one per object. To the previous frame,
+    with the object-to-world matrix O_k of object k, it is T_k = O_k(i−1) · O_k(i)⁻¹. The transform of sky is the
+    identity.
     """
     per_pixel = transforms[instance[:, 0].long()]  # (N, H, W, 4, 4)
     rotated = torch.einsum("nhwij,njhw->nihw", per_pixel[..., :3, :3], points)
@@ -46,9 +48,9 @@ def move(points: Tensor, instance: Tensor, transforms: Tensor) -> Tensor:
 
 
 def points_from_depth(depth: Tensor, view: Tensor, projection: Tensor) -> Tensor:
-    """World points (N, 3, H, W) at the pixel centres, for depth (N, 1, H, W) along the view axis.
+    """Reconstruct world points (N, 3, H, W) at the pixel centres from depth (N, 1, H, W) along the view axis.
 
-    Where depth is 0 (a miss) the result is the direction of the pixel's ray, as `project` wants it.
+    Where depth is 0 (a miss) the result is the direction of the pixel's ray, which `project` accepts with `hit` false.
     Works for cameras that look along +z or −z, and for any near and far plane.
     """
     height, width = depth.shape[-2:]
@@ -60,7 +62,7 @@ def points_from_depth(depth: Tensor, view: Tensor, projection: Tensor) -> Tensor
         point = torch.einsum("nij,njhw->nihw", unproject, torch.cat([uv, clip_depth * ones, ones], 1))
         return point[:, :3] / point[:, 3:]
 
-    # Two points of the ray well inside the frustum: an infinite far plane has no point at 1.
+    # Two points of the ray well inside the frustum: with an infinite far plane, depth 1 has no finite point.
     first, second = at(0.25), at(0.75)
     axis = (first[:, 2:] + second[:, 2:]).sign()
     along = second - first

@@ -1,4 +1,4 @@
-"""Fetching the previous frame through a Catmull–Rom spline: sharper than bilinear, frame after frame."""
+"""Fetching the previous frame with a Catmull–Rom spline, which stays sharper over many frames than bilinear."""
 
 import torch
 from torch import Tensor
@@ -9,16 +9,17 @@ from nte.motion.warp import Warped, fetch_nearest, inside, pixel_centres
 def warp_catmull_rom(image: Tensor, motion: Tensor) -> Warped:
     """Fetch image(x + motion(x)) with 4×4 pixels, for motion (N, 2, H, W) in pixels, current → previous.
 
-    image (N, C, H, W). Negative lobes may leave the range of the image. Outside the image the border repeats
-    and `valid` is false; so it is where the motion is not finite. Where the motion is a whole number the pixel is
-    fetched as it is. Catmull and Rom 1974; used for history by Yang et al. 2020, «A Survey of Temporal Antialiasing».
+    image (N, C, H, W). The result may leave the image's range, since the spline has negative lobes. Outside the image
+    the border repeats and `valid` is false; `valid` is also false where the motion is not finite. A motion of whole
+    pixels returns the pixel unchanged. Catmull and Rom 1974; used for history by Yang et al. 2020, «A Survey of
+    Temporal Antialiasing».
     """
     height, width = image.shape[-2:]
     position = pixel_centres(image) + motion
     valid = inside(position)
     limit = position.new_tensor([width, height]).view(1, 2, 1, 1)
     position = position.nan_to_num().clamp(min=0).minimum(limit)
-    base = (position - 0.5).floor() + 0.5  # centre of the pixel to the upper left
+    base = (position - 0.5).floor() + 0.5  # centre of the nearest pixel up and to the left
     part = position - base
     across, down = _weights(part[:, :1]), _weights(part[:, 1:])
     total = torch.zeros_like(image)
@@ -30,6 +31,6 @@ def warp_catmull_rom(image: Tensor, motion: Tensor) -> Warped:
 
 
 def _weights(t: Tensor) -> tuple[Tensor, Tensor, Tensor, Tensor]:
-    """Of the four pixels around a position that lies t ∈ [0, 1] behind the second; they sum to 1."""
+    """The weights, with sum 1, of the four pixels around a position t ∈ [0, 1] px beyond the second."""
     t2, t3 = t * t, t * t * t
     return (-t3 + 2 * t2 - t) / 2, (3 * t3 - 5 * t2 + 2) / 2, (-3 * t3 + 4 * t2 + t) / 2, (t3 - t2) / 2

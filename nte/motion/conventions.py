@@ -1,6 +1,6 @@
-"""Other people's motion vectors: the ways in which they differ from ours, and back.
+"""Conventions of motion vectors in other software, and their conversion to ours.
 
-Ours: pixels, x to the right, y down, current → previous, on the pixels of the current frame.
+Our vectors are in pixels, x to the right, y down, current → previous, on the pixels of the current frame.
 """
 
 from dataclasses import dataclass
@@ -15,7 +15,7 @@ UNITS = {"pixels": 1.0, "uv, [0, 1] over the image": 1.0, "NDC, [−1, 1] over t
 
 @dataclass(frozen=True)
 class Convention:
-    """How given vectors are to be read: what differs from ours, in words, and how to convert them."""
+    """A convention of motion vectors: how it differs from ours, in words, and how its vectors are converted."""
 
     signs: tuple[int, int] = (1, 1)
     swapped: bool = False
@@ -23,7 +23,7 @@ class Convention:
     forward: bool = False
 
     def __str__(self) -> str:
-        """What differs, as a user would say it."""
+        """Describe in words how the convention differs from ours; "ours" if it does not."""
         differs = []
         if self.forward:
             differs.append("direction (they point from the previous frame to the current one)")
@@ -38,12 +38,14 @@ class Convention:
         return ", ".join(differs) or "ours"
 
     def convert(self, motion: Tensor, previous_motion: Tensor, previous_depth: Tensor) -> Tensor:
-        """Our vectors (N, 2, H, W) from those of the current and the previous frame; NaN where unknown.
+        """Convert vectors of this convention to ours, (N, 2, H, W); NaN where the motion is unknown.
 
-        previous_depth (N, 1, H, W), 0 = miss: which of several surfaces that arrive at a pixel is seen there.
+        motion and previous_motion: the given vectors of the current and of the previous frame. previous_depth
+        (N, 1, H, W), 0 = miss: used for forward vectors, where it decides which of several surfaces that arrive at a
+        pixel is seen.
         """
         if self.forward:
-            # Stored on the previous frame's pixels: scattered to where they point.
+            # Forward vectors lie on the previous frame's pixels, so they are scattered to where they point.
             return scatter_forward_motion(previous_motion, previous_depth)
         height, width = motion.shape[-2:]
         scale = (1.0, 1.0) if self.unit == "pixels" else (width * UNITS[self.unit], height * UNITS[self.unit])

@@ -1,7 +1,8 @@
-"""Where each pixel was in the previous image, found in the images alone: a hierarchical patch search.
+"""Motion found in the images alone, by a hierarchical patch search for where each pixel was in the previous image.
 
-Hanika, Tessari and Dachsbacher 2021, «Fast Temporal Reprojection without Motion Vectors», section 3. It aligns
-colours and does not claim true motion: shadows, reflections, waves and clouds move in ways that no geometry tells.
+Hanika, Tessari and Dachsbacher 2021, «Fast Temporal Reprojection without Motion Vectors», section 3. The search aligns
+colours and does not claim true motion; it also follows shadows, reflections, waves and clouds, whose motion cannot be
+computed from geometry.
 """
 
 import warnings
@@ -37,24 +38,27 @@ __all__ = [
 ]  # fmt: skip
 
 
-_ENOUGH = 32  # pixels along each axis, for which the shift of the whole image is no accident
+_ENOUGH = 32  # least number of pixels along each axis for a reliable shift of the whole image
 
 
-Searches = Search | Sequence[Search]  # one for all images of a batch, or one for each
+Searches = Search | Sequence[Search]  # one for all images of a batch, or one per image
 
 
 class Correspondence(NamedTuple):
-    """What was found."""
+    """The motion that a search has found, and how well it fits."""
 
     motion: Tensor  # (N, 2, H, W) pixels, current → previous: previous = current + motion; always finite
-    error: Tensor  # (N, 1, H, W) patch distance under this motion (`patch_error`), 0 where the patches are equal
+    error: Tensor  # (N, 1, H, W) patch distance along this motion (`patch_error`), 0 for equal patches
 
 
 @torch.no_grad()
 def find_correspondence(
     current: Tensor, previous: Tensor, search: Searches | None = None, known: Known | None = None
 ) -> Correspondence:
-    """Find the motion (`find_motion`, which describes the arguments) and its patch error (`patch_error`)."""
+    """Find the motion (N, 2, H, W), px, current → previous, with its patch error (N, 1, H, W).
+
+    `find_motion` describes the arguments, and `patch_error` the error. Raises NteError for images that differ in size.
+    """
     _check_sizes(current, previous)
     search = search or searches_for(current)
     motion = find_motion(current, previous, search, known)
@@ -65,14 +69,17 @@ def find_correspondence(
 def find_motion(
     current: Tensor, previous: Tensor, search: Searches | None = None, known: Known | None = None
 ) -> Tensor:
-    """Search every pixel of `current` in `previous`, both (N, C, H, W): grey, or noise-free guides as channels.
+    """Find the motion (N, 2, H, W), px, current → previous, by searching each pixel of `current` in `previous`.
 
-    Returns the motion (N, 2, H, W) of Correspondence. Values should be about as large as displayed ones, [0, 1]: the
-    log norms compare them with 2. What is not finite counts as 0; at the border the previous image is clamped. `known`
-    motion overwrites what is found on every level, and so guides the search around it. search: one for all images, or
-    one for each; without it the noise of each image of `current` chooses one of SEARCHES. An image of a batch is
-    searched as it would be alone. Small images get fewer levels (FewerLevelsWarning). The same input gives the same
-    output. Without gradients. Raises NteError for images that differ in size.
+    current and previous (N, C, H, W): grey images, or noise-free guides as channels. Values should have the magnitude
+    of displayed ones, [0, 1], because the log norms compare them with 2. Values that are not finite count as 0. The
+    previous image is clamped at its border. search: one for all images, or one per image; None chooses one of SEARCHES
+    for each image of `current` by its noise. known: motion that overwrites what is found on every level, and so guides
+    the search around it.
+
+    The motion is always finite, and the same input gives the same output. Each image of a batch is searched as if it
+    were alone. Small images get fewer levels (FewerLevelsWarning). No gradients are recorded. Raises NteError for
+    images that differ in size, and for a number of searches that does not fit.
 
     >>> previous = torch.rand(1, 1, 64, 64, generator=torch.Generator().manual_seed(0))
     >>> current = previous.roll((2, 3), (2, 3))  # two pixels down, three to the right
@@ -91,7 +98,7 @@ def find_motion(
 
 
 def _find_alone(current: Tensor, previous: Tensor, search: Search, known: Known | None) -> Tensor:
-    """`find_motion` of one image (1, C, H, W)."""
+    """The motion of one image (1, C, H, W), as `find_motion` returns it."""
     now, before = (_scaled(image, search) for image in (current, previous))
     if _unit(current, search) == 1:
         return _search(now, before, known, search)
@@ -102,11 +109,11 @@ def _find_alone(current: Tensor, previous: Tensor, search: Search, known: Known 
 
 @torch.no_grad()
 def patch_error(current: Tensor, previous: Tensor, motion: Tensor, search: Searches) -> Tensor:
-    """Patch distance (N, 1, H, W) between `current` and `previous` fetched along any finite motion (N, 2, H, W), px.
+    """Compute the patch distance (N, 1, H, W) between `current` and `previous` fetched along a motion (N, 2, H, W), px.
 
-    The norm, the patches and the level are those of the search, so what it says of found motion, and of motion from
-    elsewhere, can be compared. In the units of the norm; log distances without log 2, so that 0 means equal. search:
-    one for all images, or one for each.
+    The motion may come from anywhere but must be finite. Norm, patches and level are those of the search, so the errors
+    of found motion and of other motion can be compared. The unit is that of the norm; log 2 is subtracted from log
+    distances, so that 0 means equal. search: one for all images, or one per image; raises NteError for another number.
     """
     return torch.cat(
         [
@@ -121,16 +128,18 @@ class BothWays(NamedTuple):
 
     backward: Correspondence  # current → previous
     forward: Correspondence  # previous → current, on the pixels of the previous image
-    consistent: Tensor  # (N, 1, H, W) bool, on the current pixels
+    consistent: Tensor  # (N, 1, H, W) bool, on the pixels of the current image
 
 
 @torch.no_grad()
 def find_both_ways(
     current: Tensor, previous: Tensor, search: Searches | None = None, tolerance: float = 1.0
 ) -> BothWays:
-    """`find_correspondence` backward and forward; consistent: there and back ends within `tolerance` pixels.
+    """Find correspondences in both directions and mark where they are consistent.
 
-    What came into sight has no correspondence, and usually fails this. One search serves both directions.
+    A pixel is consistent if going to the previous image and back ends within `tolerance` px of it. Disoccluded pixels
+    have no correspondence and usually fail this test. One search, chosen for `current` if not given, serves both
+    directions.
     """
     _check_sizes(current, previous)
     search = search or searches_for(current)
@@ -142,15 +151,15 @@ def find_both_ways(
 
 
 def rejection_mask(error: Tensor, kappa: float, eta: float) -> Tensor:
-    """m = κ ε − η (section 3.2) of the patch distance ε (N, 1, H, W), clamped to [0, 1]: 1 where not to be trusted.
+    """Compute the mask m = κ ε − η (section 3.2) of the patch distance ε, (N, 1, H, W): 1 where motion is not trusted.
 
-    Without the clamp a small ε would make the weight of history exceed the one that was chosen.
+    The mask is clamped to [0, 1]: a negative m would raise the weight of history above the chosen one.
     """
     return (kappa * error - eta).clamp(0, 1)
 
 
 def _search(current: Tensor, previous: Tensor, known: Known | None, search: Search) -> Tensor:
-    """The motion, level by level from the coarsest."""
+    """The motion, searched level by level from the coarsest to the finest."""
     levels = pyramid(current, previous, known, len(search.radii))
     whole = _whole_motion(levels)
     motion: Tensor | None = None
@@ -161,9 +170,9 @@ def _search(current: Tensor, previous: Tensor, known: Known | None, search: Sear
 
 
 def _settled(images: Level, motion: Tensor, search: Search) -> Tensor:
-    """The motion of the finest level, or where it fits no worse the median motion, which is the pan's.
+    """The motion of the finest level, replaced by the median motion, that of the pan, wherever that fits no worse.
 
-    Where a panned image is nearly flat, noise and rounding lead a search astray by pixels.
+    In nearly flat parts of a panned image, noise and rounding mislead the search by whole pixels.
     """
     now, before, known = images
     middle = motion.flatten(2).median(2).values[..., None, None]
@@ -177,7 +186,7 @@ def _settled(images: Level, motion: Tensor, search: Search) -> Tensor:
 
 
 def _for_each(search: Searches, images: Tensor) -> list[tuple[Search, slice]]:
-    """Each image's search, and the slice of the batch that it is. Raises NteError for another number of searches."""
+    """Each image's search, with its slice of the batch. Raises NteError if the number of searches does not fit."""
     searches = [search] * len(images) if isinstance(search, Search) else list(search)
     if len(searches) != len(images):
         raise NteError(f"{len(searches)} searches for {len(images)} images: expected one, or one for each")
@@ -185,13 +194,13 @@ def _for_each(search: Searches, images: Tensor) -> list[tuple[Search, slice]]:
 
 
 def _unit(image: Tensor, search: Search) -> int:
-    """Pixels of an image along each axis that are one of the search's finest level."""
+    """The side, in image pixels, of one pixel of the search's finest level: 1, or 2 for a search at half size."""
     height, width = image.shape[-2:]
     return 2 if search.half and min(height, width) >= 2 * SMALLEST else 1
 
 
 def _check_sizes(current: Tensor, previous: Tensor) -> None:
-    """Raise NteError unless both are images (N, C, H, W) of one size."""
+    """Raise NteError unless both are images (N, C, H, W) of the same size."""
     if current.shape != previous.shape or current.ndim != 4:
         raise NteError(
             f"current {tuple(current.shape)} and previous {tuple(previous.shape)}: expected two images (N, C, H, W) "
@@ -200,7 +209,7 @@ def _check_sizes(current: Tensor, previous: Tensor) -> None:
 
 
 def _tell_of_missing_levels(image: Tensor, unit: int, wanted: int) -> None:
-    """Warn (FewerLevelsWarning) where an image searched in pixels of `unit` has fewer levels than wanted."""
+    """Warn (FewerLevelsWarning) if an image, searched in pixels of side `unit`, has fewer levels than wanted."""
     height, width = image.shape[-2:]
     count = count_levels(-(-height // unit), -(-width // unit), wanted)
     if count < wanted:
@@ -213,9 +222,9 @@ def _tell_of_missing_levels(image: Tensor, unit: int, wanted: int) -> None:
 
 
 def _whole_motion(levels: list[Level]) -> Tensor:
-    """(1, 2, 1, 1) px of the finest level: by how much the whole image moved, to the pixels of the level above.
+    """The shift (1, 2, 1, 1) of the whole image, in px of the finest level, measured in whole px of the second finest.
 
-    0 for what the two finest levels reach by themselves.
+    The shift is 0 where the two finest levels reach it by themselves.
     """
     level = int(len(levels) > 1 and min(levels[1].current.shape[-2:]) >= _ENOUGH)
     now, before, _ = levels[level]
@@ -225,18 +234,18 @@ def _whole_motion(levels: list[Level]) -> Tensor:
 
 
 def _search_level(images: Level, coarser: Tensor | None, whole: Tensor, search: Search, level: int) -> Tensor:
-    """Motion of a level, around the motion of the coarser one, that of the whole image, and none.
+    """The motion of one level, searched around the coarser level's motion, the whole image's shift, and no motion.
 
-    A coarse level does not see fine texture, and what it gets wrong by more than a finer one's reach is lost. So, but
-    for the finest level, which costs most, all starts are tried, and each pixel takes what fits best; the first wins
-    ties.
+    Coarse levels do not show fine texture, and an error larger than the reach of the finer level cannot be corrected.
+    Therefore every start is tried, and each pixel takes the best fit; the first start wins ties. The finest level,
+    which costs most, uses the first start only.
     """
     now, before, known = images
     still = whole.expand(-1, -1, *now.shape[-2:])
     starts = [still] if coarser is None else [upsample(coarser, now, SCALE) * SCALE]
     if coarser is not None and level > 0:
         starts.append(still)
-    if level > 0 and whole.any():  # what stands still before a background that moves
+    if level > 0 and whole.any():  # for objects at rest before a moving background
         starts.append(torch.zeros_like(still))
     motion, distance = _search_from(now, before, starts[0], search, level)
     for start in starts[1:]:
@@ -246,24 +255,24 @@ def _search_level(images: Level, coarser: Tensor | None, whole: Tensor, search: 
     if radius := dict(enumerate(search.smoothing)).get(level, 0):
         motion = box_mean(motion, 2 * radius + 1)
     if strength := dict(enumerate(search.agreement)).get(level, 0.0):
-        # The log norms' values are scaled already.
+        # `_scaled` has applied the gain for the log norms.
         gain = 1.0 if search.norm.startswith("log") else search.gain
         motion = agree(now, before, motion, strength, gain)
     return motion if known is None else torch.where(known.mask, known.motion, motion)
 
 
 def _search_from(now: Tensor, before: Tensor, start: Tensor, search: Search, level: int) -> tuple[Tensor, Tensor]:
-    """Motion and patch distance of the best shift around `start`."""
+    """The motion and patch distance of the best shift around `start`."""
     radius, refine = search.radii[level], level < search.refined
     if not start.any():
         return best_shift(now, before, radius, search.norm, refine)
     shift, distance = best_shift(now, _fetched(before, start), radius, search.norm, refine)
-    # What was compared lies at x + shift in the warped image, which shows the previous one from there on.
+    # The best match lies at x + shift in the warped image; from there `start` leads to the previous image.
     return shift + _fetched(start, shift), distance
 
 
 def _fetched(image: Tensor, motion: Tensor) -> Tensor:
-    """Fetch the image along the motion as `warp` does, without its mask, which would cost as much again."""
+    """The image fetched along the motion; unlike `warp`, without the validity mask, which would double the cost."""
     return fetch_bilinear(image, pixel_centres(image) + motion)
 
 
@@ -273,14 +282,14 @@ def _scaled(image: Tensor, search: Search) -> Tensor:
 
 
 def _error(now: Tensor, before: Tensor, motion: Tensor, search: Search) -> Tensor:
-    """`patch_error` of scaled images."""
+    """The result of `patch_error` for scaled images."""
     shrink = (2 if search.half else 1) * SCALE**search.error_level
     distance = _distance(now, before, motion, search, search.radii[search.error_level], shrink)
     return upsample(distance, now, shrink)
 
 
 def _distance(now: Tensor, before: Tensor, motion: Tensor, search: Search, radius: int, shrink: int = 1) -> Tensor:
-    """Patch distance of scaled images along a motion, in images that are smaller by `shrink`."""
+    """The patch distance of scaled images along a motion, computed on images that are smaller by `shrink`."""
     difference = smaller(now, shrink) - smaller(_fetched(before, motion), shrink)
     distance = difference.square_() if search.norm == "l2" else difference.abs_()
     distance = distance.mean(1, keepdim=True)

@@ -1,7 +1,7 @@
-"""Motion vectors from geometry: traditional and dual vectors, and the disocclusion mask.
+"""Motion vectors from geometry: traditional vectors, dual vectors, and the disocclusion mask.
 
-Dual vectors: Zeng et al. 2021, «Temporally Reliable Motion Vectors», section on occlusions; Eq. 2 of
-«Neural Temporal Denoising for Indirect Illumination».
+Dual vectors: Zeng et al. 2021, «Temporally Reliable Motion Vectors», section on occlusions; Eq. 2 of «Neural Temporal
+Denoising for Indirect Illumination».
 """
 
 from typing import NamedTuple
@@ -12,12 +12,12 @@ from torch import Tensor
 from nte.frames.frame import Frame
 from nte.motion.warp import fetch_nearest, inside, nearest_index, pixel_centres
 
-DISOCCLUSION_PX = 0.5  # a dual vector that differs by more than this from the traditional one
-BEHIND = 1.1  # an occluder is not this much farther away than what it hides; leaves room for motion in depth
+DISOCCLUSION_PX = 0.5  # a dual vector that differs by more than this from the traditional one marks a disocclusion
+BEHIND = 1.1  # an occluder's depth is at most this multiple of what it hides; leaves room for motion in depth
 
 
 class Reprojection(NamedTuple):
-    """Where to fetch history, whether it is there, and whether something hid the surface: three outputs."""
+    """Where to fetch history, whether that place exists, and whether the surface was hidden there."""
 
     motion: Tensor  # (N, 2, H, W) pixels, current → previous, always finite
     valid: Tensor  # (N, 1, H, W) bool: the position lies in the previous frame
@@ -25,7 +25,7 @@ class Reprojection(NamedTuple):
 
 
 def traditional_motion(motion: Tensor) -> Reprojection:
-    """Take the given vectors (N, 2, H, W), px, current → previous; one that is not finite becomes 0 and invalid.
+    """Use the given vectors (N, 2, H, W), px, current → previous; those that are not finite become 0 and invalid.
 
     >>> motion = torch.tensor([[-1.0, 0.0], [float("nan"), 0.0]]).T.view(1, 2, 1, 2)
     >>> vectors = nte.traditional_motion(motion)
@@ -44,16 +44,16 @@ def dual_motion(
     depth: Tensor | None = None,
     previous_depth: Tensor | None = None,
 ) -> Reprojection:
-    """Dual vectors: where the surface was hidden, history from beside the occluder, moved along with it.
+    """Compute dual vectors: where a surface was hidden, history comes from beside the occluder and moves along with it.
 
-    motion (N, 2, H, W): current → previous. previous_forward_motion (N, 2, H, W): on the pixels of the
-    previous frame, pointing to the current one; NaN where unknown. depth and previous_depth (N, 1, H, W),
-    0 = miss, sharpen the mask at silhouettes: the edge of a moving object falls between two pixels of the
-    previous frame, and the one it is rounded to may show the background, which hid nothing.
+    motion (N, 2, H, W): px, current → previous. previous_forward_motion (N, 2, H, W): px, on the pixels of the previous
+    frame, pointing to the current one; NaN where unknown. depth and previous_depth (N, 1, H, W), 0 = miss: they sharpen
+    the mask at silhouettes, where a position between two pixels of the previous frame may round to the background,
+    which hid nothing.
 
-    With y = x + motion(x), the occluder at y is followed to z = y + f(y), and x − z is repeated from y:
-    x^O = y + (x − z) = x − f(y). Nothing was hidden where x^O is y. Where x^O leaves the image the
-    traditional vector stays, as in the paper, but `disoccluded` still says so.
+    With y = x + motion(x), the occluder at y moves to z = y + f(y), and the dual vector's position is
+    x^O = y + (x − z) = x − f(y). Nothing was hidden where x^O is y. Where x^O lies outside the image the traditional
+    vector stays, as in the paper, but `disoccluded` is still true.
 
     The background rests, and an object that moves by two pixels has just left the second pixel:
 
@@ -66,7 +66,7 @@ def dual_motion(
     """
     traditional = traditional_motion(motion)
     previous = pixel_centres(motion) + traditional.motion
-    # Nearest, not bilinear: a motion interpolated across an edge belongs to nobody.
+    # Nearest, not bilinear: a motion interpolated across an edge belongs to no surface.
     forward = fetch_nearest(previous_forward_motion, previous)
     known = traditional.valid & (forward.abs() < float("inf")).all(1, keepdim=True)
     dual = -torch.where(known, forward, 0.0)
@@ -80,10 +80,11 @@ def dual_motion(
 
 
 def frame_vectors(frame: Frame, previous_depth: Tensor | None = None) -> Reprojection:
-    """Make the vectors of a PyTorch frame from whatever it has: dual ones through its previous_forward_motion, or
-    through one scattered from motion and depth; without depth either, the traditional ones.
+    """Compute the best vectors that a PyTorch frame allows.
 
-    previous_depth (N, 1, H, W): that of the frame before, where known, for a sharper disocclusion mask.
+    They are dual vectors if the frame has previous_forward_motion, or motion and depth from which to scatter it;
+    without depth they are the traditional ones. previous_depth (N, 1, H, W): depth of the previous frame, if known, for
+    a sharper disocclusion mask.
 
     >>> frame = nte.Clip("data/clips/disc_000").frame(1).torch()
     >>> vectors = nte.frame_vectors(frame)
@@ -99,15 +100,16 @@ def frame_vectors(frame: Frame, previous_depth: Tensor | None = None) -> Reproje
 
 
 def infinite_sky(depth: Tensor) -> Tensor:
-    """Depth (N, 1, H, W) with misses, stored as 0, infinitely far: the form in which depths are compared."""
+    """Return depth (N, 1, H, W) with misses, stored as 0, set to infinity: the form in which depths are compared."""
     return torch.where(depth > 0, depth, float("inf"))
 
 
 def scatter_forward_motion(motion: Tensor, depth: Tensor) -> Tensor:
-    """Make previous_forward_motion (N, 2, H, W) from the current frame: −motion, scattered to x + motion.
+    """Make previous_forward_motion (N, 2, H, W), px, from the current frame: −motion, scattered to x + motion.
 
-    depth (N, 1, H, W), 0 = miss, infinitely far. The nearest surface wins a pixel of the previous frame;
-    pixels that nobody reaches are NaN, which dual_motion takes as «not disoccluded».
+    motion (N, 2, H, W): px, current → previous. depth (N, 1, H, W): 0 = miss, which counts as infinitely far. Where
+    several surfaces arrive at a pixel of the previous frame, the nearest wins; pixels that none reaches are NaN, which
+    `dual_motion` treats as «not disoccluded».
 
     >>> motion = torch.tensor([[-1.0, -1.0, 0.0], [0.0] * 3]).view(1, 2, 1, 3)
     >>> nte.scatter_forward_motion(motion, torch.tensor([2.0, 2.0, 5.0]).view(1, 1, 1, 3))[0, 0].tolist()
@@ -118,7 +120,7 @@ def scatter_forward_motion(motion: Tensor, depth: Tensor) -> Tensor:
     count = target.shape[-1]
     far = torch.where(source.valid, infinite_sky(depth), float("inf")).flatten(2)
     nearest = torch.full_like(far, float("inf")).scatter_reduce(2, target, far, "amin")
-    # Of several equally near pixels the last wins: one deterministic rule for every device.
+    # Among equally near pixels the last one wins, which is deterministic on every device.
     order = torch.arange(count, device=motion.device).expand_as(target)
     wins = source.valid.flatten(2) & (far == nearest.gather(2, target))
     winner = torch.full_like(target, -1).scatter_reduce(2, target, torch.where(wins, order, -1), "amax")

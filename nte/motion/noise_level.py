@@ -1,21 +1,22 @@
-"""How noisy an image is, told from the image alone."""
+"""The noise level of an image, estimated from the image alone."""
 
 import torch.nn.functional as F
 from torch import Tensor
 
-# Blind to planes; its response to white noise has 6 times the noise's σ. Immerkær 1996, «Fast Noise Variance
-# Estimation», whose mean is a median here.
+# This kernel ignores linear gradients, and its response to white noise has 6 times the noise's σ. Immerkær 1996, «Fast
+# Noise Variance Estimation», with a median in place of the mean.
 _KERNEL = ((1.0, -2.0, 1.0), (-2.0, 4.0, -2.0), (1.0, -2.0, 1.0))
 _GAIN = 6.0
 _MEDIAN = 0.6745  # of |x| for Gaussian x of σ 1
-_STEP = 3  # pixels from one response to the next: a ninth of them tells as much
+_STEP = 3  # px from one response to the next: a ninth of them gives nearly the same median
 
 
 def noise_level(image: Tensor) -> Tensor:
-    """(N,) standard deviation of white noise in images (N, C, H, W), in their unit; the largest of the channels.
+    """Estimate the standard deviation (N,) of white noise in images (N, C, H, W), in their unit.
 
-    The median response of a filter that does not see slopes: edges and the texture of less than half of the pixels do
-    not count, and neither does noise of less than half of them. 0 for images of less than 3×3 pixels.
+    Each image gets the largest value of its channels. The estimate is the median response of a filter that ignores
+    linear gradients: edges, texture or noise on less than half of the pixels do not affect it. Images of less than 3×3
+    pixels give 0.
     """
     count, channels, height, width = image.shape
     if min(height, width) < 3:

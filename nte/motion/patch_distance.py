@@ -1,7 +1,7 @@
-"""One level of the patch search: of 25 shifts the one whose patch differs least, to a fraction of a pixel.
+"""One level of the patch search: the best of 25 shifts, to a fraction of a pixel.
 
-Hanika, Tessari and Dachsbacher 2021, «Fast Temporal Reprojection without Motion Vectors», section 3.1: all
-pixels are compared under one shift at a time, and the image of differences is blurred (Darbon et al. 2008).
+Hanika, Tessari and Dachsbacher 2021, «Fast Temporal Reprojection without Motion Vectors», section 3.1: all pixels are
+compared under one shift at a time, and the image of differences is blurred (Darbon et al. 2008).
 """
 
 import math
@@ -16,26 +16,29 @@ NORMS = ("l2", "l1", "log", "log_centred")
 
 REACH = 2  # shifts of −2 … 2 px along x and y
 _SIDE = 2 * REACH + 1
-_SHIFTS = [(x, y) for y in range(-REACH, REACH + 1) for x in range(-REACH, REACH + 1)]  # rows of the 5×5 table
+_SHIFTS = [(x, y) for y in range(-REACH, REACH + 1) for x in range(-REACH, REACH + 1)]  # the 5×5 table, row by row
 _CENTRE = len(_SHIFTS) // 2
-_WEIGHTS = [2 - math.exp(-0.02 * (x * x + y * y)) for x, y in _SHIFTS]  # of log_centred: Equation 5
-# Which of equal shifts wins: no shift, then shorter ones. The place in this order rides in the low bits of each
-# distance, so that one minimum over integers finds distance and shift: 20 times faster than torch.min with indices.
+_WEIGHTS = [2 - math.exp(-0.02 * (x * x + y * y)) for x, y in _SHIFTS]  # of norm log_centred: Equation 5
+# Ties: no shift wins, then shorter shifts. Each distance carries its shift's place in this order in its low bits, so
+# that one minimum over integers finds distance and shift: 20 times faster than torch.min with indices.
 _ORDER = sorted(range(len(_SHIFTS)), key=lambda k: (_SHIFTS[k][0] ** 2 + _SHIFTS[k][1] ** 2, k))
 _BITS = 31
-_ROUNDING = 8e-6  # relative: two units of what those bits leave of a float
-_PERFECT = 1e-3  # of the neighbours' distance: as small as the warp's own rounding makes it
-_PLANE = 1 << 16  # pixels of a strip: its four working planes stay in a core's cache (1 MB)
+_ROUNDING = 8e-6  # relative precision of a distance: two units in the last bit that the order leaves
+_PERFECT = 1e-3  # a match below this share of the neighbours' distance is perfect but for the warp's rounding
+_PLANE = 1 << 16  # pixels of a strip, whose four working planes fit into a core's cache (1 MB)
 
 
 def best_shift(current: Tensor, previous: Tensor, radius: int, norm: Norm, refine: bool) -> tuple[Tensor, Tensor]:
-    """(shift (N, 2, H, W) in px, patch distance (N, 1, H, W)): current(x) looks most like previous(x + shift).
+    """Find the shift for which current(x) looks most like previous(x + shift), for every pixel.
 
-    Images (N, C, H, W), finite; distances are averaged over channels and over (2·radius + 1)² pixels, at the
-    border over those that exist. The previous image is clamped at its border. Log distances are given without
-    log 2 and without the weight of the centre, so that 0 means equal. refine: add the minimum of a quadric
-    through the neighbouring distances. Works in strips: 25 distances of a strip are held at a time. Costs
-    25 · log₂(radius) additions per pixel, 25 logarithms for log norms.
+    Returns the shift (N, 2, H, W), in px, and its patch distance (N, 1, H, W). current and previous: finite images
+    (N, C, H, W). Distances are averaged over channels and over (2·radius + 1)² pixels, at the border over the pixels
+    that exist; the previous image is clamped at its border. Log distances are returned without log 2 and without the
+    weight of the centre, so that 0 means equal. refine: add the minimum of a quadric through the neighbouring
+    distances.
+
+    Works in strips and holds the 25 distances of one strip at a time. Costs 50 · log₂(2·radius + 1) additions per
+    pixel, or up to twice as many, and 25 logarithms for the log norms.
     """
     count, _, height, width = current.shape
     shift = current.new_empty(count, 2, height, width)
@@ -55,7 +58,7 @@ def best_shift(current: Tensor, previous: Tensor, radius: int, norm: Norm, refin
             least = best.bitwise_and_(~_BITS).view(torch.float32)
             for axis, step in enumerate((across, down)):
                 shift[n, axis, top:bottom] = step.index_select(0, rank).view_as(best)
-            if norm == "log_centred":  # its weight has chosen the shift, and would pull the fraction towards 0
+            if norm == "log_centred":  # the weight only chooses the shift; it would pull the fraction towards 0
                 least = least / weight.index_select(0, rank).view_as(least)
                 table.div_(table.new_tensor(_WEIGHTS).view(-1, 1, 1))
             if refine:
@@ -67,7 +70,7 @@ def best_shift(current: Tensor, previous: Tensor, radius: int, norm: Norm, refin
 
 
 class _Strips:
-    """Working memory for the distances of one strip after another."""
+    """Working memory that is reused for the distances of one strip after another."""
 
     def __init__(self, like: Tensor, radius: int, rows: int) -> None:
         height, width = like.shape[-2:]
@@ -81,12 +84,12 @@ class _Strips:
         self.rows = _existing(height, radius, like)
 
     def distances(self, current: Tensor, margin: Tensor, top: int, bottom: int, norm: Norm) -> Tensor:
-        """The table (25, rows, W) of patch distances for rows top … bottom; the shift's rank is in the low bits."""
+        """Compute the table (25, rows, W) of patch distances for rows top to bottom; the low bits hold each rank."""
         r, size = self.radius, bottom - top
         first, last = max(top - r, 0), min(bottom + r, self.height)
         table = self.table[: len(_SHIFTS) * size * self.width].view(len(_SHIFTS), size, self.width)
         plane = self.planes[0][: (size + 2 * r) * self.stride]
-        plane.zero_()  # what lies outside the image adds nothing
+        plane.zero_()  # pixels outside the image add nothing
         pixels = plane.view(-1, self.stride)[first - top + r : last - top + r, r : r + self.width]
         share = 1 / (self.rows[top:bottom, None] * self.columns)
         for place, ((x, y), weight) in enumerate(zip(_SHIFTS, _WEIGHTS, strict=True)):
@@ -100,7 +103,10 @@ class _Strips:
         return table
 
     def _differences(self, current: Tensor, shifted: Tensor, pixels: Tensor, norm: Norm) -> None:
-        """Equations 2 to 5 without the centre's weight, per pixel, into `pixels`; the mean over channels inside."""
+        """Write Equations 2 to 5 per pixel into `pixels`, without the centre's weight.
+
+        Channels are averaged inside the logarithm.
+        """
         for c in range(current.shape[0]):
             to = pixels if c == 0 or self.channel is None else self.channel[: pixels.shape[0]]
             torch.sub(current[c], shifted[c], out=to)
@@ -113,17 +119,17 @@ class _Strips:
             pixels.add_(2).log_()
 
     def _box(self, plane: Tensor) -> Tensor:
-        """Sums over (2r + 1)² pixels, each at the corner of its box: the margin ends rows where they must."""
+        """The sums over (2r + 1)² pixels, each at the corner of its box; the margin separates the rows."""
         size, (one, two, three) = 2 * self.radius + 1, (buffer[: plane.shape[0]] for buffer in self.planes[1:])
         across = _sums(plane, size, 1, one, two)
         return _sums(across, size, self.stride, three, one if across is two else two)
 
 
 def _sums(values: Tensor, count: int, step: int, one: Tensor, two: Tensor) -> Tensor:
-    """Sums of `count` elements that lie `step` apart, from each element on, by doubling; in `one` or `two`.
+    """The sums of `count` elements `step` apart, starting at each element, by doubling; stored in `one` or `two`.
 
-    The last (count − 1) · step elements mean nothing. log₂(count) additions: torch.cumsum, which would need one
-    addition and one subtraction whatever the count, takes as long as five additions, and rounds.
+    The last (count − 1) · step elements are undefined. Costs log₂(count) additions, or up to twice as many.
+    torch.cumsum, with one addition and one subtraction for any count, takes as long as five additions, and rounds.
     """
     total, taken, elements = values, 1, values.shape[0]
     for bit in bin(count)[3:]:
@@ -137,22 +143,22 @@ def _sums(values: Tensor, count: int, step: int, one: Tensor, two: Tensor) -> Te
 
 
 def _existing(size: int, radius: int, like: Tensor) -> Tensor:
-    """(size,): how many of the 2·radius + 1 elements around each lie inside."""
+    """The number (size,) of the 2·radius + 1 elements around each element that lie inside."""
     at = torch.arange(size, device=like.device)
     return ((at + radius).clamp(max=size - 1) - (at - radius).clamp(min=0) + 1).to(like.dtype)
 
 
 def _floor(norm: Norm) -> float:
-    """The distance of equal patches."""
+    """The distance of equal patches in this norm."""
     return math.log(2) if norm in ("log", "log_centred") else 0.0
 
 
 def _subpixel(table: Tensor, place: Tensor, least: Tensor, floor: float) -> Tensor:
-    """(2, rows, W) px to add to the shift at `place` (rows, W): the minimum of a quadric through the 3×3 distances.
+    """The fraction (2, rows, W), px, to add to the shift at `place` (rows, W): the minimum of a quadric.
 
-    Least squares with binomial weights (Hasinoff et al. 2016, supplement, section 1.3). Nothing is added where
-    the 3×3 leaves the table, and where the match is perfect: patches are not symmetric, and the quadric would
-    move what stands still.
+    The quadric is fitted to the 3×3 distances around the shift by least squares with binomial weights (Hasinoff et al.
+    2016, supplement, section 1.3). The fraction is 0 where the 3×3 leaves the table, and where the match is perfect:
+    patches are not symmetric, so the quadric would move objects at rest.
     """
     x, y = place % _SIDE, place.div(_SIDE, rounding_mode="floor")
     inner = (x > 0) & (x < _SIDE - 1) & (y > 0) & (y < _SIDE - 1)
@@ -173,7 +179,7 @@ def _subpixel(table: Tensor, place: Tensor, least: Tensor, floor: float) -> Tens
     to_x = (ne + se - nw - sw).add_((e - w).mul_(2)).div_(8)
     to_y = (sw + se - nw - ne).add_((s - n).mul_(2)).div_(8)
     determinant = xx * yy - xy * xy
-    # Not a bowl: without the mixed term, each axis by itself, and only where it curves upwards.
+    # Where the quadric has no minimum, each axis is solved without the mixed term, if it curves upwards.
     bowl = (xx > 0) & (yy > 0) & (determinant > 0)
     along_x = torch.where(bowl, (xy * to_y - yy * to_x) / determinant, -to_x / xx.clamp(min=1e-30))
     along_y = torch.where(bowl, (xy * to_x - xx * to_y) / determinant, -to_y / yy.clamp(min=1e-30))

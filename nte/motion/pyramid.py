@@ -1,4 +1,4 @@
-"""Images at several sizes, each level four times smaller than the one below, and known motion with them."""
+"""Image pyramids, in which each level is four times smaller than the one below, together with known motion."""
 
 from typing import NamedTuple
 
@@ -7,22 +7,22 @@ import torch.nn.functional as F
 from torch import Tensor
 
 SCALE = 4  # from one level to the next, along each axis
-SMALLEST = 4  # px: a smaller level would search beyond the image only
+SMALLEST = 4  # px: the search on a smaller level would only look outside the image
 
 
 class FewerLevelsWarning(UserWarning):
-    """The images are too small for the whole pyramid, so long motions of single things are out of reach."""
+    """The images are too small for the whole pyramid, so the search misses long motions of single objects."""
 
 
 class Known(NamedTuple):
-    """Motion that need not be searched: (N, 2, H, W) in pixels, and the mask (N, 1, H, W), bool, where it holds."""
+    """Motion that need not be searched: vectors (N, 2, H, W), px, and the mask (N, 1, H, W), bool, where they hold."""
 
     motion: Tensor
     mask: Tensor
 
 
 class Level(NamedTuple):
-    """What is searched on one level, (N, C, H, W) each, and what is known there in the level's pixels."""
+    """The images (N, C, H, W) that one level compares, and the motion known there, in the level's pixels."""
 
     current: Tensor
     previous: Tensor
@@ -30,7 +30,7 @@ class Level(NamedTuple):
 
 
 def count_levels(height: int, width: int, wanted: int) -> int:
-    """How many of the levels wanted an image of this size has."""
+    """Count how many of the wanted levels an image of this size has."""
     count = 1
     while count < wanted and min(height, width) >= SCALE * SMALLEST:
         height, width, count = -(-height // SCALE), -(-width // SCALE), count + 1
@@ -38,7 +38,7 @@ def count_levels(height: int, width: int, wanted: int) -> int:
 
 
 def pyramid(current: Tensor, previous: Tensor, known: Known | None, wanted: int) -> list[Level]:
-    """All levels, finest first; fewer than wanted if the images (N, C, H, W) are small."""
+    """Build all levels, finest first; small images (N, C, H, W) get fewer than wanted."""
     levels = [Level(current, previous, known)]
     height, width = current.shape[-2:]
     for _ in range(1, count_levels(height, width, wanted)):
@@ -49,19 +49,25 @@ def pyramid(current: Tensor, previous: Tensor, known: Known | None, wanted: int)
 
 
 def smaller(image: Tensor, scale: int) -> Tensor:
-    """Means over scale×scale pixels; at the right and bottom border over those that exist."""
+    """Shrink an image (N, C, H, W) to means of scale×scale pixels.
+
+    At the right and bottom border the mean is over the pixels that exist.
+    """
     return F.avg_pool2d(image, scale, ceil_mode=True, count_include_pad=False)
 
 
 def smaller_known(known: Known, scale: int) -> Known:
-    """Mean of the known vectors of each block, in the smaller image's pixels, where at least half of it is known."""
+    """Shrink known motion to the mean of each block's known vectors, in the smaller image's pixels.
+
+    A block is known if at least half of its pixels are.
+    """
     share = smaller(known.mask.float(), scale)
     total = smaller(torch.where(known.mask, known.motion, 0.0), scale)
     return Known(total / (share.clamp(min=1e-6) * scale), share >= 0.5)
 
 
 def upsample(values: Tensor, like: Tensor, scale: int) -> Tensor:
-    """Bilinear, pixel centre to pixel centre, cropped to the size of `like`."""
+    """Enlarge values bilinearly by `scale`, cropped to the size of `like`; vectors are not rescaled."""
     height, width = like.shape[-2:]
     large = F.interpolate(values, scale_factor=scale, mode="bilinear", align_corners=False)
     return large[..., :height, :width]

@@ -1,9 +1,10 @@
-"""Motion of what a surface shows instead of the surface: its shadow, and the reflection in it. Pure functions.
+"""Motion of shadows and reflections, rather than of the surfaces that show them, as pure functions.
 
 Zeng et al. 2021, «Temporally Reliable Motion Vectors for Real-time Ray Tracing», sections 4.1 and 4.2. Points, normals
-and directions are (N, 3, H, W), world space; cameras are (N, 4, 4) `view` and `projection` as in `nte.motion.camera`;
-vectors are (N, 2, H, W), pixels, from the current position to the previous one, NaN where there is none. All that is
-«before» belongs to the previous frame: T⁻¹ of a point, which `nte.motion.camera.move` gives for a rigid object.
+and directions are (N, 3, H, W) in world space. Cameras are (N, 4, 4) matrices `view` and `projection`, as in
+`nte.motion.camera`. Vectors are (N, 2, H, W) in pixels, from the current position to the previous one, NaN where there
+is none. «Before» means in the previous frame; a point is taken there by its T⁻¹, for rigid objects with
+`nte.motion.camera.move`.
 """
 
 import math
@@ -15,8 +16,8 @@ from nte.motion.camera import project
 from nte.motion.curved import bend_within, length, reflecting_points, solve, tangents
 from nte.motion.warp import pixel_centres
 
-GRAZING = 0.05  # least cosine at which a lobe meets a plane: the ellipse does not become infinite
-_CONTACT = 1e-3  # of the way from blocker to s: how far before the blocker the plane still counts as touching it
+GRAZING = 0.05  # least cosine between a lobe and a plane's normal, which keeps the ellipse finite
+_CONTACT = 1e-3  # share of the way from blocker to s by which the plane may lie before the blocker and still touch it
 
 
 def shadow_motion(
@@ -31,13 +32,13 @@ def shadow_motion(
     """Compute shadow vectors (N, 2, H, W), Eq. 3: m^V = P intersect[line(T⁻¹l, T⁻¹b), T⁻¹plane(s)] − x.
 
     light, blocker and point: the light sample l, the blocker b and the shading point s of each shadowed pixel, before,
-    each moved by its own T⁻¹; normal: of s, before, of any length. view and projection: the camera before. position
-    (N, 2, H, W): where x is in the current frame; the pixels' centres unless given. NaN where the line is parallel to
-    the plane, where it meets the plane on this side of the blocker, which then cannot shadow it, and where it meets it
-    behind the camera.
+    each moved by its own T⁻¹. normal: of s, before, of any length. view and projection: the camera before. position
+    (N, 2, H, W): where x is in the current frame, px; None stands for the pixel centres. NaN where the line is parallel
+    to the plane, where it meets the plane on the light's side of the blocker, which then casts no shadow there, and
+    where it meets the plane behind the camera.
 
-    A light 4 above the floor and a blocker at half the way: as the light was 1 to the left, the shadow was 1 to the
-    right, half a pixel for this camera, which looks down on 4×4 units with 2×2 pixels.
+    Example: a light 4 above the floor, and a blocker halfway. The light was 1 to the left, so the shadow was 1 to the
+    right. That is half a pixel for this camera, which looks down on 4×4 units with 2×2 pixels.
 
     >>> view, projection = torch.eye(4)[None], torch.eye(4)[None]
     >>> projection[0, 0, 3] = projection[0, 1, 3] = 0.5
@@ -64,8 +65,8 @@ def shadow_point(light: Tensor, blocker: Tensor, point: Tensor, normal: Tensor) 
     [1.0, 0.0, 0.0]
     """
     along, reach = blocker - light, point - blocker
-    t = _dot(reach, normal) / _dot(along, normal)  # from the blocker on: a sun is so far away that t from there rounds
-    # Where blocker and plane touch, t is 0 but for rounding.
+    t = _dot(reach, normal) / _dot(along, normal)  # counted from the blocker: from a distant sun, t would lose digits
+    # Where blocker and plane touch, t is 0 except for rounding.
     beyond = (t * length(along, 1) >= -_CONTACT * length(reach, 1)) & torch.isfinite(t)
     return torch.where(beyond, blocker + t * along, math.nan)
 
@@ -73,10 +74,10 @@ def shadow_point(light: Tensor, blocker: Tensor, point: Tensor, normal: Tensor) 
 def mirror_image(target: Tensor, point: Tensor, normal: Tensor, eye: Tensor, curvature: Tensor | None = None) -> Tensor:
     """Compute where reflectors show targets, (N, 3, H, W): mirror[T⁻¹h, T⁻¹plane(s)] of Eq. 5, all before.
 
-    target: the reflected point h; point and unit normal: of the reflector s; eye (N, 3): the camera. curvature
-    (N, 3, 3, H, W): the change of the unit normal with a step along the surface, per scene unit; where there is any,
-    the result lies behind the place near by that mirrors h by it, as far as h is before it. NaN where h and the camera
-    are on different sides of the plane: no reflection is seen.
+    target: the reflected point h. point and unit normal: of the reflector s. eye (N, 3): the camera's position.
+    curvature (N, 3, 3, H, W): the change of the unit normal per scene unit along the surface; None: flat. On a curved
+    surface the result lies behind the nearby point that reflects h to the eye, as far behind as h is in front of it.
+    NaN where h and the camera are on different sides of the plane, so that no reflection is seen.
 
     >>> target, point, normal = (
     ...     torch.tensor(xyz).view(1, 3, 1, 1) for xyz in ((1.0, 2.0, 3.0), (0.0, 0.0, 0.0), (0.0, 0.0, 1.0))
@@ -105,8 +106,8 @@ def mirror_image(target: Tensor, point: Tensor, normal: Tensor, eye: Tensor, cur
 def reflection_motion(image: Tensor, view: Tensor, projection: Tensor, position: Tensor | None = None) -> Tensor:
     """Compute the mean of reflection vectors (N, 2, H, W), Eq. 5: P(image) − x.
 
-    image: from `mirror_image`. view and projection: the camera before. position: where x is; pixel centres unless
-    given.
+    image: from `mirror_image`. view and projection: the camera before. position (N, 2, H, W): where x is, px; None
+    stands for the pixel centres.
 
     >>> image = torch.tensor([0.5, 0.0, -3.0]).view(1, 3, 1, 1)
     >>> view, projection = torch.eye(4)[None], torch.eye(4)[None]
@@ -127,22 +128,24 @@ def reflection_covariance(
     curvature: Tensor | None = None,
     size: tuple[int, int] | None = None,
 ) -> Tensor:
-    """Compute Σ of Eq. 5: covariance (N, 3, H, W), XX XY YY, px², of where mirror images can be seen before.
+    """Compute Σ of Eq. 5: the covariance (N, 3, H, W), XX XY YY, px², of where mirror images can be seen before.
 
-    point, unit normal, roughness (N, 1, H, W, perceptual) and curvature (N, 3, 3, H, W, flat unless given): of s^C, the
-    surface that the previous frame shows where it would show `image`. size: (height, width) of the image whose pixels
-    are meant; that of the arrays unless given, which may then hold any points.
+    point, unit normal, roughness (N, 1, H, W, perceptual) and curvature (N, 3, 3, H, W; None: flat) belong to s^C, the
+    surface that the previous frame shows where it would show `image`. view and projection: the camera before. size:
+    (height, width) of the image in whose pixels the result is; None takes the arrays' own size. With a size the arrays
+    may hold any points.
 
-    A mirror shows each image at one point s^C of its surface, a rough one at all points about it whose microfacets
-    can turn the light. Slopes of a Beckmann distribution have a deviation of α/√2, α = roughness². A step δ along the
-    surface turns the half vector of camera and point by (1/d + 1/d') (δ − a a·δ), d and d' being their distances
-    from s^C and a the ray's direction, and the normal by the curvature: what is between the two the microfacets
-    must make up, 2 cos θ each radian of it. δ of that deviation is an ellipse, projected to first order.
+    A mirror shows each image at one point s^C of its surface. A rough surface shows it at all points around s^C whose
+    microfacets can reflect the light to the camera. Slopes of a Beckmann distribution have the deviation α/√2, where α
+    is roughness². A step δ along the surface turns the half vector of camera and image point by (1/d + 1/d')
+    (δ − a a·δ). Here d and d' are the distances of the two from s^C, and a is the ray's direction. The step also turns
+    the normal, by the curvature. Microfacets must make up the difference: each radian of their tilt makes up 2 cos θ of
+    it. The steps δ of that deviation form an ellipse, which is projected to first order.
 
-    Zeng et al. trace the whole lobe from the image, which is too wide by (d + d')/d: four times where a floor
-    nearby reflects what is far away; and know no curvature.
+    Zeng et al. trace the whole lobe from the image and ignore curvature. Their lobe is too wide by (d + d')/d, which is
+    four times where a floor nearby reflects a distant object.
 
-    A camera 1 above a floor looks straight down on the image of what is 1 above the floor too:
+    Example: a camera 1 above a floor looks straight down on the image of a point that is also 1 above the floor.
 
     >>> view, projection = torch.eye(4)[None], torch.zeros(1, 4, 4)
     >>> projection[0, 0, 0] = projection[0, 1, 1] = projection[0, 3, 2] = 1.0
@@ -169,7 +172,7 @@ def reflection_covariance(
 
 
 def _ellipse(image: Tensor, point: Tensor, normal: Tensor, roughness: Tensor, eye: Tensor, curvature: Tensor) -> Tensor:
-    """The half axes (…, 3, 2), world, of the points about `point` (…, 3) that show the image."""
+    """The half axes (…, 3, 2), world, of the ellipse of points around `point` (…, 3) that show the image."""
     axis = point - image
     distance = length(axis)
     axis = axis / distance
@@ -180,7 +183,7 @@ def _ellipse(image: Tensor, point: Tensor, normal: Tensor, roughness: Tensor, ey
     normal = normal * side
     cosine = (axis * normal).sum(-1, keepdim=True).clamp(min=GRAZING)
     frame = tangents(normal, axis)
-    # In this frame the flat part is diagonal: across the plane of incidence, and within it.
+    # In this frame the matrix of a flat mirror is diagonal: across the plane of incidence, and within it.
     flat = (1 / distance + 1 / to_camera) * torch.cat([torch.ones_like(cosine), cosine**2], -1)
     turning = torch.diag_embed(flat)
     if curvature.dim():
@@ -190,10 +193,10 @@ def _ellipse(image: Tensor, point: Tensor, normal: Tensor, roughness: Tensor, ey
 
 
 def _unfolded(point: Tensor, normal: Tensor, curvature: Tensor, target: Tensor, eye: Tensor) -> Tensor:
-    """Where a plane mirror would have to show targets (R, 3) for the eye to see them where the curved one shows them.
+    """Where a plane mirror would have to show targets (R, 3) to look like the curved mirror from the eye.
 
-    That is, behind the place that mirrors them and as far behind as they are before it; behind `point` if there is
-    none.
+    That is behind the point that reflects the target, as far behind as the target is in front of it. `point` takes its
+    place where no such point is found.
     """
     place = reflecting_points(point, normal, curvature, target, eye)
     place = torch.where(torch.isfinite(place), place, point)
@@ -202,14 +205,14 @@ def _unfolded(point: Tensor, normal: Tensor, curvature: Tensor, target: Tensor, 
 
 
 def _image_of(matrix: Tensor, points: Tensor, offsets: Tensor, size: Tensor) -> Tensor:
-    """How far in pixels (N, P, 2) small offsets (N, P, 3) of points move them in the image: first order."""
+    """The first-order displacement in the image, px (N, P, 2), of points that move by small offsets (N, P, 3)."""
     clip = (matrix[..., :3] @ points[..., None])[..., 0] + matrix[..., 3]
     step = (matrix[..., :3] @ offsets[..., None])[..., 0]
     return size * (step[..., :2] - clip[..., :2] / clip[..., 3:] * step[..., 3:]) / clip[..., 3:]
 
 
 def _eye(view: Tensor) -> Tensor:
-    """Where the camera is (N, 3), world."""
+    """The camera's position (N, 3), world."""
     to_world: Tensor = torch.linalg.inv(view)
     return to_world[:, :3, 3]
 
@@ -219,7 +222,7 @@ def _position(position: Tensor | None, like: Tensor) -> Tensor:
 
 
 def _rows(values: Tensor, mask: Tensor) -> Tensor:
-    """The values (N, C, H, W) of the pixels in `mask` (N, H, W): (R, C)."""
+    """The values (R, C), out of (N, C, H, W), of the pixels in `mask` (N, H, W)."""
     return values.permute(0, 2, 3, 1)[mask]
 
 

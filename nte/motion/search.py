@@ -1,4 +1,4 @@
-"""How to search: patches, norm and refinement, and which of them suit images of how much noise."""
+"""Settings of the patch search, and the choice among them by the noise of the images."""
 
 from dataclasses import dataclass
 
@@ -9,24 +9,25 @@ from nte.errors import NteError
 from nte.motion.noise_level import noise_level
 from nte.motion.patch_distance import NORMS, Norm
 
-# Patch radius per level, finest first, by the noise of the images (section 3.3)
+# The paper's patch radius per level, finest first, by the noise of the images (section 3.3)
 RADII = {"clean": (2, 2, 2, 2), "noisy": (10, 4, 2, 2), "strong": (32, 16, 8, 8)}
-# Ours: with values in [0, 1] as they are, the centre's weight outweighs any edge of the image. Chosen on the train
-# clips of docs/correspondence.md, as are SEARCHES.
+# Not in the paper: for unscaled values in [0, 1], the centre's weight would outweigh any edge of the image. GAIN and
+# SEARCHES were chosen on training clips.
 GAIN = 30.0
 
 
 @dataclass(frozen=True)
 class Search:
-    """How to search.
+    """Settings of the patch search.
 
-    radii: of the patches, finest level first; as many levels as radii, each four times smaller: four reach
-    170 px. norm: `l2`, `l1`, `log` (of 2 + L1) or `log_centred` (which prefers short shifts). gain: values are
-    multiplied by it first for the log norms, which compare them with 2. smoothing: radius of the box over which
-    the motion is averaged, finest level first (none beyond the last that is given). refined: on how many of the
-    finest levels a fraction of a pixel is added. agreement: how strongly neighbouring motions are then made to
-    agree (`nte.motion.agreement`), likewise; 0: not at all. half: search in images of half the size. error_level: of
-    which level the patch distance is given, 0 the finest; 1 is steadier under much noise.
+    radii: of the patches, px, one per level, finest first; each level is four times smaller than the one below, and
+    four levels reach 170 px. norm: `l2`, `l1`, `log` (logarithm of 2 + L1) or `log_centred` (the same, with a
+    preference for short shifts). gain: factor for the values in the log norms, which compare them with 2. smoothing:
+    radius of the box over which the motion is averaged, finest level first; levels without a value are not smoothed.
+    refined: number of levels, from the finest, on which a fraction of a pixel is found. agreement: how strongly the
+    motion is then brought into agreement with its neighbours (`nte.motion.agreement`), finest level first; 0 skips that
+    step. half: search in images of half the size. error_level: the level of the patch error, 0 for the finest; 1 is
+    steadier under strong noise. Raises NteError for values that make no search.
     """
 
     radii: tuple[int, ...] = RADII["clean"]
@@ -53,25 +54,25 @@ class Search:
             raise NteError(f"error_level is {self.error_level}, expected a level from 0 to {len(self.radii) - 1}")
 
 
-# By the noise of the images: none, that of some 4 to 50 samples per pixel, of 1, and worse. Smoothing and agreement
-# are ours: with them smaller patches than the paper's are better. Chosen on train clips (docs/correspondence.md).
+# One per noise level of the images: none, about 4 to 50 samples per pixel, 1 sample, and worse. Smoothing and agreement
+# are not in the paper; with them, smaller patches than the paper's are better. Chosen on training clips.
 SEARCHES = {
     "clean": Search(smoothing=(2, 1, 1), agreement=(1, 1), half=True),
     "moderate": Search(smoothing=(2, 1, 1), agreement=(0, 4), error_level=1),
     "noisy": Search((3, 3, 3, 2), smoothing=(2, 2, 1, 1), agreement=(4, 4), half=True, error_level=1),
     "strong": Search(RADII["strong"], smoothing=(8, 4, 2, 1), agreement=(8, 8), half=True, error_level=1),
 }
-# The largest noise of displayed values in [0, 1] (`noise_level`) for which a search is chosen.
+# The noise of displayed values in [0, 1] (`noise_level`) below which each search is chosen.
 NOISE_LIMITS = {"clean": 0.02, "moderate": 0.04, "noisy": 0.25}
 
 
 def noise_of(image: Tensor) -> str:
-    """Name the search for the noisiest of the images (N, C, H, W) of displayed values: a key of SEARCHES."""
+    """Name the search, a key of SEARCHES, for the noisiest of images (N, C, H, W) of displayed values."""
     finite = torch.nan_to_num(image.float(), 0, 0, 0)
     level = float(noise_level(finite).max()) if finite.numel() else 0.0
     return next((name for name, limit in NOISE_LIMITS.items() if level < limit), "strong")
 
 
 def searches_for(images: Tensor) -> list[Search]:
-    """The search that suits the noise of each of the images (N, C, H, W) of displayed values."""
+    """Choose the search that suits the noise of each of the images (N, C, H, W) of displayed values."""
     return [SEARCHES[noise_of(image[None])] for image in images]

@@ -1,4 +1,4 @@
-"""Fetching the previous frame: reprojection with a validity mask.
+"""Reprojection: fetching the previous frame along motion vectors, with a validity mask.
 
 Positions are in pixels with centres at +0.5, x to the right, y down. previous = current + motion.
 """
@@ -11,14 +11,14 @@ from torch import Tensor
 
 
 class Warped(NamedTuple):
-    """A fetched image (N, C, H, W) and where it was fetched from inside: (N, 1, H, W), bool."""
+    """A fetched image (N, C, H, W), and where its source lies inside the previous image: (N, 1, H, W), bool."""
 
     image: Tensor
     valid: Tensor
 
 
 def pixel_centres(like: Tensor) -> Tensor:
-    """(1, 2, H, W): x and y of every pixel's centre, for the size and device of an image (…, H, W)."""
+    """Return x and y of every pixel's centre, (1, 2, H, W), for the size and device of an image (…, H, W)."""
     height, width = like.shape[-2:]
     y = torch.arange(height, device=like.device, dtype=torch.float32) + 0.5
     x = torch.arange(width, device=like.device, dtype=torch.float32) + 0.5
@@ -26,17 +26,17 @@ def pixel_centres(like: Tensor) -> Tensor:
 
 
 def inside(position: Tensor) -> Tensor:
-    """(N, 1, H, W), true where a position (N, 2, H, W) lies in an image of the same size; NaN is outside."""
+    """Return (N, 1, H, W), true where a position (N, 2, H, W) lies in an image of the same size; NaN is outside."""
     height, width = position.shape[-2:]
     x, y = position[:, :1], position[:, 1:]
     return (x >= 0) & (x <= width) & (y >= 0) & (y <= height)
 
 
 def warp(image: Tensor, motion: Tensor) -> Warped:
-    """Fetch image(x + motion(x)), bilinear, for motion (N, 2, H, W) in pixels, current → previous.
+    """Fetch image(x + motion(x)) bilinearly, for motion (N, 2, H, W) in pixels, current → previous.
 
-    Outside the image the border repeats and `valid` is false; so it is where the motion is not finite.
-    Costs one grid_sample; differentiable in the image.
+    image (N, C, H, W). Outside the image the border repeats and `valid` is false; `valid` is also false where the
+    motion is not finite. Costs one grid_sample; differentiable in the image.
 
     >>> previous = torch.arange(4.0).view(1, 1, 1, 4)
     >>> motion = torch.tensor([1.0, 0.0]).view(1, 2, 1, 1).expand(1, 2, 1, 4)  # everything was one pixel to the right
@@ -51,9 +51,9 @@ def warp(image: Tensor, motion: Tensor) -> Warped:
 
 
 def fetch_bilinear(image: Tensor, position: Tensor) -> Tensor:
-    """The image (N, C, H, W) at any number of positions (N, 2, h, w): (N, C, h, w). Outside, the border repeats."""
+    """Fetch an image (N, C, H, W) at positions (N, 2, h, w), px, giving (N, C, h, w); outside, the border repeats."""
     height, width = image.shape[-2:]
-    # Clamped here too: a position far outside, or NaN, would overflow the integer pixel index.
+    # A position far outside, or NaN, would overflow the integer pixel index.
     x = position[:, 0].nan_to_num().clamp(0, width) / width
     y = position[:, 1].nan_to_num().clamp(0, height) / height
     grid = torch.stack([x, y], 3).mul_(2).sub_(1)
@@ -61,16 +61,16 @@ def fetch_bilinear(image: Tensor, position: Tensor) -> Tensor:
 
 
 def fetch_nearest(image: Tensor, position: Tensor) -> Tensor:
-    """The pixels (N, C, H, W) that hold the positions (N, 2, H, W); nearest border pixel outside.
+    """Fetch the pixels of an image (N, C, H, W) that contain positions (N, 2, H, W); outside, the nearest border pixel.
 
-    For what may not be interpolated: motions, depths, ids. Positions must be finite.
+    For values that must not be interpolated: motions, depths, ids. Positions must be finite.
     """
     flat = nearest_index(position).expand(-1, image.shape[1], -1)
     return image.flatten(2).gather(2, flat).view(position.shape[0], image.shape[1], *position.shape[-2:])
 
 
 def nearest_index(position: Tensor) -> Tensor:
-    """(N, 1, H·W) int64: the row-major index of the pixel that holds each position, clamped to the image."""
+    """Return the row-major index (N, 1, H·W), int64, of the pixel that contains each position, clamped to the image."""
     height, width = position.shape[-2:]
     x = position[:, 0].floor().clamp(0, width - 1)
     y = position[:, 1].floor().clamp(0, height - 1)

@@ -1,4 +1,4 @@
-"""By how much the whole image has moved: phase correlation proposes, and the median difference decides.
+"""The shift of a whole image, proposed by phase correlation and decided by the median difference.
 
 Kuglin and Hines 1975, «The Phase Correlation Image Alignment Method».
 """
@@ -7,18 +7,18 @@ import torch
 import torch.nn.functional as F
 from torch import Tensor
 
-_PEAKS = 16  # of the phase correlation that are tried
-_FRACTION = 1 / 3  # of the means' spacing: a pixel
-_BETTER = 0.9  # times the difference of what was best so far: a shift that fits only as well is none
+_PEAKS = 16  # highest peaks of the phase correlation that are tried
+_FRACTION = 1 / 3  # a pixel, in units of the means' spacing
+_BETTER = 0.9  # a shift must have less than this share of the best difference so far; fitting as well is not enough
 
 
 def whole_shift(current: Tensor, previous: Tensor, farthest: float = 0.25) -> tuple[int, int]:
-    """(x, y) whole pixels by which current(p) looks most like previous(p + shift) in most of the image.
+    """Find the whole-pixel shift (x, y) for which current(p) looks most like previous(p + shift) in most of the image.
 
-    Images (1, C, H, W), finite; channels are averaged. The highest peak of the phase correlation, with a Hann window
-    against the border, may be that of a small bright thing that moves by itself, so the median difference of the
-    overlap decides among the highest. No shift wins ties. farthest: longest shift along an axis, in image sizes: what
-    overlaps less says less. Costs three Fourier transforms.
+    current and previous (1, C, H, W): finite; channels are averaged. farthest: longest shift along an axis, as a share
+    of the image size; a small overlap proves little. The phase correlation uses a Hann window against the border. Its
+    highest peak may belong to a small bright object that moves by itself, so the median difference of the overlap
+    decides among the highest peaks. No shift wins ties. Costs three Fourier transforms.
     """
     height, width = current.shape[-2:]
     current, previous = current.mean(1, keepdim=True), previous.mean(1, keepdim=True)
@@ -32,7 +32,7 @@ def whole_shift(current: Tensor, previous: Tensor, farthest: float = 0.25) -> tu
 
 
 def _peaks(current: Tensor, previous: Tensor) -> list[tuple[int, int]]:
-    """The shifts (x, y) of the highest local maxima of the phase correlation, highest first."""
+    """The shifts (x, y) at the highest local maxima of the phase correlation, highest first."""
     height, width = current.shape[-2:]
     rows, columns = (torch.hann_window(size, False).to(current) for size in (height, width))
     window = rows[:, None] * columns
@@ -46,10 +46,10 @@ def _peaks(current: Tensor, previous: Tensor) -> list[tuple[int, int]]:
 
 
 def _difference(current: Tensor, previous: Tensor, x: int, y: int) -> float:
-    """Median |current(p) − previous(p + (x, y))| where both are there, but for what a fraction of a pixel explains.
+    """The median of |current(p) − previous(p + (x, y))| over the overlap, without what a fraction of a pixel explains.
 
-    Means of 3×3 pixels, against noise. The fraction is that of least squares (Lucas and Kanade 1981): without it a
-    pattern that repeats would fit better a period away than half a pixel off.
+    Means of 3×3 pixels are compared, against noise. The fraction is found by least squares (Lucas and Kanade 1981);
+    without it, a repeating pattern would fit better a whole period away than half a pixel off.
     """
     height, width = current.shape[-2:]
     now = current[..., max(-y, 0) : height - max(y, 0), max(-x, 0) : width - max(x, 0)]

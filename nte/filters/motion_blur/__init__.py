@@ -1,7 +1,7 @@
 """«Spatiotemporal Variance-Guided Filtering for Motion Blur» (Oberberger et al. 2022) as a denoiser.
 
-One sample per pixel at a random time of the open shutter becomes the blurred frame. One file a stage, in the paper's
-order. docs/motion_blur.md says which options are which of the paper's comparisons, and what is ours.
+From one sample per pixel, at a random time of the open shutter, it reconstructs the blurred frame. Each stage is one
+module, in the paper's order; nte.filters.motion_blur.options says which choices are the paper's.
 """
 
 from dataclasses import dataclass
@@ -41,14 +41,14 @@ from nte.frames.frame import Frame
 
 @dataclass(frozen=True)
 class MotionBlurState:
-    """The first stage's buffers of the previous frame: rows of the pixels that were filtered, colours of all."""
+    """The first stage's buffers of the previous frame: rows of the filtered pixels, and colours of all pixels."""
 
     color: Tensor  # (N, 3, H, W)
-    index: Tensor  # (K,) row numbers
-    values: Tensor  # (K, 10)
+    index: Tensor  # (K,) int64: row numbers of the filtered pixels
+    values: Tensor  # (K, 10): their rows in the moving and the static buffer
 
     def rows(self, reset: Tensor | None) -> Tensor:
-        """(N·H·W, 10); nothing in sequences that restart."""
+        """Return the buffers of all pixels, (N·H·W, 10), with 0 in sequences that restart."""
         batch = len(self.color)
         rows = self.color.new_zeros(batch * self.color[0, 0].numel(), COLUMNS)
         rows[:, STATIC_COLOR] = self.color.movedim(1, -1).reshape(-1, 3)
@@ -60,10 +60,10 @@ class MotionBlurState:
 
 
 class MotionBlur(Filter[MotionBlurOptions]):
-    """The whole filter; the state is the first stage's output.
+    """The filter for motion blur; the state is the first stage's output.
 
-    extras: `factor` (N, 1, H, W), moving over static in [0, 1]; `reprojected`, 1 where moving history was found;
-    `length`, the mean motion near the pixel, px.
+    Extras, each (N, 1, H, W): `factor`, moving over static in [0, 1]; `reprojected`, 1 where moving history was found;
+    `length`, the mean motion near the pixel, px over the open shutter.
     """
 
     needs: tuple[str, ...] = ("color", "time", "shutter_motion", "shutter_depth")
@@ -75,7 +75,7 @@ class MotionBlur(Filter[MotionBlurOptions]):
     def step(
         self, frame: Frame, state: MotionBlurState | None, extras: tuple[str, ...] = ()
     ) -> tuple[Result, MotionBlurState]:
-        """Reconstruct one blurred frame; a pixel without a moving sample within 15×15 passes through."""
+        """Reconstruct one blurred frame; a pixel with no moving sample within 15×15 pixels stays unchanged."""
         if state is not None:
             check_size(frame, state.color)
         shutter = open_share(frame, self.options.shutter)
@@ -143,7 +143,7 @@ class MotionBlur(Filter[MotionBlurOptions]):
         return cover._replace(factor=balanced(cover.factor, rows, pixels))
 
     def _finish(self, means: Tensor, pixels: PixelList, estimate: MotionStatistics, cover: Cover) -> Tensor:
-        """Steps 6 and 7: colours (K, 3)."""
+        """Steps 6 and 7: the colours (K, 3)."""
         with record_function("motion_blur/second stage"):
             _, height, width = pixels.size
             buffer = means.new_zeros(pixels.size.batch * height * width, MOVING_WEIGHT + 1)
@@ -158,5 +158,5 @@ class MotionBlur(Filter[MotionBlurOptions]):
 
 
 def _as_image(rows: Tensor, size: Size) -> Tensor:
-    """(N, C, H, W) of rows (N·H·W, C)."""
+    """The image (N, C, H, W) of rows (N·H·W, C)."""
     return rows.view(size.batch, size.height, size.width, -1).movedim(-1, 1).contiguous()

@@ -1,8 +1,8 @@
-"""Step 7, the composition: moving over static, by how much of the open shutter something moving was seen.
+"""Step 7, the composition: moving over static, by the share of the open shutter in which something moving was seen.
 
-Light is kept where the factor, summed over the image, is what the moving samples covered, and where neither side is
-dropped for want of a colour: a pixel that something may have crossed has a colour for it, from as far as the factor
-looked.
+Light is conserved if two things hold. The factor, summed over the image, equals the number of moving samples. And
+neither side is dropped for lack of a colour: a pixel that a moving object may have crossed has a colour for it, from
+as far away as the factor looked.
 """
 
 from typing import NamedTuple
@@ -24,19 +24,19 @@ from nte.filters.motion_blur.samples import COLOR, DEPTH, MOTION, MOVING, TIME, 
 from nte.filters.motion_blur.variance import MotionStatistics, counted
 from nte.filters.motion_blur.weight import motion_weight
 
-ACROSS = 1  # px to both sides of the line that is looked at
+ACROSS = 1  # px to both sides of the line of samples
 
 
 class Cover(NamedTuple):
-    """Of K pixels: the share of the shutter that something moving covers, and colours where the buffers have none."""
+    """For K pixels: the share of the shutter that moving objects cover, and colours where the buffers have none."""
 
     factor: Tensor  # (K,) in [0, 1]
-    moving: Tensor  # (K, 4): mean colour of the moving samples that it counts, and their weight
-    static: Tensor  # (K, 4): of those that do not move
+    moving: Tensor  # (K, 4): mean colour of the moving samples that the factor counts, and their weight
+    static: Tensor  # (K, 4): mean colour of the static samples that it counts, and their weight
 
     @staticmethod
     def of(values: Tensor, moving: Tensor, static: Tensor) -> Tensor:
-        """Rows (K, 9) of samples (K, T, 8) with these weights (K, T), some of them for each side."""
+        """Compute rows (K, 9) of a cover from samples (K, T, 8) and their weights (K, T) on the two sides."""
         sums = [(weight[..., None] * values[..., COLOR]).sum(1) for weight in (moving, static)]
         covers, stands = (weight.sum(1, keepdim=True) for weight in (moving, static))
         total = (covers + stands).clamp(min=1e-12)
@@ -45,12 +45,15 @@ class Cover(NamedTuple):
 
     @staticmethod
     def parts(rows: Tensor) -> "Cover":
-        """The rows' columns."""
+        """Split rows (K, 9) into the fields of a cover."""
         return Cover(rows[:, 0], rows[:, 1:5], rows[:, 5:9])
 
 
 def plain_share(rows: Tensor, pixels: PixelList, depth_threshold: float) -> Tensor:
-    """Rows of `Cover` (K, 9): the share of moving samples in 15×15 pixels, as we read the paper."""
+    """Compute rows (K, 9) of `Cover` from the share of moving samples in 15×15 pixels, as we read the paper.
+
+    depth_threshold: relative depth difference up to which a moving sample behind a static pixel counts.
+    """
     steps = torch.arange(-WINDOW, WINDOW + 1, device=rows.device)
     y, x = torch.meshgrid(steps, steps, indexing="ij")
     values, _, inside = gather(rows, pixels, torch.stack([x.flatten(), y.flatten()], 1)[None])
@@ -62,12 +65,12 @@ def plain_share(rows: Tensor, pixels: PixelList, depth_threshold: float) -> Tens
 def weighted_share(
     rows: Tensor, pixels: PixelList, sums: Tensor, estimate: MotionStatistics, reach: Tensor, depth_threshold: float
 ) -> Tensor:
-    """Rows of `Cover` (K, 9): the w-weighted share of moving samples on 15 pixels along θ and 3 across; ours.
+    """Compute rows (K, 9) of `Cover` from the weighted share of moving samples, on 15 pixels along θ and 3 across.
 
-    A moving sample whose way passes the pixel says that something moving is seen there at some time. A static one
-    says as much of nothing, if it would pass with the motion of what moves here: in the frame of the moving thing
-    both are samples of one line, so the share is that of the shutter, and edges along the motion stay sharp. What
-    stands before the moving thing says nothing of it.
+    This is not in the paper. A moving sample whose path passes the pixel shows that something moving is seen there at
+    some time. A static sample shows the opposite if it would pass the pixel with the motion of the moving object.
+    Relative to that object both are samples of one line, so the weighted share is the share of the shutter, and edges
+    along the motion stay sharp. Static samples in front of the moving object do not count.
     """
     along = torch.arange(-WINDOW, WINDOW + 1, device=rows.device).float()
     across = torch.arange(-ACROSS, ACROSS + 1, device=rows.device).float()
@@ -88,10 +91,11 @@ def weighted_share(
 
 
 def balanced(factor: Tensor, rows: Tensor, pixels: PixelList) -> Tensor:
-    """The factor f (K,), changed so that its sum is the number of moving samples, near each pixel as in the whole.
+    """Correct the factor f (K,) so that it sums to the number of moving samples, near each pixel and in all.
 
-    `weighted_share` looks along one direction; where things cross that move in several, it counts too many or too few.
-    What is missing near a pixel is added in proportion to f (1 − f): what is 0 or 1 stays, edges stay where they are.
+    `weighted_share` looks along one direction, so it counts too many or too few samples where objects cross that move
+    in several directions. The deficit near a pixel is added in proportion to f (1 − f): values of 0 and 1, and so
+    edges, stay.
     """
     size = pixels.size
     seen = rows[:, MOVING].view(size.batch, 1, size.height, size.width)
@@ -104,14 +108,14 @@ def balanced(factor: Tensor, rows: Tensor, pixels: PixelList) -> Tensor:
 
 
 def _box(image: Tensor) -> Tensor:
-    """Sums over 15×15 pixels of (N, 1, H, W), of 225; outside there is nothing."""
+    """The means of an image (N, 1, H, W) over 15×15 pixels, with 0 outside the image."""
     side = 2 * WINDOW + 1
     across = F.avg_pool2d(image, (1, side), 1, (0, WINDOW))
     return F.avg_pool2d(across, (side, 1), 1, (WINDOW, 0))
 
 
 def compose(means: Tensor, cover: Cover) -> Tensor:
-    """(K, 3): colours of rows (K, 10); where a buffer is empty, its colour is the cover's, if that has one."""
+    """Compose colours (K, 3) from rows (K, 10) of means; the cover's colours stand in for empty buffers."""
     moving, some_moves = _either(means[:, MOVING_COLOR], means[:, MOVING_WEIGHT], cover.moving)
     static, some_stands = _either(means[:, STATIC_COLOR], means[:, STATIC_WEIGHT], cover.static)
     factor = torch.where(some_stands, cover.factor[:, None], 1.0)
@@ -120,6 +124,6 @@ def compose(means: Tensor, cover: Cover) -> Tensor:
 
 
 def _either(color: Tensor, weight: Tensor, spare: Tensor) -> tuple[Tensor, Tensor]:
-    """Colours (K, 3) where there is weight, else the spare ones; and whether there is one at all (K, 1)."""
+    """The colours (K, 3) where there is weight, else the spare ones; and whether there is any (K, 1)."""
     own = weight[:, None] > 0
     return torch.where(own, color, spare[:, :3]), own | (spare[:, 3:] > 0)

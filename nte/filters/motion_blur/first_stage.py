@@ -1,4 +1,4 @@
-"""Step 4, the first stage (section 4.3): moving samples apart from static ones, each filtered over 5×5 pixels."""
+"""Step 4, the first stage (section 4.3): moving and static samples, each filtered separately over 5×5 pixels."""
 
 import torch
 from torch import Tensor
@@ -6,16 +6,17 @@ from torch import Tensor
 from nte.filters.motion_blur.samples import COLOR, DEPTH, MOTION, MOVING, TIME, PixelList, gather, square
 from nte.filters.motion_blur.weight import kernel, motion_weight
 
-# Columns of the two buffers, which are also the history.
+# Columns of the moving and the static buffer, which are also the history.
 MOVING_COLOR, MOVING_MOTION, MOVING_WEIGHT, MOVING_ALL = slice(0, 3), slice(3, 5), 5, slice(0, 5)
 STATIC_COLOR, STATIC_WEIGHT = slice(6, 9), 9
 COLUMNS = 10
 
 
 def first_stage(rows: Tensor, pixels: PixelList, reach: Tensor, depth_threshold: float) -> Tensor:
-    """Sums (K, 10) of weighted values, and of weights, in the moving and the static buffer.
+    """Compute the sums (K, 10) of weighted values, and of weights, in the moving and the static buffer.
 
-    reach (K,): c_a c_l. A static pixel keeps its colour; where the pixel moves the kernel fills in what is behind.
+    rows (N·H·W, 8): the samples. reach (K,): c_a c_l, px. depth_threshold: relative depth difference that counts as
+    behind or in front. A static pixel keeps its colour; at a moving pixel the kernel fills in the static background.
     """
     own = rows[pixels.index]
     values, places, inside = gather(rows, pixels, square(2, rows.device))
@@ -32,18 +33,27 @@ def first_stage(rows: Tensor, pixels: PixelList, reach: Tensor, depth_threshold:
 
 
 def hidden(own: Tensor, values: Tensor, depth_threshold: float) -> Tensor:
-    """(K, T): samples (K, T, 8) behind the pixel's own static one (K, 8), by this share of its depth or more."""
+    """Mark (K, T) the samples (K, T, 8) behind the pixel's own sample (K, 8), if that is static.
+
+    depth_threshold: the share of the pixel's depth by which a sample must be farther away.
+    """
     limit = torch.where(own[:, MOVING] > 0, float("inf"), own[:, DEPTH] * (1 + depth_threshold))
     return values[..., DEPTH] > limit[:, None]
 
 
 def before(depth: Tensor, values: Tensor, depth_threshold: float) -> Tensor:
-    """(K, T): samples (K, T, 8) in front of these depths (K,), by this share of them or more."""
+    """Mark (K, T) the samples (K, T, 8) that are in front of depths (K,).
+
+    depth_threshold: the share of the depth by which a sample must be nearer.
+    """
     return values[..., DEPTH] < depth[:, None] * (1 - depth_threshold)
 
 
 def normalise(sums: Tensor) -> Tensor:
-    """Sums (K, 10) as means; the weights say what they are worth, at most 1: 0 where there is nothing."""
+    """Divide the sums (K, 10) by their weights.
+
+    The weights stay, clamped to at most 1, as a measure of what the means are worth: 0 where there is nothing.
+    """
     moving, static = sums[:, MOVING_WEIGHT, None], sums[:, STATIC_WEIGHT, None]
     return torch.cat(
         [

@@ -1,4 +1,4 @@
-"""Step 5, the temporal filter (section 4.4): the previous frame's buffers, found by going back and forth."""
+"""Step 5, the temporal filter (section 4.4): the previous frame's buffers, found by following motion back and forth."""
 
 import torch
 from torch import Tensor
@@ -18,9 +18,9 @@ from nte.filters.motion_blur.weight import kernel, motion_weight
 def find(
     history: Tensor, pixels: PixelList, motion: Tensor, shutter: Tensor, options: MotionBlurOptions
 ) -> tuple[Tensor, Tensor]:
-    """Offsets (K, 2) int64 from the pixels to those of the history that move to them, and where one was accepted.
+    """Find for each pixel the history pixel that moves to it: offsets (K, 2), int64, and where one was accepted (K,).
 
-    motion (K, 2): the first stage's, px over the open shutter. shutter (K,): its share of the frame.
+    motion (K, 2): the first stage's, px over the open shutter. shutter (K,): the open share of the frame.
     """
     p, shutter = pixels.centres()[:, 0], shutter[:, None]
     offset = -motion / shutter
@@ -30,7 +30,7 @@ def find(
         whole = (p + offset).floor() - (p - 0.5)
         there, _, inside = (part[:, 0] for part in gather(history, pixels, whole.long()[:, None]))
         lost = lost | (~accepted & ~(inside & (there[:, MOVING_WEIGHT] > 0)))
-        # δ between the half-way points, of a frame rather than of its shutter
+        # δ lies between the half-way points of the motion over a whole frame, not over its open shutter.
         q = p + offset
         delta = (p - motion / shutter / 2) - (q + there[:, MOVING_MOTION] / shutter / 2)
         error = delta.square().sum(1)
@@ -43,7 +43,10 @@ def find(
 def add_history(
     sums: Tensor, history: Tensor, pixels: PixelList, reach: Tensor, shutter: Tensor, options: MotionBlurOptions
 ) -> tuple[Tensor, Tensor]:
-    """The sums (K, 10) with those of the history rows added, and where moving history was accepted (K,)."""
+    """Add the history rows to the sums (K, 10); returns the new sums and where moving history was accepted (K,).
+
+    reach (K,): c_a c_l, px. shutter (K,): the open share of the frame.
+    """
     motion = sums[:, MOVING_MOTION] / sums[:, MOVING_WEIGHT, None].clamp(min=1e-12)
     offset, accepted = find(history, pixels, motion, shutter, options)
 
@@ -59,17 +62,17 @@ def _fetch(
     history: Tensor, pixels: PixelList, offset: Tensor, own_motion: Tensor, accepted: Tensor, reach: Tensor,
     shutter: Tensor, options: MotionBlurOptions,
 ) -> Tensor:  # fmt: skip
-    """Sums (K, 10) of the history's 5×5 pixels around the found ones, each moved on by its frame, t = 0.5."""
+    """The sums (K, 10) over the history's 5×5 pixels around the found ones, each moved on by one frame, at t = 0.5."""
     values, places, inside = gather(history, pixels, offset[:, None] + square(2, history.device))
     motion = values[..., MOVING_MOTION]
-    # As in δ, half the way by the vector of either frame, so that motion that changes leaves no error of first order.
+    # As in δ, each frame's vector counts for half the way, so that changing motion leaves no error of first order.
     now = places + (motion + own_motion[:, None]) / 2 / shutter[:, None, None]
     half = torch.full_like(now[..., 0], 0.5)
     known = inside & accepted[:, None]
     b3 = kernel(history.device)
     if options.fetch == "tent":
-        # What history holds is blurred along the motion already: nothing but its place between pixels is left.
-        # A neighbour that moves otherwise belongs to something else.
+        # History is blurred along the motion already, so only its position between pixels needs interpolation.
+        # A neighbour that moves differently belongs to another object.
         differs = (motion - own_motion[:, None]).square().sum(-1).sqrt() / 2 / shutter[:, None]
         weight = (1 - (now - pixels.centres()).abs()).clamp(min=0).prod(-1) * (differs < options.accept)
     else:

@@ -1,4 +1,4 @@
-"""What can be chosen of the filter, and which choices are the paper's."""
+"""Options of the filter for motion blur, and those that are the paper's (preset `paper`)."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass
@@ -10,16 +10,18 @@ from nte.options import Allowed, Count, NotNegative, Options
 
 @dataclass(frozen=True)
 class MotionBlurOptions(Options, name="motion_blur"):
-    """Options of motion blur; the defaults are what docs/motion_blur.md measures to be better than preset `paper`.
+    """Options of the filter for motion blur; the defaults measure better than preset `paper`.
 
-    prefilter, history: whether those steps run. steps: of the second stage, `fixed` as in the original à-trous
-    transform. stretch: of its scaled steps. iterations: of the reprojection, 1 or more. accept, drop: ‖δ‖ below and
-    above which it ends, px. fetch: history between pixels, or through the first stage's 5×5 `kernel`. static: where
-    history of what does not move is fetched. weight: of history, where the current frame has 1. angle: `naive` averages
-    directions in [0°, 360°). factor: of the composition, the share of moving samples, of all or weighted by the way
-    they take. beta_a, beta_l: β of the weight. near, jitter: px, of the pre-filter. depth: share of the depth from
-    which something is behind. shutter: its open share of the frame, in (0, 1]; 0: as each
-    frame says (`Frame.shutter`, which clips have), 1 where it says nothing.
+    prefilter, history: whether those steps run. steps: of the second stage: `scaled` by the motion, or `fixed` as in
+    the original à-trous transform. stretch: factor of the scaled steps. iterations: of the search for history, 1 or
+    more. accept, drop: ‖δ‖ in px below which that search accepts, and above which it gives up. fetch: history
+    interpolated between pixels (`tent`), or through the first stage's 5×5 `kernel`. static: fetch the history of static
+    samples at the pixel's own `place`, or `reprojected` as that of moving ones. weight: of history, relative to 1 for
+    the current frame. angle: `naive` averages directions in [0°, 360°). factor: of the composition: the plain `share`
+    of moving samples, or the share `weighted` by their paths. beta_a, beta_l: β of the weight, for angle and length.
+    near, jitter: px, of the pre-filter. depth: relative depth difference from which something is behind. shutter: the
+    open share of the frame, in (0, 1]; 0 takes the share of each frame (`Frame.shutter`, which clips have), or 1 if the
+    frame has none.
     """
 
     presets: ClassVar[Mapping[str, Mapping[str, Any]]] = {

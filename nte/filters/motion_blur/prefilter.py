@@ -1,4 +1,4 @@
-"""Step 2, the pre-filter (section 4.2): samples from along the pixel's way, as if more than one had been traced."""
+"""Step 2, the pre-filter (section 4.2): samples from along a pixel's path, as if more than one had been traced."""
 
 import torch
 from torch import Tensor
@@ -7,15 +7,15 @@ from nte.filters.motion_blur.samples import COLOR, MOTION, MOVING, TIME, PixelLi
 from nte.filters.motion_blur.weight import segment_distance
 from nte.filters.noise import uniform_noise
 
-SLOWEST = 3.0  # px: what moves less is left as it is
-DRAWN = 2  # samples of each pixel, shared over 3×3
+SLOWEST = 3.0  # px over the open shutter: pixels that move less are left as they are
+DRAWN = 2  # samples that each pixel draws, and shares with its 3×3 neighbours
 
 
 def prefilter(rows: Tensor, pixels: PixelList, frame: int, near: float, jitter: float) -> Tensor:
-    """The rows of samples with the colour of fast pixels replaced by the mean of up to 1 + 18 samples.
+    """Replace the colour of fast pixels, in the rows of samples, by the mean of up to 1 + 18 samples.
 
-    frame: number of the frame, from which its random samples follow. near: px from the pixel to the way of a sample
-    that still counts. jitter: px, to both sides, of where samples are drawn.
+    frame: number of the frame, which seeds the random draws. near: distance in px, from the pixel to a sample's path,
+    within which the sample counts. jitter: px, to both sides, by which drawn positions vary.
     """
     length = rows[pixels.index, MOTION].square().sum(1).sqrt()
     fast = pixels.some(length >= SLOWEST)
@@ -29,7 +29,7 @@ def prefilter(rows: Tensor, pixels: PixelList, frame: int, near: float, jitter: 
 
 
 def _collect(rows: Tensor, pixels: PixelList, noise: Tensor, near: float, jitter: float) -> Tensor:
-    """Colours (K, 3): of each pixel and of what its 3×3 neighbours drew that passes near it."""
+    """The colours (K, 3): means of each pixel and of the samples that its 3×3 neighbours drew and that pass near it."""
     around, places, inside = gather(rows, pixels, square(1, rows.device))
     drew = inside & (around[..., MOTION].square().sum(-1) >= SLOWEST**2)
     whole = places.floor().long()

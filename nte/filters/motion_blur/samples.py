@@ -1,6 +1,6 @@
-"""The samples of a blurred frame as rows, and lists of the pixels that have work to do.
+"""The samples of a blurred frame as rows, and lists of the pixels to be filtered.
 
-Work is proportional to the moving area because every step runs on a list of pixels and gathers its neighbours from
+Every step runs on a list of pixels, so that the work is proportional to the moving area. It gathers neighbours from
 rows (N·H·W, C), channels last, so that one fetch is one contiguous read.
 """
 
@@ -17,15 +17,15 @@ from nte.frames.frame import Frame
 
 MOVING_PX = 0.5  # a sample that moves further than this over the open shutter is moving (step 1)
 WINDOW = 7  # radius of the 15×15 pixels in which a moving sample makes a pixel worth filtering
-_FEWEST = 64  # pixels that can tell which way vectors point
-_BATCH = 1 << 19  # taps evaluated at once: what the cache and a few megabytes hold
+_FEWEST = 64  # least number of pixels that can prove which way vectors point
+_BATCH = 1 << 19  # taps evaluated at once, limited by the cache and a few megabytes
 
 # Columns of the rows of samples.
 COLOR, MOTION, TIME, DEPTH, MOVING = slice(0, 3), slice(3, 5), 5, 6, 7
 
 
 class Size(NamedTuple):
-    """Of a batch of images: N, H and W."""
+    """Size of a batch of images: N, H and W."""
 
     batch: int
     height: int
@@ -34,7 +34,7 @@ class Size(NamedTuple):
 
 @dataclass(frozen=True)
 class PixelList:
-    """A list of K pixels, wherever they are in the batch: row number, and column x and line y in their image."""
+    """A list of K pixels anywhere in the batch: row number, and column x and line y in the pixel's image."""
 
     index: Tensor  # (K,) int64: n·H·W + y·W + x
     x: Tensor
@@ -43,33 +43,38 @@ class PixelList:
 
     @staticmethod
     def at(index: Tensor, size: Size) -> "PixelList":
-        """The pixels of these row numbers."""
+        """Make the list of the pixels with these row numbers."""
         place = index % (size.height * size.width)
         return PixelList(index, place % size.width, place // size.width, size)
 
     def centres(self) -> Tensor:
-        """(K, 1, 2): x and y of the pixels' centres, px."""
+        """Return x and y of the pixels' centres, (K, 1, 2), px."""
         return torch.stack([self.x, self.y], 1)[:, None].float() + 0.5
 
     def chunks(self, taps: int) -> list[Tensor]:
-        """Positions in this list, cut so that so many taps of each are evaluated at once."""
+        """Split the positions in this list into chunks, for which `taps` taps per pixel can be evaluated at once."""
         return list(torch.split(torch.arange(len(self.index), device=self.index.device), max(1, _BATCH // taps)))
 
     def some(self, which: Tensor) -> "PixelList":
-        """Those at these positions of the list (or where a mask is true)."""
+        """Return the pixels at these positions of the list, or where a mask is true."""
         return PixelList(self.index[which], self.x[which], self.y[which], self.size)
 
 
 def in_chunks(pixels: PixelList, taps: int, work: Callable[[PixelList, Tensor], Tensor]) -> Tensor:
-    """(K, C): `work`(some of the pixels, their positions in the list) → rows, for all of them, chunk by chunk."""
+    """Run `work` on the list, chunk by chunk, and join the rows that it returns to (K, C).
+
+    work: gets some of the pixels and their positions in the list. taps: number of taps per pixel, which sets the chunk
+    size.
+    """
     return torch.cat([work(pixels.some(chunk), chunk) for chunk in pixels.chunks(taps)])
 
 
 def read_samples(frame: Frame) -> tuple[Tensor, Size]:
-    """Rows (N·H·W, 8) of a frame's samples: colour, vector, time, depth, moving (0 or 1).
+    """Read a frame's samples as rows (N·H·W, 8): colour, vector, time, depth, moving (0 or 1).
 
-    A vector that is not finite is none, one that is longer than the image's diagonal is as long as that, a time that
-    is not finite is mid-shutter. Depth of sky is infinite. Raises NteError for times outside [0, 1].
+    A vector that is not finite becomes 0, and one that is longer than the image's diagonal is cut to that length. A
+    time that is not finite becomes mid-shutter. The depth of the sky is infinite. Raises NteError for times outside
+    [0, 1].
     """
     size = Size(frame.batch, *frame.size)
     time, motion, depth = frame["time"], frame["shutter_motion"], frame["shutter_depth"]
@@ -87,9 +92,9 @@ def read_samples(frame: Frame) -> tuple[Tensor, Size]:
 
 
 def open_share(frame: Frame, given: float) -> Tensor:
-    """(N,): the open share of the frame, which `shutter_motion` spans: `given` if above 0, or the frame's, or 1.
+    """Return the open share (N,) of the frame, which `shutter_motion` spans.
 
-    Raises NteError for a share outside (0, 1].
+    It is `given` if that is above 0, else the frame's own, else 1. Raises NteError for a share outside (0, 1].
     """
     if given or frame.shutter is None:
         return torch.full((frame.batch,), given or 1.0, device=frame["time"].device)
@@ -105,10 +110,10 @@ def open_share(frame: Frame, given: float) -> Tensor:
 
 
 def check_direction(frame: Frame) -> None:
-    """Raise NteError where `shutter_motion` points backward in time, as far as `motion` tells.
+    """Raise NteError if `shutter_motion` points backward in time, as far as `motion` can prove it.
 
-    Both are vectors of one surface, and `motion` leads to the previous frame: forward ones point away from it. What
-    bounces in this frame does not; hence most of what moves has to agree.
+    Both are vectors of one surface. `motion` leads to the previous frame, so forward vectors point away from it. An
+    object that bounces within this frame is an exception, so the check requires agreement of most moving pixels.
     """
     motion = frame.get("motion")
     if motion is None:
@@ -134,24 +139,24 @@ def _check_time(time: Tensor, index: int) -> None:
 
 
 def near_moving(moving: Tensor) -> Tensor:
-    """(N, 1, H, W) bool: pixels with a moving sample, (N, 1, H, W) of 0 and 1, within 15×15 pixels."""
+    """Mark the pixels (N, 1, H, W), bool, with a moving sample within 15×15 pixels; moving (N, 1, H, W) is 0 or 1."""
     side = 2 * WINDOW + 1
     across = F.max_pool2d(moving, (1, side), 1, (0, WINDOW))
     return F.max_pool2d(across, (side, 1), 1, (WINDOW, 0)) > 0
 
 
 def square(radius: int, device: torch.device) -> Tensor:
-    """(1, T, 2) int64: offsets x, y of the (2·radius + 1)² pixels around one."""
+    """Return the offsets x, y, (1, T, 2) int64, of the (2·radius + 1)² pixels around a pixel."""
     steps = torch.arange(-radius, radius + 1, device=device)
     y, x = torch.meshgrid(steps, steps, indexing="ij")
     return torch.stack([x.flatten(), y.flatten()], 1)[None]
 
 
 def gather(rows: Tensor, pixels: PixelList, offsets: Tensor) -> tuple[Tensor, Tensor, Tensor]:
-    """What lies at whole-pixel offsets (1 or K, T, 2) from the pixels.
+    """Gather the rows (K, T, C) at whole-pixel offsets (1 or K, T, 2) from the pixels.
 
-    Values (K, T, C), positions of their centres (K, T, 2), and which lie in the image (K, T); outside, the value is
-    that of the nearest border pixel.
+    Also returns the centres (K, T, 2) of the gathered pixels, px, and which of them lie in the image (K, T); outside,
+    the values are those of the nearest border pixel.
     """
     x, y = pixels.x[:, None] + offsets[..., 0], pixels.y[:, None] + offsets[..., 1]
     _, height, width = pixels.size

@@ -1,4 +1,4 @@
-"""Step 6, the second stage (section 4.3): à-trous along the motion, in the moving buffer only."""
+"""Step 6, the second stage (section 4.3): an à-trous filter along the motion, in the moving buffer only."""
 
 import torch
 from torch import Tensor
@@ -14,10 +14,10 @@ ITERATIONS = 3
 def second_stage(
     buffer: Tensor, pixels: PixelList, estimate: MotionStatistics, reach: Tensor, stretch: float | None
 ) -> Tensor:
-    """The moving buffer (rows (M, 6): colour, vector, weight) filtered at the pixels, of which l > 0.
+    """Filter the moving buffer (rows (N·H·W, 6): colour, vector, weight) at the pixels, for which l > 0.
 
-    stretch: of the steps along θ, 1 as in the paper; None: à-trous steps 2^(i−1) along the axes of the image,
-    instead of scaled by l and rotated to θ.
+    reach: c_a c_l of these pixels, px. stretch: factor of the steps along θ, 1 in the paper; None: à-trous steps
+    2^(i−1) along the axes of the image, instead of steps that are scaled by l and rotated to θ.
     """
     rows = buffer
     for i in range(1, ITERATIONS + 1):
@@ -33,12 +33,15 @@ def second_stage(
 
 
 def fixed_steps(iteration: int, device: torch.device) -> Tensor:
-    """(1, 25, 2): whole-pixel offsets of the original à-trous transform."""
+    """Return the whole-pixel offsets (1, 25, 2) of the original à-trous transform."""
     return square(2, device) << (iteration - 1)
 
 
 def scaled_steps(estimate: MotionStatistics, iteration: int, stretch: float = 1.0) -> Tensor:
-    """(K, 25, 2): offsets by s_x = (1/5)·l/2^(3−i) along θ and s_y = lerp(1, s_x, σ²_θ) across, in whole pixels."""
+    """Compute whole-pixel offsets (K, 25, 2) by s_x = (1/5)·l/2^(3−i) along θ and s_y = lerp(1, s_x, σ²_θ) across.
+
+    stretch: factor of s_x.
+    """
     along = stretch * estimate.length / 5 / 2 ** (ITERATIONS - iteration)
     across = torch.lerp(torch.ones_like(along), along, estimate.angle_variance)
     steps = square(2, along.device)[0].float()

@@ -1,6 +1,7 @@
-"""Step 1, the variance estimate (section 4.1): mean and variance of the length and direction of motion near a pixel.
+"""Step 1, the variance estimate (section 4.1): mean and variance of length and direction of the motion near a pixel.
 
-At half resolution: the four pixels of a 2×2 tile share the estimate over the 16×16 pixels that their 15×15 ones cover.
+It runs at half resolution: the four pixels of a 2×2 tile share the estimate over the 16×16 pixels that their 15×15
+windows cover.
 """
 
 import math
@@ -13,34 +14,34 @@ from nte.filters.motion_blur.samples import DEPTH, MOTION, MOVING, WINDOW, Pixel
 
 
 class MotionStatistics(NamedTuple):
-    """Of each of K pixels, (K,): statistics of the moving samples near it."""
+    """Statistics of the moving samples near each of K pixels, each (K,) unless noted."""
 
-    length: Tensor  # l: mean ‖v‖, px; 0: none moves
+    length: Tensor  # l: mean ‖v‖, px; 0 where no sample moves
     length_variance: Tensor  # px²
-    angle: Tensor  # θ: mean direction, radians, of no sign
-    angle_variance: Tensor  # over (π/2)², in [0, 1]
-    motion: Tensor  # (K, 2): that of the first moving sample from the centre
+    angle: Tensor  # θ: mean direction, radians, where opposite directions are the same
+    angle_variance: Tensor  # divided by (π/2)², in [0, 1]
+    motion: Tensor  # (K, 2): vector of the moving sample nearest to the tile's centre, px
 
     def reach(self, angle: float, length: float) -> Tensor:
-        """c_a c_l (K,), px, from β_a and β_l: how far from its way a sample still counts."""
+        """Compute c_a c_l (K,), px, from β_a and β_l: how far from its path a sample still counts."""
         wide = 1 + (angle * self.angle_variance).clamp(max=1)
         return wide * (1 + (length * self.length_variance).clamp(max=1))
 
     def some(self, which: Tensor) -> "MotionStatistics":
-        """That of the pixels at these positions of the list."""
+        """Return the statistics of the pixels at these positions of the list."""
         return MotionStatistics(*(values[which] for values in self))
 
 
 def estimate_variance(rows: Tensor, pixels: PixelList, depth_threshold: float, naive: bool = False) -> MotionStatistics:
-    """The estimate near each of the pixels, from the rows of samples.
+    """Estimate the motion statistics near each of the pixels from the rows of samples.
 
-    depth_threshold: a moving sample further behind a tile of static ones than this share of their depth does not
-    count, so that edges of what hides it stay sharp. naive: angles in [0, 2π) as they are, the paper's Fig. 3 left.
+    depth_threshold: a moving sample that is farther behind a static tile than this share of its depth does not count,
+    so that edges of an occluder stay sharp. naive: average angles in [0, 2π) as they are (the paper's Fig. 3, left).
     """
     tiles, of_pixel = _tiles(pixels)
     motion = rows[:, MOTION]
     angle = torch.atan2(motion[:, 1], motion[:, 0])
-    # Four columns instead of eight: reading them is what the estimate costs.
+    # Four columns instead of eight, since reading them dominates the cost of the estimate.
     narrow = torch.stack([motion.square().sum(1).sqrt(), angle, rows[:, DEPTH], rows[:, MOVING]], 1)
     table = in_chunks(tiles, 16**2, lambda some, _: _tile_statistics(narrow, some, depth_threshold, naive))[of_pixel]
     length, length_variance, angle, angle_variance = table[:, :4].unbind(1)
@@ -48,7 +49,7 @@ def estimate_variance(rows: Tensor, pixels: PixelList, depth_threshold: float, n
 
 
 def _tiles(pixels: PixelList) -> tuple[PixelList, Tensor]:
-    """The 2×2 tiles (their upper left pixels) that pixels lie in, and which of them each pixel (K,) lies in."""
+    """The 2×2 tiles (their upper left pixels) that contain the pixels, and the tile (K,) of each pixel."""
     width = pixels.size.width
     upper_left = pixels.index - pixels.x % 2 - pixels.y % 2 * width
     index, of_pixel = torch.unique(upper_left, return_inverse=True)
@@ -56,7 +57,7 @@ def _tiles(pixels: PixelList) -> tuple[PixelList, Tensor]:
 
 
 def _window(device: torch.device) -> Tensor:
-    """(1, 256, 2): offsets from the upper left pixel of a tile, the nearest to the tile's centre first."""
+    """The offsets (1, 256, 2) from the upper left pixel of a tile, nearest to the tile's centre first."""
     steps = torch.arange(-WINDOW, WINDOW + 2, device=device)
     y, x = torch.meshgrid(steps, steps, indexing="ij")
     offsets = torch.stack([x.flatten(), y.flatten()], 1)
@@ -65,11 +66,11 @@ def _window(device: torch.device) -> Tensor:
 
 
 def _tile_statistics(narrow: Tensor, tiles: PixelList, depth_threshold: float, naive: bool) -> Tensor:
-    """Rows (K, 6) of `MotionStatistics` from rows (M, 4): length and angle of the vector, depth, moving."""
+    """The rows (K, 6) of `MotionStatistics`, from rows (M, 4) of samples: length, angle, depth, moving."""
     values, _, inside = gather(narrow, tiles, _window(narrow.device))
     lengths, angles, depth, moves = values.unbind(-1)
     own = inside[:, :4] & (moves[:, :4] > 0)
-    # What covers the tile, if it does not move itself.
+    # Depth of the static surface that covers the tile; infinite if the tile moves itself.
     cover = torch.where(inside[:, :4] & ~own, depth[:, :4], 0).amax(1)
     cover = torch.where(own.any(1), float("inf"), cover)
     moving = counted(moves, depth, inside, cover, depth_threshold)
@@ -81,7 +82,7 @@ def _tile_statistics(narrow: Tensor, tiles: PixelList, depth_threshold: float, n
     length, length_variance = _moments(lengths, moving)
     start = torch.zeros_like(length) if naive else direction
     relative = angles % (2 * math.pi) if naive else angles - start[:, None]
-    if not naive:  # flipped by 180° outside ±90°
+    if not naive:  # angles outside ±90° are flipped by 180°
         relative = relative - math.pi * (relative / math.pi).round()
     mean, angle_variance = _moments(relative, moving)
     normalised = (angle_variance / (math.pi / 2) ** 2).clamp(max=1)
@@ -91,12 +92,15 @@ def _tile_statistics(narrow: Tensor, tiles: PixelList, depth_threshold: float, n
 
 
 def counted(moves: Tensor, depth: Tensor, inside: Tensor, cover: Tensor, depth_threshold: float) -> Tensor:
-    """(K, T): moving samples that lie no further behind what covers the pixel, (K,), than this share of its depth."""
+    """Mark (K, T) the moving samples that are not behind the static cover (K,) of the pixel.
+
+    depth_threshold: the share of the cover's depth by which a sample may be farther away.
+    """
     return inside & (moves > 0) & (depth <= (cover * (1 + depth_threshold))[:, None])
 
 
 def _moments(values: Tensor, counted: Tensor) -> tuple[Tensor, Tensor]:
-    """Mean and variance (K,) of the values (K, T) that are counted; 0 where none is."""
+    """The mean and variance (K,) of the values (K, T) that are counted; 0 where none is."""
     number = counted.sum(1).clamp(min=1)
     mean = torch.where(counted, values, 0).sum(1) / number
     return mean, torch.where(counted, values - mean[:, None], 0).square().sum(1) / number

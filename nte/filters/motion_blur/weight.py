@@ -1,16 +1,17 @@
-"""Step 3, the weight: could a sample be seen at this pixel at another time? (Eq. 1 and section 4.3)"""
+"""Step 3, the weight: whether a sample could be seen at a pixel at another time (Eq. 1 and section 4.3)."""
 
 import torch
 from torch import Tensor
 
 B3 = (1 / 16, 1 / 4, 3 / 8, 1 / 4, 1 / 16)  # of the à-trous wavelet transform (Dammertz et al. 2010)
-_ROUNDING = 1e-4  # of l: a sample belongs to its own segment, at t = 0 and t = 1 too
+_ROUNDING = 1e-4  # tolerance as a share of l, so that a sample at t = 0 or t = 1 lies on its own segment
 
 
 def segment_distance(p: Tensor, q: Tensor, motion: Tensor, time: Tensor) -> Tensor:
-    """d(p, q) of Eq. 1, px: from p to the way q₀q₁ of a sample; infinite where the foot of p is not on it.
+    """Compute d(p, q) of Eq. 1, px: the distance from p to the path q₀q₁ of a sample, infinite beyond its ends.
 
-    p and q (…, 2) positions; motion (…, 2) px over the open shutter, forward in time; time (…) in [0, 1].
+    p and q (…, 2): positions, px. motion (…, 2): px over the open shutter, forward in time. time (…): of the sample, in
+    [0, 1].
     """
     away = p - (q - motion * time[..., None])
     squared = motion.square().sum(-1)
@@ -21,11 +22,11 @@ def segment_distance(p: Tensor, q: Tensor, motion: Tensor, time: Tensor) -> Tens
 
 
 def motion_weight(p: Tensor, q: Tensor, motion: Tensor, time: Tensor, reach: Tensor) -> Tensor:
-    """w(p, q) = max(0, 1 − d/reach), with reach = c_a c_l."""
+    """Compute w(p, q) = max(0, 1 − d/reach), with d from `segment_distance` and reach = c_a c_l, px."""
     return (1 - segment_distance(p, q, motion, time) / reach).clamp(min=0)
 
 
 def kernel(device: torch.device) -> Tensor:
-    """(1, 25): the weights of 5×5 pixels in the order of `square(2)`; they sum to 1."""
+    """Return the weights (1, 25) of 5×5 pixels in the order of `square(2)`; they sum to 1."""
     line = torch.tensor(B3, device=device)
     return torch.outer(line, line).view(1, 25)

@@ -1,7 +1,7 @@
 """TRMV: «Temporally Reliable Motion Vectors for Real-time Ray Tracing» (Zeng et al. 2021) as a denoiser.
 
-Shadows, glossy reflections and diffuse indirect light are filtered apart, each with vectors of its own, and summed.
-docs/trmv.md says which options are which of the paper's comparisons, and what is ours.
+Shadows, glossy reflections and diffuse indirect light are filtered separately, each with its own vectors, and summed.
+nte.filters.trmv.options has presets for the paper's comparisons, and marks what is not in the paper.
 """
 
 import math
@@ -27,17 +27,18 @@ _GEOMETRY = ("normal", "depth", "roughness", "motion")
 
 
 class TrmvState(NamedTuple):
-    """What a sequence carries: the previous G-buffer, and each effect's history."""
+    """The state of a sequence: the previous G-buffer, and the history of each effect."""
 
     gbuffer: GBuffer
     histories: dict[str, History]
 
 
 class Trmv(Filter[TrmvOptions]):
-    """The whole system.
+    """The whole system of the paper.
 
-    Extras: `visibility`, `glossy`, `indirect`; of each, `<name>_vector` (N, 2, H, W) px, NaN where there is no
-    history, and `<name>_alpha` (N, 1, H, W), the weight of the current frame; and `disoccluded`, 0 or 1.
+    Extras: `visibility`, `glossy` and `indirect`; for each, `<name>_vector` (N, 2, H, W), px, current → previous, NaN
+    where there is no history, and `<name>_alpha` (N, 1, H, W), the weight of the current frame; and `disoccluded`, 0 or
+    1.
     """
 
     options_type = TrmvOptions
@@ -56,7 +57,7 @@ class Trmv(Filter[TrmvOptions]):
 
     @sanitised
     def step(self, frame: Frame, state: TrmvState | None, extras: tuple[str, ...] = ()) -> tuple[Result, TrmvState]:
-        """Denoise one frame."""
+        """Denoise `target` of one frame; the state is the G-buffer and the history of each effect."""
         if state is not None:
             check_size(frame, state.gbuffer.depth)
         inputs = prepare(frame, state.gbuffer if state else None)
@@ -70,7 +71,7 @@ class Trmv(Filter[TrmvOptions]):
         return result, TrmvState(inputs.gbuffer, {name: effect.history for name, effect in effects.items()})
 
     def _run(self, inputs: FrameInputs, histories: dict[str, History]) -> dict[str, Effect]:
-        """The effects that the target is made of."""
+        """The effects that make up the target."""
         found = {}
         for name in self.effects:
             history, vectors, trust = histories.get(name), self.vectors[name], None
@@ -86,7 +87,7 @@ class Trmv(Filter[TrmvOptions]):
         return found
 
     def _shown(self, names: tuple[str, ...], effects: dict[str, Effect], inputs: FrameInputs) -> dict[str, Tensor]:
-        """The extras of these names."""
+        """The extras with these names."""
         offered = {"disoccluded": inputs.dual.disoccluded.float()}
         for name, effect in effects.items():
             motion = inputs.traditional.motion if effect.vectors is None else effect.vectors.motion
@@ -95,7 +96,7 @@ class Trmv(Filter[TrmvOptions]):
         return {name: offered[name] for name in names}
 
     def _channels(self) -> tuple[tuple[str, ...], tuple[str, ...]]:
-        """(the channels that the chosen effects must have, those that they use if there)."""
+        """The channels that the chosen effects need, and those that they use where a frame has them."""
         reliable = self.options.shadow == "reliable"
         moved = ("reflection_motion",) if self.options.glossy in ("reliable", "specular") else ()
         cones = ("indirect_radiance", "indirect_direction")

@@ -1,4 +1,4 @@
-"""What all three effects share: fetch history, clamp it, blend, clean up (Zeng et al. 2021, section 5)."""
+"""Steps that all three effects share: fetch history, clamp it, blend, clean up (Zeng et al. 2021, section 5)."""
 
 from typing import NamedTuple
 
@@ -14,41 +14,41 @@ from nte.filters.trmv.inputs import FrameInputs
 from nte.filters.trmv.options import TrmvOptions
 from nte.motion.geometric import Reprojection
 
-NEIGHBOURHOOD = 5  # pixels across, of the clamp
-WIDEST = 5.0  # deviation of the clean-up filter, px
-_APART = 4  # px, of the pixels that the clamp looks at where a filter of varying width is wide
+NEIGHBOURHOOD = 5  # px across, of the clamp's neighbourhood
+WIDEST = 5.0  # px, largest deviation of the clean-up filter
+_APART = 4  # px between the pixels of the clamp's neighbourhood, where a filter of varying width is wide
 _EPSILON = 1e-3
-_NOTHING = 1e6  # variance of what tells nothing: as history it weighs nothing
+_NOTHING = 1e6  # variance of a pixel without information, so that it weighs nothing as history
 
 
 class History(NamedTuple):
-    """What an effect remembers."""
+    """The history of an effect."""
 
     values: Tensor  # (N, C, H, W)
-    variance: Tensor  # (N, 1, H, W) of it, in units of a single frame's: how far it has converged
+    variance: Tensor  # (N, 1, H, W) of the values, relative to a single frame's: how far they have converged
 
 
 class Effect(NamedTuple):
-    """The outcome of an effect."""
+    """The result of an effect."""
 
     image: Tensor  # (N, C, H, W)
     history: History
     alpha: Tensor  # (N, 1, H, W) weight of the current frame; 1 where there is no history
-    vectors: Reprojection | None = None  # where history came from; None: from nowhere
+    vectors: Reprojection | None = None  # where history came from; None: none was used
 
 
 class Weight(NamedTuple):
-    """The weight of the current frame, (N, 1, H, W): by default, and as raised by doubts about the history."""
+    """The weight of the current frame, (N, 1, H, W): by default, and as raised by doubts about history."""
 
     default: Tensor
     used: Tensor
 
 
 class Blended(NamedTuple):
-    """The current frame and its history in one, before it is cleaned up."""
+    """The current frame blended with its history, before the clean-up."""
 
     image: Tensor  # (N, C, H, W)
-    variance: Tensor  # (N, 1, H, W) of it: α² + (1 − α)² v
+    variance: Tensor  # (N, 1, H, W) of the image, relative to a single frame's: α² + (1 − α)² v
     alpha: Tensor  # (N, 1, H, W) weight of the current frame
     deviation: Tensor  # (N, 1, H, W) px, of the clean-up filter
 
@@ -58,11 +58,11 @@ def accumulate(
     options: TrmvOptions, reach: float | Tensor, trust: Tensor | None = None, fetcher: Fetcher | None = None,
     known: Tensor | None = None,
 ) -> Effect:  # fmt: skip
-    """Eq. 2 with everything of section 5 on current c̃ (N, C, H, W): c = α c̃ + (1 − α) c*, cleaned up.
+    """Blend the current frame c̃ (N, C, H, W) with history, c = α c̃ + (1 − α) c* (Eq. 2), and clean up (section 5).
 
-    vectors None: the spatial filter alone. reach: of that filter, see `limit`. trust: G of Eq. 4. fetcher: in place of
-    plain fetching at the vectors' ends. known (N, 1, H, W), bool: where the current frame tells anything; None:
-    everywhere. name: in the profile.
+    name: of the effect, in profiles. vectors: where history lies; None uses the spatial filter alone. reach: deviation
+    of that filter, px, see `limit`. trust: G of Eq. 4, (N, 1, H, W). fetcher: fetches history instead of plain bilinear
+    fetching at the vectors' ends. known (N, 1, H, W), bool: where the current frame is usable; None: everywhere.
     """
     if vectors is None or history is None:
         return finish(name, start(current, options, known), vectors, inputs, options)
@@ -71,7 +71,7 @@ def accumulate(
         past, (variance, valid) = fetcher(history.values), fetch_convergence(history, fetcher, inputs.frame.reset)
         clamped = limit(past, current, reach, options)
         weight = weigh(variance, valid, options, trust, known)
-        # Not lerp alone: a history that is not valid must not leave a trace, not even of rounding.
+        # Not lerp alone: invalid history must not leave any trace, not even rounding errors.
         image = torch.where(valid, torch.lerp(clamped, current, weight.used), current)
         deviation = clean_up_deviation(weight, past, clamped, valid, options)
         blended = Blended(image, blended_variance(weight, variance, known), weight.used, deviation)
@@ -79,13 +79,16 @@ def accumulate(
 
 
 def start(current: Tensor, options: TrmvOptions, known: Tensor | None = None) -> Blended:
-    """Without any history."""
+    """Make the blend of a frame without any history."""
     one = torch.ones_like(current[:, :1])
     return Blended(current, one * _own_variance(known), one, _first(options) * one)
 
 
 def fetch_convergence(history: History, fetcher: Fetcher, reset: Tensor | None) -> tuple[Tensor, Tensor]:
-    """(variance of the history at the ends of the vectors, where it is valid): the fetcher finds it, and no reset."""
+    """Fetch the variance of the history at the ends of the vectors, and where it is valid, each (N, 1, H, W).
+
+    It is valid where the fetcher finds the surface and the sequence does not restart (reset (N,) is not above 0).
+    """
     valid = fetcher.valid if reset is None else fetcher.valid & ~(reset.view(-1, 1, 1, 1) > 0)
     return fetcher(history.variance), valid
 
@@ -93,11 +96,13 @@ def fetch_convergence(history: History, fetcher: Fetcher, reset: Tensor | None) 
 def weigh(
     variance: Tensor, valid: Tensor, options: TrmvOptions, trust: Tensor | None = None, known: Tensor | None = None
 ) -> Weight:
-    """α, and with a trust G in [0, 1] (N, 1, H, W) of the history α^V = 1 − G (1 − α) (Eq. 4); 1 without history,
-    and 0 beside one where nothing is `known` of the current frame.
+    """Compute the weight α of the current frame, and the one used, α^V = 1 − G (1 − α) (Eq. 4) with trust G.
 
-    v / (1 + v) makes the smallest variance out of a history of variance v and a frame of variance 1: 1/2, 1/3, …
-    of a history that began one, two, … frames ago, more where it was doubted since.
+    variance v (N, 1, H, W): of history, relative to a single frame's. trust (N, 1, H, W): in [0, 1]. The weight is 1
+    where history is not valid, and 0 where it is but nothing is `known` of the current frame.
+
+    With `warm_up`, α is at least v / (1 + v), which gives the smallest variance of the blend: 1/2, 1/3, … for a history
+    that began one, two, … frames ago, and more if it was doubted since.
     """
     default = torch.full_like(variance, options.alpha)
     if options.warm_up:
@@ -110,12 +115,13 @@ def weigh(
 def limit(
     history: Tensor, current: Tensor, reach: float | Tensor, options: TrmvOptions, rows: slice = slice(None)
 ) -> Tensor:
-    """History (N, C, h, W) clamped to μ ± clamp·σ of 5×5 pixels of the filtered current frame; its `rows` of that.
+    """Clamp history (N, C, h, W) to μ ± clamp·σ of 5×5 pixels of the filtered current frame.
 
-    reach: deviation of the filter, px; a number, or one for each pixel (N, 1, H, W). The 5×5 pixels lie so far apart
-    (ours): a filter makes neighbours alike, and the σ of adjacent ones says nothing of how noisy all of them
-    are together. Clamped to that, history would follow the noise of every frame, and a scene at rest would
-    never converge (docs/trmv.md).
+    reach: deviation of the filter, px; a number, or one for each pixel (N, 1, H, W). rows: the rows of the current
+    frame that the history covers. The 5×5 pixels lie about `reach` apart, which is not in the paper: a filter makes
+    neighbours alike, so the σ of adjacent pixels does not show how noisy all of them are together. Clamped to that,
+    history would follow the noise of every frame, and a scene at rest would never converge. Option
+    `neighbourhood=adjacent` takes 3×3 adjacent pixels.
     """
     if options.clamp == float("inf"):
         return history
@@ -130,14 +136,14 @@ def limit(
 
 
 def spacing(reach: float) -> int:
-    """How far apart pixels are looked at, px, that a filter of this deviation has made independent."""
+    """Return the distance, in whole px, at which a filter with the deviation `reach` leaves pixels independent."""
     return max(1, round(reach))
 
 
 def clean_up_deviation(weight: Weight, history: Tensor, clamped: Tensor, valid: Tensor, options: TrmvOptions) -> Tensor:
-    """min(w_A + w_C, 5) pixels (N, 1, H, W), of Eqs. 7 and 8 in luminance.
+    """Compute min(w_A + w_C, 5), (N, 1, H, W), px, of Eqs. 7 and 8 from the luminance of history and clamped history.
 
-    Without history α^V is 1, so w_A is (1 − α)²: 0.81 px wide.
+    Without history α^V is 1, so w_A is (1 − α)²: 0.81 px for the default α.
     """
     doubt = (weight.used - weight.default).square()
     before, after = (brightness(image) for image in (history, clamped))
@@ -151,20 +157,20 @@ def _first(options: TrmvOptions) -> float:
 
 
 def blended_variance(weight: Weight, variance: Tensor, known: Tensor | None = None) -> Tensor:
-    """α² + (1 − α)² v, (N, 1, H, W), of a history of variance v and a frame of variance 1."""
+    """Compute α² + (1 − α)² v, (N, 1, H, W), for a history of variance v and a frame of variance 1."""
     own = weight.used.square() * _own_variance(known)
     return own + (1 - weight.used).square() * variance
 
 
 def _own_variance(known: Tensor | None) -> Tensor | float:
-    """Of a single frame."""
+    """The variance of a single frame."""
     return 1.0 if known is None else torch.where(known, 1.0, _NOTHING)
 
 
 def finish(
     name: str, blended: Blended, vectors: Reprojection | None, inputs: FrameInputs, options: TrmvOptions
 ) -> Effect:
-    """Clean up, and choose what is remembered; without vectors the image stays that of the spatial filter."""
+    """Clean up, and choose what is remembered; without vectors the image is that of the spatial filter."""
     with record_function(f"trmv/{name}/clean-up"):
         wanted = options.cleanup and vectors is not None
         image, spent = blended.image, options.history == "cleaned"

@@ -1,8 +1,8 @@
 """Incident radiance in six cones over each pixel's hemisphere (Zeng et al. 2021, sections 4.3 and 5).
 
-One cone along the normal and five at 60° to it, in world space, so that pixels with other normals can use them.
-A pixel's cones are (N, 24, H, W): for each cone its weight times radiance, RGB, and then the weight. Sums of
-these are weighted means: an empty cone has no weight, it is unknown and not black.
+One cone lies along the normal and five at 60° to it, in world space, so that pixels with other normals can use them. A
+pixel's cones are (N, 24, H, W): for each cone its weight times radiance (RGB), then its weight. Sums of these are
+weighted means. An empty cone has weight 0: its radiance is unknown, not black.
 """
 
 import functools
@@ -13,26 +13,26 @@ import torch.nn.functional as F
 from torch import Tensor
 
 CONES = 6
-HALF_ANGLE = math.acos(5 / 6)  # solid angle π/3; the π/6 of the paper's text has 0.84 and leaves gaps
+HALF_ANGLE = math.acos(5 / 6)  # solid angle π/3 sr; the half-angle π/6 of the paper's text has 0.84 sr and leaves gaps
 KNOWN = 1e-6  # least weight that counts
-PARALLEL = 1 - 1e-6  # n·n′ of normals that count as equal: 0.08°; half floats are off by 0.03°
+PARALLEL = 1 - 1e-6  # n·n′ from which normals count as equal: 0.08°; rounding to half floats turns them by 0.03°
 _TILT = math.pi / 3
-_DISTINCT = 1e-3  # rad, of chords: cones of 30° only touch
-# The cosine-weighted solid angle, sr, of the directions that are nearest to the axis along the normal, by Lambert's
-# formula for a polygon: ½ Σ Θ cos(60°) over five edges of Θ each. A sample goes to the cone with the nearest axis, so
-# with the measures of those cells as weights light from any direction keeps its energy, and as they sum to π a white
-# environment is exactly white.
+_DISTINCT = 1e-3  # rad, least chord of circles that intersect: cones of 30° only touch
+# Each sample goes to the cone with the nearest axis, which divides the hemisphere into cells. WEIGHTS are the
+# cosine-weighted solid angles of these cells, sr: with them light from any direction keeps its energy, and since they
+# sum to π, a white environment is exactly white. For the cell around the normal, Lambert's formula for a polygon gives
+# ½ Σ Θ cos(60°) over its five edges of length Θ.
 _CORNER = math.atan(math.tan(_TILT / 2) / math.cos(math.pi / 5))  # from the axis to a corner of its cell
 _EDGE = math.acos(math.cos(_CORNER) ** 2 + math.sin(_CORNER) ** 2 * math.cos(2 * math.pi / 5))
 WEIGHTS = (5 / 4 * _EDGE, *(5 * [(math.pi - 5 / 4 * _EDGE) / 5]))
-EQ_11 = CONES * (math.pi / 3,)  # the paper's: without a cosine, so that a white environment is 2, not 1
-# The frame at any normal is that of _POLE, turned by the shortest way. Discontinuous at −_POLE alone, which
-# is no axis of the world: walls and floors have the same frame everywhere.
+EQ_11 = CONES * (math.pi / 3,)  # the paper's weights, without a cosine, so that a white environment becomes 2, not 1
+# The frame at a normal is that of _POLE, turned the shortest way. It is discontinuous only at −_POLE, which is not an
+# axis of the world, so that all pixels of a wall or floor have the same frame.
 _POLE = (0.4082, 0.7071, 0.5774)
 
 
 def local_axes() -> Tensor:
-    """(6, 3): the axes at the normal _POLE."""
+    """Compute the axes (6, 3), float64, of the cones at the normal _POLE."""
     pole = F.normalize(torch.tensor(_POLE, dtype=torch.float64), dim=0)
     across = torch.linalg.cross(pole, torch.tensor([1.0, 0, 0], dtype=torch.float64))
     across = across / across.norm()
@@ -43,23 +43,26 @@ def local_axes() -> Tensor:
 
 
 def cone_axes(normal: Tensor) -> Tensor:
-    """World axes (P, 6, 3) of the cones at unit normals (P, 3)."""
+    """Compute the world axes (P, 6, 3) of the cones at unit normals (P, 3)."""
     local = local_axes().to(normal)
     pole = local[0]
     middle = pole + normal
-    # The rotation that takes the pole to n: v − (m·v / (½ m·m)) m + 2 (pole·v) n, with m = pole + n.
+    # The rotation of a vector v that takes the pole to n: v − (m·v / (½ m·m)) m + 2 (pole·v) n, with m = pole + n.
     along = torch.einsum("pi,ki->pk", middle, local) / _half_square(middle)
     return local - along[..., None] * middle[:, None] + 2 * (local @ pole)[:, None] * normal[:, None]
 
 
 def _half_square(middle: Tensor) -> Tensor:
-    """½ m·m (P, 1, …) of m = pole + n (P, 3, …): 1 + pole·n, without that sum's rounding next to −_POLE."""
+    """½ m·m (P, 1, …) of m = pole + n (P, 3, …); it equals 1 + pole·n without that sum's rounding near −_POLE."""
     return middle.square().sum(1, keepdim=True).mul_(0.5).clamp_(min=torch.finfo(middle.dtype).tiny)
 
 
 def overlap(cosine: Tensor, half_angle: float) -> Tensor:
-    """Ω, sr: what two cones of this half-angle, whose axes have this cosine, share. Eqs. 9 and 10 (Mazonka)."""
-    # γ = a/2 is what the paper's arctan comes to.
+    """Compute the solid angle Ω, sr, that two cones of this half-angle share: Eqs. 9 and 10 (Mazonka).
+
+    cosine: of the angle between the cones' axes, of any shape. half_angle: radians.
+    """
+    # The paper's arctan for γ simplifies to half the angle between the axes.
     sine, rest = ((1 - cosine) / 2).clamp(0, 1).sqrt(), ((1 + cosine) / 2).clamp(1e-12, 1).sqrt()
     beta = (sine / math.sin(half_angle)).clamp(max=1).acos()
     phi = (sine / rest / math.tan(half_angle)).clamp(max=1).acos()
@@ -67,17 +70,18 @@ def overlap(cosine: Tensor, half_angle: float) -> Tensor:
 
 
 def moved_shares(normal: Tensor, other: Tensor, half_angle: float) -> Tensor:
-    """(P, 6, 6): the share of the samples in cone j at `other` (P, 3) that are in cone k at `normal`, in [0, 1].
+    """Compute the shares (P, 6, 6), in [0, 1], of the samples in cone j at `other` (P, 3) that cone k at `normal` gets.
 
-    All that are above the horizon, in proportion to Ω_kj less what k and j of one hemisphere share at rest, so that
-    nothing moves unless normals turn: the overlap itself, applied in every frame, would diffuse directions (ours).
+    The shares of j are of all samples above the horizon, in proportion to Ω_kj less the overlap of cones k and j of one
+    hemisphere, so that nothing moves unless normals turn. That subtraction is not in the paper: the overlap itself,
+    applied in every frame, would diffuse directions.
     """
     axes = cone_axes(other)
     cosine = torch.einsum("pki,pji->pkj", cone_axes(normal), axes)
     at_rest, scale = (table.to(cosine) for table in _at_rest(half_angle))
     shares = overlap(cosine, half_angle).sub_(at_rest).clamp_(min=0).mul_(scale)
-    # The axes of a ring are 30° high, and its samples, most of them higher still, within 30° of them: none is below the
-    # horizon, and all are when the axis is as far below.
+    # The axes of the ring are 30° above the horizon, and its samples lie within 30° of them, most of them higher. So no
+    # sample is below the horizon, and all are once the axis has turned to 30° below it.
     height = torch.einsum("pji,pi->pj", axes, normal).clamp_(-1, 1).asin_()
     above = 1 - (((math.pi / 6 - height) / _TILT).clamp_(0, 1)).square_()
     return shares.mul_((above / shares.sum(1).clamp_(min=KNOWN)).unsqueeze(1))
@@ -85,11 +89,11 @@ def moved_shares(normal: Tensor, other: Tensor, half_angle: float) -> Tensor:
 
 @functools.cache
 def _at_rest(half_angle: float) -> tuple[Tensor, Tensor]:
-    """(6, 6), twice: the Ω of different cones of a hemisphere, and what makes shares of samples out of changes of Ω.
+    """Two tables (6, 6): Ω between the cones of one hemisphere, and factors from changes of Ω to shares of samples.
 
-    That is 1 / Ω(0) between a cone and its own place. Between neighbours the cells, which share a whole edge, exchange
-    more than the cones: for a small turn straight across the edge, the samples that pass are the integral of
-    cos θ along it, and Ω grows by the chord that the two circles have in common.
+    The factor is 1 / Ω(0) between a cone and its own place. Neighbouring cells share a whole edge and exchange more
+    samples than the cones do: for a small turn straight across the edge, the samples that pass are the integral of cos
+    θ along the edge, while Ω grows by the chord that the two circles have in common.
     """
     axes = local_axes()
     cosine = axes @ axes.T
@@ -105,20 +109,21 @@ def _at_rest(half_angle: float) -> tuple[Tensor, Tensor]:
 
 
 def sample_to_cones(radiance: Tensor, direction: Tensor, normal: Tensor) -> Tensor:
-    """Cones (N, 24, H, W) with one sample in the one whose axis is nearest; a zero direction is no sample.
+    """Sort one sample per pixel into the cone with the nearest axis, and return the cones (N, 24, H, W).
 
-    radiance (N, 3, H, W) arrives against direction (N, 3, H, W), world, away from the surface.
+    radiance (N, 3, H, W) arrives from direction (N, 3, H, W), a world vector that points away from the surface; a zero
+    direction marks a pixel without a sample. normal (N, 3, H, W): unit.
     """
     local = local_axes().to(normal)
     pole = local[0].view(1, 3, 1, 1)
     middle = pole + normal
-    # The direction in the frame of the pole: cone_axes' rotation backwards.
+    # The direction in the frame of the pole, by the inverse of the rotation in `cone_axes`.
     along = (middle * direction).sum(1, keepdim=True) / _half_square(middle)
     turned = direction - along * middle + 2 * (normal * direction).sum(1, keepdim=True) * pole
     parts = [turned[:, i : i + 1] for i in range(3)]
     best = torch.full_like(parts[0], -math.inf)
     nearest = torch.zeros_like(best, dtype=torch.int64)
-    for k, axis in enumerate(local.tolist()):  # one by one: argmax over so few takes four times as long
+    for k, axis in enumerate(local.tolist()):  # one by one, since argmax over so few takes four times as long
         cosine = sum(part * a for part, a in zip(parts, axis, strict=True))
         nearest.masked_fill_(cosine > best, k)
         torch.maximum(best, cosine, out=best)
@@ -129,30 +134,33 @@ def sample_to_cones(radiance: Tensor, direction: Tensor, normal: Tensor) -> Tens
 
 
 def mean_radiance(cones: Tensor) -> Tensor:
-    """(N, 3, H, W): the mean of a pixel's samples from all directions, 0 where there are none."""
+    """Compute the mean (N, 3, H, W) of a pixel's samples from all directions, 0 where there are none."""
     sums = by_cone(cones, 4).sum(1)
     return torch.where(sums[:, 3:] > KNOWN, sums[:, :3] / sums[:, 3:].clamp(min=KNOWN), 0.0)
 
 
 def cone_radiance(cones: Tensor, k: int, mean: Tensor) -> Tensor:
-    """(N, 3, H, W): the radiance in cone k, or `mean` where it is unknown."""
+    """Compute the radiance (N, 3, H, W) in cone k, or `mean` where it is unknown."""
     premultiplied, weight = cones[:, 4 * k : 4 * k + 3], cones[:, 4 * k + 3 : 4 * k + 4]
     return torch.where(weight > KNOWN, premultiplied / weight.clamp(min=KNOWN), mean)
 
 
 def split(cones: Tensor) -> tuple[Tensor, Tensor]:
-    """(weight times radiance (N, 6, 3, H, W), weight (N, 6, 1, H, W)): views."""
+    """Return views of weight times radiance, (N, 6, 3, H, W), and of the weights, (N, 6, 1, H, W)."""
     apart = by_cone(cones, 4)
     return apart[:, :, :3], apart[:, :, 3:]
 
 
 def by_cone(values: Tensor, channels: int) -> Tensor:
-    """(N, 6, channels, …): a view of values (N, 6·channels, …)."""
+    """Return a view (N, 6, channels, …) of values (N, 6·channels, …)."""
     return values.view(values.shape[0], CONES, channels, *values.shape[2:])
 
 
 def irradiance(cones: Tensor, weights: tuple[float, ...] = WEIGHTS) -> Tensor:
-    """Σ w_k L_k / π, (N, 3, H, W), of the radiance in the cones (N, 24, H, W): times albedo it is the light out."""
+    """Compute Σ w_k L_k / π, (N, 3, H, W), from cones (N, 24, H, W) with radiance L_k.
+
+    weights w_k: of the cones, sr. Multiplied by the albedo, the result is the reflected radiance.
+    """
     mean = mean_radiance(cones)
     total = torch.zeros_like(mean)
     for k, weight in enumerate(weights):
@@ -161,10 +169,10 @@ def irradiance(cones: Tensor, weights: tuple[float, ...] = WEIGHTS) -> Tensor:
 
 
 def transfer(cones: Tensor, normal: Tensor, to: Tensor, half_angle: float) -> Tensor:
-    """Cones (N, 24, H, W) at `normal` (N, 3, H, W) as those at the normals `to`, in the place of `cones`.
+    """Convert cones (N, 24, H, W) at `normal` (N, 3, H, W) to cones at the normals `to`, in place, and return them.
 
-    Samples go where their directions are: into another cone, or away, below the horizon. A cone that gets none
-    is unknown. Where normals are parallel, in most of an image, nothing moves.
+    Samples go where their directions lie: into another cone, or away if below the horizon. A cone that gets none is
+    unknown. Where normals are parallel, as in most of an image, nothing moves.
     """
     turned = ((normal * to).sum(1) < PARALLEL) & (split(cones)[1].sum(1)[:, 0] > 0)
     n, y, x = turned.nonzero(as_tuple=True)

@@ -9,28 +9,31 @@ from nte.filters.trmv.inputs import FrameInputs
 from nte.motion.geometric import Reprojection
 from nte.motion.warp import fetch_bilinear, inside, nearest_index, pixel_centres
 
-DEEPER = 0.1  # relative difference of depth to that expected: leaves room for motion in depth
-LEAST_WEIGHT = 0.01  # of the pixels that show the surface
+DEEPER = 0.1  # relative tolerance of depth, which leaves room for motion in depth
+LEAST_WEIGHT = 0.01  # least sum of the bilinear weights of pixels that show the surface
 CORNERS = ((0, 0), (1, 0), (0, 1), (1, 1))
 
 
 class MixedPixels(NamedTuple):
-    """The pixels, P of them, whose four do not all show the same surface, and what they gather instead."""
+    """The P pixels whose four source pixels do not all show the same surface, and the weights to use for them."""
 
     at: tuple[Tensor, Tensor, Tensor]  # indices (P,) of batch, row and column
     source: Tensor  # (4, P) row-major indices of the four pixels
-    weight: Tensor  # (4, P), with the sum 1, or 0 where none shows it
+    weight: Tensor  # (4, P): they sum to 1, or to 0 where no pixel shows the surface
 
 
 class Fetcher(NamedTuple):
-    """Vectors, and where the surfaces seen at their ends are mixed."""
+    """Vectors, and the pixels at whose vectors' ends surfaces are mixed; calling it fetches an image."""
 
     motion: Tensor  # (N, 2, H, W) px, to the previous frame
-    valid: Tensor  # (N, 1, H, W) bool: some pixel at the end of the vector shows the surface
+    valid: Tensor  # (N, 1, H, W) bool: a pixel at the end of the vector shows the surface
     mixed: MixedPixels | None = None
 
     def __call__(self, image: Tensor, first: int = 0, rows: int | None = None) -> Tensor:
-        """The previous frame's image (N, C, H, W) at the ends of the vectors, or of so many rows from the first on."""
+        """Fetch the previous frame's image (N, C, H, W) at the ends of the vectors.
+
+        rows: number of rows to fetch, beginning with row `first`; None: all from there on.
+        """
         motion = self.motion[:, :, first : None if rows is None else first + rows]
         position = pixel_centres(motion) + motion.new_tensor([0, first]).view(1, 2, 1, 1) + motion
         fetched = fetch_bilinear(image, position)
@@ -44,15 +47,16 @@ class Fetcher(NamedTuple):
 
 
 def fetch_from_anything(vectors: Reprojection) -> Fetcher:
-    """Plain bilinear fetching: across edges, and from whatever hid the surface."""
+    """Make a fetcher that is plainly bilinear: across edges, and from whatever hid the surface."""
     return Fetcher(vectors.motion, vectors.valid & inside(pixel_centres(vectors.motion) + vectors.motion))
 
 
 def fetch_from_surface(vectors: Reprojection, inputs: FrameInputs) -> Fetcher:
-    """Fetching from pixels whose depth is that of the surface; where it was hidden, and so history is taken from
-    beside the occluder, that of the nearest pixel there. A miss matches a miss.
+    """Make a fetcher that uses only pixels of the previous frame whose depth is that of the surface.
 
-    Depths are compared as 1/z, which is linear in the image on a plane, however steep.
+    Where the surface was hidden, so that history comes from beside the occluder, the expected depth is that of the
+    nearest pixel there. A miss matches a miss. Depths are compared as 1/z, which is linear in the image on any plane,
+    however steep.
     """
     plain = fetch_from_anything(vectors)
     if inputs.before is None:
@@ -68,7 +72,7 @@ def fetch_from_surface(vectors: Reprojection, inputs: FrameInputs) -> Fetcher:
         return index, before.gather(2, index).view_as(x)
 
     _, beside = at(end)
-    # A dual vector that leaves the image is not used: the traditional one ends on what hid the surface.
+    # Where a dual vector leaves the image, the traditional one is used, which ends on the occluder.
     dual = vectors.disoccluded & (vectors.motion != inputs.traditional.motion).any(1, keepdim=True)
     expected = torch.where(dual, beside, inputs.guide.disparity)
     room = expected * DEEPER + inputs.guide.slope.abs().sum(1, keepdim=True)

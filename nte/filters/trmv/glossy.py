@@ -1,7 +1,7 @@
 """Glossy reflections: stochastic vectors and a filter that grows with the lobe (Zeng et al. 2021, section 4.2).
 
-The spatial filter follows Liu et al. 2019, «Cinematic Rendering in UE4 with Real-Time Ray Tracing and Denoising»:
-its size is the footprint that the lobe, from the virtual image of what is reflected, has on the surface.
+The spatial filter follows Liu et al. 2019, «Cinematic Rendering in UE4 with Real-Time Ray Tracing and Denoising»: its
+size is the footprint on the surface of the lobe from the virtual image of the reflected point.
 """
 
 from functools import partial
@@ -21,29 +21,29 @@ from nte.frames.usable import mask_of
 from nte.motion.geometric import Reprojection, traditional_motion
 from nte.motion.warp import fetch_nearest, pixel_centres
 
-WIDEST = 7.5  # deviation, px
-WIDEST_DRAW = 15.0  # deviation of what vectors are drawn from, px: that of a lobe whose filter is as wide as any
-SCALE = 0.5  # of the filter's deviation to the lobe's: the least error of training clips without history
+WIDEST = 7.5  # px, largest deviation of the filter
+WIDEST_DRAW = 15.0  # px, largest deviation of a lobe from which vectors are drawn; its filter is the widest
+SCALE = 0.5  # ratio of the filter's deviation to the lobe's; least error on training clips without history
 _FILL_RADIUS, _FILL_DEVIATION = 7, 3.5
 
 
 class Lobes(NamedTuple):
-    """Reflection vectors as distributions, wherever a reflected path is near."""
+    """Reflection vectors as distributions, for all pixels near which a path was reflected."""
 
     mean: Tensor  # (N, 2, H, W) px, to the previous frame
-    specular: Tensor  # (N, 2, H, W) px, the mean of the neighbourhood: without the samples' own spread
+    specular: Tensor  # (N, 2, H, W) px, the mean over the neighbourhood, without the samples' own spread
     covariance: Tensor  # (N, 3, H, W) XX XY YY, px²
-    glossy: Tensor  # (N, 1, H, W) bool: there is one
+    glossy: Tensor  # (N, 1, H, W) bool: the pixel has a lobe, its own or its neighbours'
 
 
 def denoise_glossy(
     inputs: FrameInputs, history: History | None, vectors: str, options: TrmvOptions, trust: Tensor | None = None
 ) -> Effect:
-    """Light of all lobes but the diffuse one (N, 3, H, W). vectors: reliable, specular, traditional or none.
+    """Denoise the light of all lobes but the diffuse one (N, 3, H, W).
 
-    specular: one vector for what the mirror direction meets, as for pure reflections (the paper's comparison): clips
-    hold no such ray, so it is the mean of those of the lobe's footprint, which is the same on a mirror.
-    trust: of the history, in [0, 1].
+    vectors: reliable, specular, traditional or none. `specular` uses one vector, that of the mirror direction's hit, as
+    for pure reflections (the paper's comparison). Clips hold no such ray, so the mean over the lobe's footprint takes
+    its place, which is the same on a mirror. trust (N, 1, H, W): of the history, in [0, 1].
     """
     frame = inputs.frame
     with record_function("trmv/glossy/filter"):
@@ -62,10 +62,10 @@ def denoise_glossy(
 
 
 def gather_lobes(mean: Tensor, covariance: Tensor, edges: Edges) -> Lobes:
-    """The lobe of each pixel: its own, or, where its path left otherwise, the mean of those around it (ours).
+    """Gather the lobe of each pixel: its own, or, where its path went elsewhere, the mean of those around it.
 
-    mean (N, 2, H, W) and covariance (N, 3, H, W) are NaN where no path was reflected; on glossy paint that is
-    about every other pixel. A mean that those around it contradict counts as none.
+    Filling in is not in the paper. mean (N, 2, H, W), px, and covariance (N, 3, H, W), px², are NaN where no path was
+    reflected, which on glossy paint is about every other pixel. A mean that contradicts those around it is not used.
     """
     believed, mean = believable(mean)
     own = (believed > 0) & _finite(covariance)
@@ -76,7 +76,7 @@ def gather_lobes(mean: Tensor, covariance: Tensor, edges: Edges) -> Lobes:
 
 
 def spread_of(covariance: Tensor, edges: Edges) -> Tensor:
-    """(N, 1, H, W) px: the lobe's deviation, mean of both axes and of the neighbourhood; 0 where there is no lobe."""
+    """Compute the lobe's deviation (N, 1, H, W), px, averaged over both axes and the neighbourhood; 0: no lobe."""
     own = _finite(covariance)
     variance = torch.where(own, (covariance[:, :1] + covariance[:, 2:]) / 2, 0.0)
     return _mean_around(variance, own, edges)[0].clamp(min=0).sqrt()
@@ -87,16 +87,16 @@ def _finite(values: Tensor) -> Tensor:
 
 
 def _mean_around(values: Tensor, own: Tensor, edges: Edges) -> tuple[Tensor, Tensor]:
-    """(mean of the values (N, C, H, W) that are a pixel's own, (N, 1, H, W), on the surface around; any there?)."""
+    """The mean, over the surface nearby, of values (N, C, H, W) where `own` is true, and whether there are any."""
     reached = joint_bilateral(torch.cat([own.float(), values], 1), edges, _FILL_RADIUS, _FILL_DEVIATION)
     known = reached[:, :1] > TINY
     return torch.where(known, reached[:, 1:] / reached[:, :1].clamp(min=TINY), 0.0), known
 
 
 def limit_spread(covariance: Tensor) -> Tensor:
-    """Covariances (N, 3, H, W), XX XY YY, made smaller where a deviation is over WIDEST_DRAW px, in any direction.
+    """Shrink covariances (N, 3, H, W), XX XY YY, px², whose deviation exceeds WIDEST_DRAW px in any direction.
 
-    Near the focus of a curved reflector they have no bound, and vectors drawn from them would leave the image.
+    Near the focus of a curved reflector covariances are unbounded, and vectors drawn from them would leave the image.
     """
     xx, xy, yy = covariance.chunk(3, 1)
     largest = (xx + yy) / 2 + torch.hypot((xx - yy) / 2, xy)
@@ -104,22 +104,23 @@ def limit_spread(covariance: Tensor) -> Tensor:
 
 
 def filter_glossy(glossy: Tensor, spread: Tensor, edges: Edges) -> Tensor:
-    """Joint bilateral of glossy light (N, 3, H, W), as wide as the lobe's footprint `spread` (N, 1, H, W) px.
+    """Filter glossy light (N, 3, H, W) by a joint bilateral as wide as the lobe's footprint `spread` (N, 1, H, W), px.
 
-    A mirror is left as it is; roughness and the distance of what is reflected widen the lobe, and so the filter.
+    A mirror is left as it is. The lobe, and so the filter, widens with roughness and with the reflected point's
+    distance.
     """
     return joint_bilateral(glossy, edges, RADIUS, deviation_of(spread))
 
 
 def deviation_of(spread: Tensor) -> Tensor:
-    """Of the filter, px, for lobes of this deviation."""
+    """Compute the filter's deviation, px, for lobes with the deviation `spread`, px."""
     return (SCALE * spread).clamp(max=WIDEST)
 
 
 def draw(lobes: Lobes, frame: int, light: Tensor) -> Tensor:
-    """Vectors (N, 2, H, W) drawn from the lobes: sample(mean, Σ) of Eq. 5, with noise of pixel, frame and image.
+    """Draw vectors (N, 2, H, W), px, from the lobes: sample(mean, Σ) of Eq. 5, with noise of pixel, frame and image.
 
-    light (N, 3, H, W): any noisy image; its bits tell the sequences of a batch apart, wherever in it they are.
+    light (N, 3, H, W): any noisy image; its bits give each sequence other noise, wherever it is in the batch.
     """
     height, width = light.shape[-2:]
     keys = light.contiguous().view(torch.int32).sum((1, 2, 3), dtype=torch.int64).tolist()
@@ -128,7 +129,7 @@ def draw(lobes: Lobes, frame: int, light: Tensor) -> Tensor:
 
 
 def spread_noise(noise: Tensor, covariance: Tensor) -> Tensor:
-    """Normal noise (N, 2, H, W) of unit deviation as noise of the covariance (N, 3, H, W), XX XY YY."""
+    """Turn normal noise (N, 2, H, W) of unit deviation into noise of the covariance (N, 3, H, W), XX XY YY."""
     first, second = noise.chunk(2, 1)
     xx, xy, yy = covariance.chunk(3, 1)
     # Cholesky: Σ = L Lᵀ.
@@ -139,10 +140,11 @@ def spread_noise(noise: Tensor, covariance: Tensor) -> Tensor:
 
 
 def glossy_reprojection(motion: Tensor, glossy: Tensor, inputs: FrameInputs) -> Reprojection:
-    """Where each pixel's reflection was, by `motion` (N, 2, H, W); the traditional vector where nothing is reflected.
+    """Find where each pixel's reflection was: by `motion` (N, 2, H, W), px, or by the traditional vector.
 
-    So it is where x^R does not show the reflector (ours, told by its roughness): only points around s^C, on it,
-    reflect the same, and light of other surfaces, black on diffuse ones, would be taken for history.
+    The traditional vector is used where nothing is reflected. It is also used where the position x^R does not show the
+    reflector, as judged by its roughness; this test is not in the paper. Only points near s^C, on the reflector,
+    reflect the same light; otherwise light of other surfaces, black on diffuse ones, would be used as history.
     """
     vectors = traditional_motion(torch.where(glossy, motion, inputs.traditional.motion))
     if inputs.before is None:

@@ -10,10 +10,10 @@ from nte.frames.frame import Frame
 
 
 def unchanged(frame: Frame, component: str, light: Tensor) -> Tensor:
-    """1 − λ, (N, 1, H, W): how far the history of a component may be trusted, so that α ← lerp(α, 1, λ).
+    """Compute 1 − λ, (N, 1, H, W): how far the history of a component is trusted, so that α ← lerp(α, 1, λ).
 
-    From `gradient_<component>` (N, 2, H, W) where the frame has it, else from `gradient`, which is of all light
-    together. light (N, C, H, W): the component's noisy samples.
+    The gradients come from `gradient_<component>` (N, 2, H, W) where the frame has it, else from `gradient`, which
+    covers all light. light (N, C, H, W): the component's noisy samples.
     """
     with record_function(f"trmv/{component}/gradient"):
         own = frame.get(f"gradient_{component}")

@@ -23,27 +23,28 @@ from nte.filters.trmv.samples import of_usable
 from nte.frames.frame import Frame
 from nte.frames.usable import mask_of
 
-LEVELS = 4  # of 3×3 taps: 31×31, the paper's «essentially 32×32»
-REACH = 8.0  # deviation of that filter, px
-STRIP = 96  # rows fetched, blended and shaded at a time: 24 channels with temporaries would be most of the memory
+LEVELS = 4  # à-trous levels of 3×3 taps: 31×31 px, the paper's «essentially 32×32»
+REACH = 8.0  # px, deviation of that filter
+STRIP = 96  # rows fetched, blended and shaded at a time, since temporaries of 24 channels need much memory
 
 
 def filter_indirect(values: Tensor, edges: Edges, in_place: bool = False) -> Tensor:
-    """À-trous filter (N, C, H, W) over 31×31 pixels of the same surface."""
+    """Filter values (N, C, H, W) by à-trous levels over 31×31 pixels of the same surface."""
     return atrous_bilateral(values, edges, LEVELS, in_place)
 
 
 @dataclass(frozen=True)
 class Cones:
-    """How cones are made, carried over and shaded."""
+    """The way in which cones are made, carried over and shaded."""
 
     half_angle: float = hemisphere.HALF_ANGLE  # rad
-    weights: tuple[float, ...] = hemisphere.WEIGHTS  # of each cone's radiance, sr: EQ_11 is the paper's
+    weights: tuple[float, ...] = hemisphere.WEIGHTS  # of each cone's radiance, sr; EQ_11 has the paper's
 
     def gather(self, radiance: Tensor, direction: Tensor, normal: Tensor, edges: Edges) -> Tensor:
-        """Cones (N, 24, H, W) out of one sample per pixel, filtered in space.
+        """Make cones (N, 24, H, W) out of one sample per pixel, filtered in space.
 
-        Where the filter's normal test lets pixels mix, cones of the same number are within 7°.
+        radiance, direction and normal (N, 3, H, W): as in `sample_to_cones`. Pixels that the filter's normal test lets
+        mix have cones of the same number within 7° of each other.
         """
         cones = radiance.new_empty(len(radiance), 4 * hemisphere.CONES, *radiance.shape[2:])
 
@@ -63,10 +64,10 @@ class Cones:
         inputs: FrameInputs,
         options: TrmvOptions,
     ) -> Blended:
-        """Accumulate cone by cone, each with the weight of what its history holds; in place of `current`.
+        """Blend the current cones with history, each cone with the weight of its samples; overwrites `current`.
 
-        Cones of the current frame that no sample of the history falls into are made of this frame alone, and what
-        has turned below the horizon is dropped.
+        A cone into which no sample of the history falls consists of this frame alone, and samples that turned below the
+        horizon are dropped.
         """
         assert inputs.before is not None
         with record_function("trmv/indirect/temporal"):
@@ -77,7 +78,7 @@ class Cones:
             beside = _margins(current, accumulation.NEIGHBOURHOOD // 2 * accumulation.spacing(REACH))
 
             def blend(first: int) -> None:
-                """A strip of rows, in the place of the current frame."""
+                """Blend one strip of rows in place."""
 
                 def cut(image: Tensor) -> Tensor:
                     return image[:, :, first : first + STRIP]
@@ -96,12 +97,12 @@ class Cones:
             return Blended(current, accumulation.blended_variance(weight, variance), weight.used, deviation)
 
     def _limit(self, history: Tensor, around: Tensor, inner: slice, options: TrmvOptions) -> tuple[Tensor, Tensor]:
-        """Clamp the light that the cones make, in place; (that of history and of clamped history, (N, 3, h, W)).
+        """Clamp the light that the history's cones make, in place; returns the light before and after, (N, 3, h, W).
 
-        history: of a strip; around: the current frame there, in its rows `inner`, and as far as the clamp looks.
-        All cones of a pixel are scaled alike, or raised alike. Not each by itself: cones of one number look elsewhere
-        at another normal, and bright samples are so rare in a single one that most frames have none around, so that
-        light from few directions would be lost on whatever is not flat.
+        history: cones of a strip. around: cones of the current frame there, in its rows `inner`, and of the rows that
+        the clamp needs above and below. All cones of a pixel are scaled alike, or raised alike, and not clamped one by
+        one. Cones of one number face elsewhere at another normal, and bright samples are so rare in a single cone that
+        most frames have none nearby, so light from few directions would be lost on surfaces that are not flat.
         """
         light = hemisphere.irradiance(history, self.weights)
         if options.clamp == float("inf"):
@@ -114,7 +115,7 @@ class Cones:
         return light, kept
 
     def shade(self, cones: Tensor, reflectance: Tensor) -> Tensor:
-        """Eq. 11 with f_r = reflectance of the diffuse lobe / π: reflected light (N, 3, H, W)."""
+        """Compute the reflected light (N, 3, H, W) by Eq. 11, with f_r = reflectance of the diffuse lobe / π."""
         light = torch.empty_like(reflectance)
 
         def shade(first: int) -> None:
@@ -135,12 +136,12 @@ def _margins(image: Tensor, reach: int) -> dict[int, tuple[Tensor, Tensor]]:
 
 
 def _by_strips(work: Callable[[int], None], image: Tensor) -> None:
-    """`work` on the first row of each strip of an image (N, C, H, W)."""
+    """Run `work` on the first row of each strip of an image (N, C, H, W)."""
     side_by_side([partial(work, first) for first in range(0, image.shape[2], STRIP)], threads_for(image))
 
 
 def diffuse_reflectance(frame: Frame) -> Tensor:
-    """(N, 3, H, W): that of the diffuse lobe alone; the albedo, which has all lobes in it, where nobody says."""
+    """Return the reflectance (N, 3, H, W) of the diffuse lobe, or the albedo, of all lobes, if that is missing."""
     own: Tensor | None = frame.get("diffuse_albedo")
     return frame["albedo"] if own is None else own
 
@@ -149,10 +150,11 @@ def denoise_indirect(
     inputs: FrameInputs, history: History | None, vectors: str, cones: Cones | None, options: TrmvOptions,
     trust: Tensor | None = None,
 ) -> Effect:  # fmt: skip
-    """Diffuse indirect light (N, 3, H, W). vectors: dual, traditional or none. cones None: colours are reused.
+    """Denoise diffuse indirect light (N, 3, H, W).
 
-    trust: of the history, in [0, 1]. History comes from the same surface only, but for colours along traditional
-    vectors: that is what the paper compares with.
+    vectors: dual, traditional or none. cones: None reuses colours instead. trust (N, 1, H, W): of the history, in
+    [0, 1]. History comes from the same surface only, except for colours along traditional vectors, the paper's
+    comparison.
     """
     frame, reflectance = inputs.frame, diffuse_reflectance(inputs.frame)
     reprojection = {"dual": inputs.dual, "traditional": inputs.traditional, "none": None}[vectors]
@@ -171,7 +173,7 @@ def denoise_indirect(
     with record_function("trmv/indirect/filter"):
         light, direction = frame["indirect_radiance"], frame["indirect_direction"]
         usable = frame.get(mask_of("indirect_radiance"))
-        direction = direction if usable is None else direction * usable  # without a direction it is no sample
+        direction = direction if usable is None else direction * usable  # a zero direction marks no sample
         current = cones.gather(light, direction, inputs.gbuffer.normal, inputs.edges)
     blended = accumulation.start(current, options)
     if fetcher is not None and history is not None:

@@ -1,4 +1,4 @@
-"""A frame made ready for all three effects."""
+"""The inputs of a frame that all three effects share."""
 
 from typing import NamedTuple
 
@@ -10,7 +10,7 @@ from nte.filters.bilateral import Edges, Guide, make_edges, make_guide
 from nte.frames.frame import Frame
 from nte.motion.geometric import Reprojection, frame_vectors, traditional_motion
 
-RADIUS = 15  # of the widest separable filter, 31×31
+RADIUS = 15  # px, of the widest separable filter, 31×31
 
 
 class GBuffer(NamedTuple):
@@ -19,12 +19,12 @@ class GBuffer(NamedTuple):
     normal: Tensor  # (N, 3, H, W) unit, 0 at a miss
     depth: Tensor  # (N, 1, H, W), 0 at a miss
     roughness: Tensor  # (N, 1, H, W)
-    position: Tensor | None = None  # (N, 3, H, W) world, 0 at a miss; None: nobody asked for it
-    geometric: Tensor | None = None  # (N, 3, H, W) unit, without normal maps; None: the frame does not say
+    position: Tensor | None = None  # (N, 3, H, W) world, 0 at a miss; None if the frame does not have it
+    geometric: Tensor | None = None  # (N, 3, H, W) unit, without normal maps; None if the frame does not have it
 
 
 class FrameInputs(NamedTuple):
-    """What every effect sees of a frame."""
+    """The inputs that every effect gets for a frame."""
 
     frame: Frame  # PyTorch, sanitised
     gbuffer: GBuffer
@@ -36,7 +36,7 @@ class FrameInputs(NamedTuple):
 
 
 def prepare(frame: Frame, before: GBuffer | None) -> FrameInputs:
-    """Compute what the effects share of a sanitised PyTorch frame."""
+    """Compute the inputs that the effects share from a sanitised PyTorch frame and the previous frame's G-buffer."""
     with record_function("trmv/guide"):
         gbuffer = GBuffer(
             F.normalize(frame["normal"], dim=1), frame["depth"], frame["roughness"],

@@ -1,4 +1,4 @@
-"""What can be chosen of TRMV, and which choices make the comparisons of the paper's section 6."""
+"""Options of TRMV, and the presets that make the comparisons of the paper's section 6."""
 
 import math
 from collections.abc import Mapping
@@ -25,15 +25,17 @@ def _positive(most: float) -> Allowed:
 
 @dataclass(frozen=True)
 class TrmvOptions(Options, name="trmv"):
-    """Options of TRMV; every one is a comparison of the paper or says what is ours (docs/trmv.md).
+    """Options of TRMV; the presets make comparisons of the paper.
 
-    target: `color`, or one component, whose channels alone are then needed. shadow, glossy, occlusion: which
-    vectors fetch history; `gradient`: traditional ones, with α raised as in A-SVGF where the light changed; `none`: the
-    spatial filter alone. indirect: what is kept of indirect light. reshading: weights of the cones. half_angle: of the
-    cones, degrees. alpha: least weight of the current frame. warm_up: a running mean until alpha is reached (ours);
-    false: alpha from the second frame on. clamp: history within μ ± clamp·σ of the current neighbourhood; `inf` leaves
-    it as it is. cleanup: whether the 9×9 filter runs. history: the cleaned output, or the blended one. neighbourhood:
-    of the clamp, 5×5 pixels that lie apart (ours), or 3×3 adjacent ones, as TAA has.
+    target: `color`, or one component, which needs only its own channels. shadow, glossy, occlusion: the vectors that
+    fetch history; `gradient`: traditional ones, with α raised as in A-SVGF where the light changed; `none`: the spatial
+    filter alone. indirect: whether indirect light is kept as cones or as a colour. reshading: weights of the cones,
+    `paper` as in Eq. 11, or `cosine`, which keeps a white environment white (not in the paper). half_angle: of the
+    cones, degrees; 30 in the paper. alpha: least weight of the current frame. warm_up: a running mean until alpha is
+    reached (not in the paper); false: alpha from the second frame on. clamp: history within μ ± clamp·σ of the current
+    neighbourhood; `inf` leaves it as it is. cleanup: whether the 9×9 filter runs. history: the cleaned output, or the
+    blended one. neighbourhood: of the clamp: `spaced`, 5×5 pixels that lie apart (not in the paper), or `adjacent`, 3×3
+    pixels as in TAA.
     """
 
     presets: ClassVar[Mapping[str, Mapping[str, Any]]] = {

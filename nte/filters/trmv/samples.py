@@ -1,7 +1,7 @@
-"""Which of the samples, and which of the vectors, that rays have found may enter a mean.
+"""Selection of the samples and vectors that may enter a mean.
 
-A shadow ray that grazes its receiver's plane, or a reflection near a focus, gives a vector of any length, and one
-of 10 000 px would move the mean of a whole footprint.
+A shadow ray that grazes its receiver's plane, or a reflection near a focus, gives a vector of any length, and a single
+one of 10 000 px would shift the mean of a whole footprint.
 """
 
 from collections.abc import Callable
@@ -12,24 +12,24 @@ from torch import Tensor
 
 from nte.motion.box import box_mean
 
-TINY = 1e-30  # weights up to here are none: they are what is left of an underflow, and cannot be divided by
-AROUND, APART = 5, 2  # a vector is compared with those of 5×5 pixels, every other one
-DEVIATIONS = 3.0  # of those around: more than a tenth of them would have to be wrong to hide each other
-ENOUGH = 8  # others, to judge by
-ROUGHLY = 1.0  # px: vectors this much apart are alike, whatever the deviation
+TINY = 1e-30  # weights up to this count as 0: they are left over from an underflow, and unfit as divisors
+AROUND, APART = 5, 2  # a vector is compared with those of 5×5 pixels, 2 px apart
+DEVIATIONS = 3.0  # of the vectors around; outliers hide each other only if more than a tenth of the vectors are
+ENOUGH = 8  # least number of other vectors for a judgement
+ROUGHLY = 1.0  # px; vectors that differ by less are alike, whatever the deviation
 
 
 class OfUsable(NamedTuple):
-    """Light (N, C, H, W), 0 where nothing is known; and where something is: (N, 1, H, W) bool, None everywhere."""
+    """Light (N, C, H, W), 0 where unknown, and the mask (N, 1, H, W), bool, of where it is known; None: everywhere."""
 
     light: Tensor
     known: Tensor | None
 
 
 def of_usable(smooth: Callable[[Tensor], Tensor], light: Tensor, usable: Tensor | None) -> OfUsable:
-    """`smooth`, a weighted mean, of the pixels of light (N, C, H, W) that tell something.
+    """Apply `smooth`, a weighted mean, to the usable pixels of light (N, C, H, W) only.
 
-    usable (N, 1, H, W): 1 for those, 0 for others, which would count as black; None: all of them.
+    usable (N, 1, H, W): 1 for usable pixels, 0 for others, which would count as black; None: all are usable.
     """
     if usable is None or bool((usable > 0).all()):
         return OfUsable(smooth(light), None)
@@ -39,16 +39,18 @@ def of_usable(smooth: Callable[[Tensor], Tensor], light: Tensor, usable: Tensor 
 
 
 def believable(motion: Tensor) -> tuple[Tensor, Tensor]:
-    """(1 or 0 for each vector (N, 1, H, W), the vectors (N, 2, H, W), 0 where they are not believed).
+    """Find the vectors that agree with those around them.
 
-    Believed is a finite vector that does not cross more than the image's diagonal, and lies within 3 deviations of
-    the mean of the others around it; where those are too few to judge by, it is believed.
+    Returns 1 or 0 for each vector, (N, 1, H, W), and the vectors (N, 2, H, W), px, 0 where they are not believed. A
+    vector is believed if it is finite, not longer than the image's diagonal, and within 3 deviations of the mean of the
+    other vectors around it. Where these are too few to judge by, it is believed.
     """
     height, width = motion.shape[-2:]
     known = (motion.square().sum(1, keepdim=True) <= height**2 + width**2).to(motion.dtype)  # false for NaN
     motion = torch.where(known > 0, motion, 0.0)
     sums = box_mean(torch.cat([known, motion, motion.square()], 1), AROUND, APART)
-    # Of the others: the sums without the vector itself. Means over the pixels that exist, so counted in such shares.
+    # Sums over the other vectors, without the vector itself. `box_mean` divides by the number of pixels that exist, so
+    # each pixel counts as such a share.
     own = box_share(motion)
     others = sums[:, :1] - own * known
     count = others.clamp(min=TINY)
@@ -61,7 +63,7 @@ def believable(motion: Tensor) -> tuple[Tensor, Tensor]:
 
 
 def box_share(like: Tensor) -> Tensor:
-    """(1, 1, H, W): what a pixel itself contributes to its mean of AROUND × AROUND pixels, APART from each other."""
+    """Compute a pixel's share (1, 1, H, W) in the mean of AROUND × AROUND pixels, APART px from each other."""
     shares = []
     for length in like.shape[-2:]:
         place = torch.arange(length, device=like.device)

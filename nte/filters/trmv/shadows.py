@@ -16,14 +16,14 @@ from nte.motion.geometric import Reprojection, traditional_motion
 from nte.motion.neighbours import pairs
 from nte.motion.warp import fetch_nearest, pixel_centres
 
-# px, of the Gaussian in the 31×31 window: half its radius from LINES lines on, and narrower in smaller images, as the
-# penumbrae are. At 128 lines 7.5 px would leave nothing of a slat's shadow.
+# Deviation, px, of the Gaussian in the 31×31 window: half its radius in images of LINES lines or more, and less in
+# smaller images, where penumbrae are narrower too. At 128 lines 7.5 px would erase the shadow of a slat.
 NARROWEST, WIDEST, LINES = 1.5, 7.5, 640
 FALLOFF = 0.1  # rad, of G in Eq. 4
 
 
 class Splatted(NamedTuple):
-    """Filtered visibility, and the vectors of shadows, of all pixels that a shadowed sample reaches."""
+    """Filtered visibility, and the vectors of shadows, for all pixels that a shadowed sample reaches."""
 
     visibility: Tensor  # (N, 1, H, W) in [0, 1]; 1 where no direct light could arrive
     motion: Tensor  # (N, 2, H, W) px, to the previous frame; 0 where no shadow reaches
@@ -33,7 +33,11 @@ class Splatted(NamedTuple):
 def denoise_shadows(
     inputs: FrameInputs, history: History | None, vectors: str, options: TrmvOptions, trust: Tensor | None = None
 ) -> Effect:
-    """Visibility (N, 1, H, W) in [0, 1]. vectors: reliable, traditional or none. trust: of the history, in [0, 1]."""
+    """Denoise visibility (N, 1, H, W) in [0, 1].
+
+    vectors: reliable, traditional or none. trust (N, 1, H, W): of the history, in [0, 1]; with reliable vectors, G of
+    Eq. 4 replaces it.
+    """
     frame, reliable = inputs.frame, vectors == "reliable"
     with record_function("trmv/shadow/filter"):
         usable = frame.get(mask_of("visibility"))
@@ -55,16 +59,17 @@ def splat(
 ) -> Splatted:
     """Average visibility, and the vectors of shadowed samples, into the centre of each 31×31 footprint.
 
-    visibility (N, 1, H, W) of one shadow ray; direct (N, 3, H, W), 0 where there was nothing to shadow: such a
-    pixel says nothing about its neighbours; nor does one where usable (N, 1, H, W) is 0, which listens to them.
-    shadow_motion (N, 2, H, W), NaN where unshadowed; None: no vectors.
+    visibility (N, 1, H, W): of one or more shadow rays, in [0, 1]. direct (N, 3, H, W): 0 where there was no light to
+    shadow; such a pixel contributes nothing to its neighbours. usable (N, 1, H, W): a pixel with 0 contributes nothing
+    either, but gets a value from its neighbours. shadow_motion (N, 2, H, W), px: NaN where unshadowed; None: no
+    vectors.
     """
     could = (direct > 0).any(1, keepdim=True)
     lit = could.float() if usable is None else could * usable
     parts = [lit, lit * visibility]
     if shadow_motion is not None:
         believed, motion = believable(shadow_motion)
-        # 1 − V: the mean of several shadow rays counts each blocked one.
+        # Weight 1 − V: in the mean of several shadow rays, each blocked ray counts.
         shadow = lit * (1 - visibility) * believed
         parts += [shadow, shadow * motion]
     reached = joint_bilateral(torch.cat(parts, 1), edges, RADIUS, deviation_for(direct.shape[2]))
@@ -77,23 +82,23 @@ def splat(
 
 
 def deviation_for(lines: int) -> float:
-    """Of the Gaussian, px, for images of so many lines (ours)."""
+    """Compute the Gaussian's deviation, px, for images of this many lines (not in the paper)."""
     return min(max(NARROWEST, WIDEST * lines / LINES), WIDEST)
 
 
 def shadow_reprojection(splatted: Splatted, traditional: Reprojection) -> Reprojection:
-    """Where each pixel's shadow was; fully lit pixels use the traditional vector."""
+    """Find where each pixel's shadow was; fully lit pixels use the traditional vector."""
     motion = torch.where(splatted.shadowed, splatted.motion, traditional.motion)
     return traditional_motion(motion)._replace(disoccluded=traditional.disoccluded)
 
 
 def planarity(now: GBuffer, before: GBuffer, traditional: Reprojection, vectors: Reprojection) -> Tensor:
-    """G of Eq. 4, (N, 1, H, W): 1 where the shadow was on the plane of its receiver, falling off beside it.
+    """Compute G of Eq. 4, (N, 1, H, W): 1 where the shadow lay in the plane of its receiver, falling off beside it.
 
-    θ lies between the normal T⁻¹n(s) and the direction from T⁻¹s to s^V, the surface that was seen at x^V. The
-    moved receiver is what was seen at the end of the traditional vector, or, where that was hidden or out
-    of the image, the receiver as it is now, which is exact for one at rest. Normals are geometric ones: a normal
-    map would make a flat wall look bent.
+    θ is the angle between the normal T⁻¹n(s) and the direction from T⁻¹s to s^V, the surface that was seen at x^V. The
+    moved receiver T⁻¹s is the surface seen at the end of the traditional vector. Where that was hidden or outside the
+    image, the current receiver takes its place, which is exact for one at rest. Normals are geometric ones, since a
+    normal map would make a flat wall look bent.
     """
     assert now.position is not None
     assert before.position is not None
@@ -108,16 +113,16 @@ def planarity(now: GBuffer, before: GBuffer, traditional: Reprojection, vectors:
     # θ − π/2 = −asin(n·d): the angle by which the direction leaves the plane.
     sine = ((normal * away).sum(1, keepdim=True) * squared.clamp(min=TINY).rsqrt()).clamp(-1, 1)
     falloff = sine.asin_().mul_(1 / FALLOFF).square_().mul_(-0.5).exp_()
-    # Within a pixel's footprint θ has no meaning (ours).
+    # Within a pixel's footprint θ has no meaning (not in the paper).
     falloff = torch.where(squared <= squared_footprint(now.position), 1.0, falloff)
     return torch.where(landed[:, 3:] > 0, falloff, 0.0)
 
 
 def geometric_normal(gbuffer: GBuffer) -> Tensor:
-    """(N, 3, H, W): unit normals without normal maps, of either sign; the shading normal where nothing tells.
+    """Return unit normals (N, 3, H, W) without normal maps, of either sign, or the shading normal where there are none.
 
-    Those that the frame gives, or else across the points of the pixels beside each, on the nearer side along x and
-    along y, which is the surface's own at an edge.
+    They are the frame's own geometric normals, or else are computed from the points of neighbouring pixels, along x and
+    along y on the nearer side, which at an edge is the surface's own.
     """
     if gbuffer.geometric is not None:
         return gbuffer.geometric
@@ -130,7 +135,7 @@ def geometric_normal(gbuffer: GBuffer) -> Tensor:
 
 
 def _tangent(position: Tensor, hit: Tensor, axis: int) -> Tensor:
-    """(N, 3, H, W): unit vectors from pixel to pixel along an axis, 0 where no neighbour is a surface."""
+    """Unit vectors (N, 3, H, W) from pixel to pixel along an axis, 0 where no neighbour is a surface."""
     if position.shape[axis] < 2:
         return torch.zeros_like(position)
     near, far = pairs(position, axis, 1)
@@ -144,7 +149,7 @@ def _tangent(position: Tensor, hit: Tensor, axis: int) -> Tensor:
 
 
 def squared_footprint(position: Tensor) -> Tensor:
-    """(N, 1, H, W): the squared distance in the world to the nearest of the four neighbouring pixels' points."""
+    """Compute the squared world distance (N, 1, H, W) to the nearest of the four neighbouring pixels' points."""
     nearest = torch.full_like(position[:, :1], float("inf"))
     for axis in (2, 3):
         if position.shape[axis] > 1:
