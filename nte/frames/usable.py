@@ -8,7 +8,8 @@ direction    Length up to 1.01; a longer one becomes a unit vector; a broken one
 point        Up to 1e15; anything else becomes 0.
 motion       Up to 4 images along each axis, 64 if noisy; anything else becomes NaN: unknown, so there is no history.
 covariance   Up to the squared diagonal of 64 images; anything else becomes NaN.
-scalar       Finite, and in [0, 1] if the unit is 1; else 0, mid-shutter for a time, or NaN if NaN has a meaning.
+scalar       [0, 1] if the unit is 1, clamped; a value that is not finite becomes 0, or mid-shutter for a time. If
+             NaN has a meaning, a value that is not finite, negative or too large becomes NaN.
 id           Finite, else 0.
 
 Arrays are (N, C, H, W), NumPy or PyTorch: the network calls the same functions, so training, inference and the
@@ -173,9 +174,9 @@ def _light(frame: Frame) -> Array | None:
 
 
 def _scalar(row: Channel, values: Array, brightest: Array | float) -> Array:
-    """Clamp a share to [0, 1] and keep other numbers; values that are not finite become NaN if NaN has a meaning.
+    """Clamp a share (unit 1) to [0, 1] and keep other numbers; a value that is not finite becomes 0, or 0.5 for a time.
 
-    Without a meaning they become 0, or 0.5 (mid-shutter) for a time.
+    In channels where NaN has a meaning, a pixel with a component that is negative, too large or not finite is NaN.
     """
     share = row.unit == "1"
     if row.nan_means:
