@@ -148,9 +148,9 @@ def _with_forward(
     stored: Iterable[Mapping[str, Pixels]], paths: Sequence[Path],
     about: Callable[[int], About] = lambda index: {},
 ) -> Iterator[Frame]:  # fmt: skip
-    """Make frames from stored channels (C, H, W); a frame's forward motion becomes the next one's previous_forward_motion.
+    """Make frames from stored channels (C, H, W).
 
-    about: index → the frame's scalars and camera. Raises NteError for a frame without channels or of another size.
+    The forward motion of a frame becomes the previous_forward_motion of the next one. about: index → the frame's scalars and camera. Raises NteError for a frame without channels or of another size.
     """
     forward, size = None, None
     for index, (path, read) in enumerate(zip(paths, stored, strict=True)):

@@ -93,7 +93,7 @@ class Mosaic:
 
     @cached_property
     def _steps(self) -> Tensor:
-        """Table (2, 3, T, T): the step (y, x) from each position's pixel in a period to the nearest pixel of a colour."""
+        """Table (2, 3, T, T): the step (y, x) from each position's pixel to the nearest pixel of a colour."""
         turn = self.period * _FINE
         centre = np.arange(turn) / _FINE + 0.5 / _FINE  # centre of the position's cell
         pixel = np.arange(turn) // _FINE
