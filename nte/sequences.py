@@ -150,7 +150,8 @@ def _with_forward(
 ) -> Iterator[Frame]:  # fmt: skip
     """Make frames from stored channels (C, H, W).
 
-    The forward motion of a frame becomes the previous_forward_motion of the next one. about: index → the frame's scalars and camera. Raises NteError for a frame without channels or of another size.
+    The forward motion of a frame becomes the previous_forward_motion of the next one. about: index → the frame's
+    scalars and camera. Raises NteError for a frame without channels or of another size.
     """
     forward, size = None, None
     for index, (path, read) in enumerate(zip(paths, stored, strict=True)):

@@ -106,9 +106,10 @@ MAPS: dict[str, Callable[[Tensor, Tensor], Tensor]] = {
 
 
 def temporal_l1(image: Tensor, before: Tensor, reference: Tensor, reference_before: Tensor) -> Tensor:
-    """Compute |Δimage − Δreference| as a map (N, 1, H, W), Δ being this frame minus the previous one; mean over colours.
+    """Compute |Δimage − Δreference| as a map (N, 1, H, W): the mean over the colour channels.
 
-    It is 0 for motion that agrees with the reference, and for an error that stays the same from frame to frame.
+    Δ is this frame minus the previous one, `before` and `reference_before`. The result is 0 for motion that agrees with
+    the reference, and for an error that stays the same from frame to frame.
     """
     return absolute_error(image - before, reference - reference_before)
 

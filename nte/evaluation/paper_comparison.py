@@ -183,7 +183,10 @@ def summary_table(rows: list[Row]) -> str:
 
 
 def _clips(situation: Situation, data: Path) -> list[Path]:
-    """The finished clips, folders with clip.json, that a situation's patterns name; raises NteError if one has none."""
+    """The finished clips, folders with clip.json, that a situation's patterns name; raises NteError if one has none.
+
+    Sharp twins of blurred clips lie below sharp/, where patterns such as test/fence_* do not reach.
+    """
     found: list[Path] = []
     for pattern in situation.clips:
         try:

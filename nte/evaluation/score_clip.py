@@ -36,12 +36,12 @@ class Shown:
 
 
 class ClipRun:
-    """A run of denoisers (spec → denoiser) over one clip: call `advance` for each frame in order, then read the results.
+    """A run of denoisers (spec → denoiser) over one clip.
 
-    The results are `rows` and `shown`. A denoiser that filters light components apart (`components`) is also scored
-    on each of them, if the clip has its reference and `lights` (None: all) has its name. Frames before `first` fill
-    the history and are not scored. label: the clip's name. Raises NteError, naming denoiser, clip and frame, for an
-    output or a reference that cannot be scored.
+    Call `advance` for each frame in order; the results then are `rows` and `shown`. A denoiser that filters light
+    components apart (`components`) is also scored on each of them, if the clip has its reference and `lights` (None:
+    all) has its name. Frames before `first` fill the history and are not scored. label: the clip's name. Raises
+    NteError, naming denoiser, clip and frame, for an output or a reference that cannot be scored.
     """
 
     def __init__(

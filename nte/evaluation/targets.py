@@ -57,7 +57,10 @@ def displayed(image: Tensor, target: str, exposure: Tensor, where: str, size: tu
 
 
 def picture(image: Tensor, target: str, exposure: Tensor) -> RGB:
-    """Draw a target's image (1, C, H, W) as (H, W, 3) uint8, indirect light ten times as bright; not finite is black."""
+    """Draw a target's image (1, C, H, W) as (H, W, 3) uint8; values that are not finite are black.
+
+    exposure: (1,). Indirect light is drawn ten times as bright.
+    """
     usable = image.nan_to_num(0, 0, 0)
     size = (image.shape[2], image.shape[3])
     return quantise(displayed(usable, target, exposure * BRIGHTENED.get(target, 1), "", size)[0].numpy())

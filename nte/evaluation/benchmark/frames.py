@@ -52,8 +52,8 @@ def scaled(frame: Frame, size: tuple[int, int]) -> Frame:
 def synthetic_frames(size: tuple[int, int], channels: Iterable[str]) -> Source:
     """Make up frames of a disc that moves before a slanted wall under noisy light, with the named channels.
 
-    Range, noise and occlusions are plausible, but the frames say nothing about quality. Names that the table of channels
-    lacks are skipped. size: (height, width).
+    Range, noise and occlusions are plausible, but the frames say nothing about quality. Names that the table of
+    channels lacks are skipped. size: (height, width).
     """
     wanted = [CHANNELS[name] for name in channels if name in CHANNELS]
     height, width = size
