@@ -14,9 +14,9 @@ _LEAST = 0.01  # plus this share of the white level
 def find_defects(first: Tensor, second: Tensor, noise: NoiseModel, mosaic: Mosaic | None) -> Tensor:
     """Find hot and dead pixels, as a bool mask (1, 1, H, W).
 
-    A defect is brighter (or darker) than all neighbours of its colour by 8 standard deviations and a hundredth of the
-    white level, in both frames. first, second: frames (1, 1, H, W) as the sensor gives them, not aligned: between them
-    the scene moves and the sensor does not. mosaic: None for a sensor of one colour.
+    A defect is brighter (or darker) than all neighbours of its colour by 8 standard deviations of noise plus a
+    hundredth of the white level, in both frames. first, second: frames (1, 1, H, W) as the sensor gives them, not
+    aligned: between them the scene moves and the sensor does not. mosaic: None for a sensor of one colour.
     """
     far = [_outstanding(frame, noise, mosaic) for frame in (first, second)]
     return (far[0] == far[1]) & (far[0] != 0)

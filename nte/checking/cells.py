@@ -43,8 +43,8 @@ def cell_votes(previous: Frame, current: Frame) -> Votes:
     """Collect the votes of the cells of `current` on its `motion`.
 
     previous, current: consecutive PyTorch frames of batch 1 with albedo and motion. Depth and instance are optional;
-    with them fewer pixels at silhouettes take part. Cost: up to 48 cells are searched over about a thousand
-    displacements.
+    with them fewer pixels at silhouettes take part. Cost: up to 48 cells are searched over 625 displacements, or 1089
+    in images with both sides above 200 pixels.
     """
     pair = _Pair(previous, current)
     motion = current["motion"]

@@ -15,7 +15,7 @@ UNIT_SCALARS = ("roughness", "visibility", "reference_visibility", "time")  # sc
 MANY = 0.01  # a greater share of pixels with impossible values is a fault of the channel, not of a few pixels
 MOST = 0.5  # a greater share of vectors longer than four images is a fault: they have another unit
 ROUNDING = 0.005  # greatest error of half floats and of averages
-SAMPLED = 4096  # about as many directions of a frame are looked at
+SAMPLED = 4096  # directions of a frame that are looked at, up to twice as many
 
 
 @dataclass(frozen=True)
@@ -37,7 +37,7 @@ class Tally:
     high: float = -float("inf")
     total: float = 0.0
     finite: int = 0  # number of finite values
-    bad: int = 0  # pixels that are bad: not finite; or, if denoisers sanitise the channel, see nte.frames.bad
+    bad: int = 0  # not finite; for light, reflectance and channels in which NaN has a meaning, as in nte.frames.bad
     first_bad: int | None = None  # first frame with bad pixels
     far: int = 0  # vectors longer than four images
     first_far: int | None = None  # first frame with such vectors

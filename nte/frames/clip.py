@@ -148,7 +148,7 @@ class Clip:
 
     @property
     def clean_guides(self) -> bool | None:
-        """Whether albedo and normal are free of noise, as clip.json says; None if unknown; True for `nte render`."""
+        """Whether albedo and normal are free of noise, as clip.json says; those of `nte render` are. None: unknown."""
         origin = self.info.get("origin")
         ours = isinstance(origin, dict) and origin.get("generator") == "nte render"
         said: bool | None = self.info.get("clean_guides", True if ours else None)

@@ -67,10 +67,10 @@ def read_parts(path: Path, size: tuple[int, int] | None = None) -> list[Part]:
 
 
 def load_exr(path: Path, size: tuple[int, int] | None = None) -> tuple[OpenEXR.File, list[Part]]:
-    """Read an OpenEXR file twice over: as the library's object, to be changed and written again, and as its parts.
+    """Read an OpenEXR file; return it as the library's object and as its parts.
 
-    size: the (height, width) that is expected. Raises NteError as `read_layers` does, except that two parts may have
-    channels of the same name.
+    The object can be changed and written again. size: the (height, width) that is expected. Raises NteError as
+    `read_layers` does, except that two parts may have channels of the same name.
     """
     path = Path(path)
     if not _is_text(path):

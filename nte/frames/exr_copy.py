@@ -26,13 +26,13 @@ def copy_exr(source: Path, out: Path, planes: Planes, dark_counts: bool = True) 
     """Copy `source` to `out` with new pixels in the channels of `planes`: full layered name, or Place → (H, W).
 
     A Place is the number of a part and a channel's name in that part. The new pixels have the size of the display
-    window, as `read_layers` gives it. Parts, views, windows, attributes (chromaticities, owner, pixel aspect,
-    manifests of Cryptomatte) and all other channels are kept, and so are the pixels of a replaced channel that lie
-    outside the display window. A channel keeps its type with two exceptions: half floats become float32 if they
-    cannot hold the new pixels (`nte.frames.clip.half_keeps`, with the same dark_counts), and whole numbers become
-    float32 if the new pixels are not whole. A file with lossy compression gets ZIP compression, so that nothing more
-    is lost. Mip maps keep only the full size. Raises NteError, and writes nothing, for a channel that the file does
-    not have, for a name that two parts have, and for new pixels of another size.
+    window, as `read_layers` gives it. Parts, views, windows, attributes (chromaticities, owner, pixel aspect, manifests
+    of Cryptomatte) and all other channels are kept, and so are the pixels of a replaced channel that lie outside the
+    display window. A channel keeps its type with two exceptions: half floats become float32 if they cannot hold the new
+    pixels (`nte.frames.clip.half_keeps`, with the same dark_counts), and whole numbers become float32 if the new pixels
+    are not whole numbers that fit. A file with lossy compression gets ZIP compression, so that nothing more is lost.
+    Mip maps keep only the full size. Raises NteError, and writes nothing, for a channel that the file does not have,
+    for a name that two parts have, and for new pixels of another size.
     """
     file, parts = load_exr(source)
     left: dict[str | Place, npt.NDArray[np.floating]] = dict(planes.items())

@@ -32,7 +32,7 @@ def by_number(paths: Iterable[Path]) -> dict[int, Path]:
     The frame number is the one that differs from name to name. A version (v002) is ignored if the name has another
     number; a minus after a separator is a sign. A single file needs no number; if it has several, the last one
     counts. Raises NteError for a frame that is missing or there twice, for a name without a number among several
-    files, for two sequences side by side, and if more than one number differs from name to name.
+    files, for two sequences side by side, and if two numbers of the names change differently.
     """
     names = [_parse(path) for path in paths]
     if len(names) == 1:
@@ -91,7 +91,7 @@ def _example(shapes: Mapping[str, Sequence[Path]], shape: str) -> str:
 
 
 def _varying(names: Sequence[_Name]) -> int:
-    """Find which of the numbers in the names differs; the last one if several agree in every name."""
+    """Find which of the numbers in the names differs from name to name; the last one if several do alike, or none."""
     columns = list(zip(*(name.numbers for name in names), strict=True))
     differing = [i for i, column in enumerate(columns) if len(set(column)) > 1]
     if len({columns[i] for i in differing}) > 1:

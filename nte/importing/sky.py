@@ -14,7 +14,7 @@ from nte.importing.cameras import Camera
 Floats = npt.NDArray[np.float64]
 OUTSIDE = -2.0  # image sizes: the place of a point behind the camera, so that its vector is finite
 _ENOUGH = 100  # least number of surface points
-_AT_MOST = 50_000  # most surface points: more cost memory and add nothing
+_AT_MOST = 50_000  # surface points that are used, up to twice as many: more cost memory and add nothing
 _FLAT = 1e-3  # smaller relative extents mean points in a plane; smaller relative changes of depth, no perspective
 _OWN_PIXEL = 1.0  # px: largest error of the recovered camera
 
@@ -35,7 +35,7 @@ def recover_camera(position: Pixels, hit: npt.NDArray[np.bool_]) -> Floats | Non
     """Recover the camera (3, 4) that sees the world points `position` (3, H, W) at their own pixels.
 
     hit: bool mask (H, W) of the pixels whose points count. Uses the direct linear transformation: least squares over
-    the finite points, about 50 000 of them at most. Returns None if the points do not determine a camera: too few, all
+    the finite points, fewer than 100 000 of them. Returns None if the points do not determine a camera: too few, all
     in one plane, or not seen in perspective (orthographic, panoramic).
     """
     hit = hit & np.isfinite(position).all(0)

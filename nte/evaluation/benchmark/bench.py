@@ -51,7 +51,7 @@ def bench(
     device: str = "cpu",
     steps: bool = False,
 ) -> list[Row]:
-    """Measure denoisers: a row for each size and denoiser, with `ms_per_frame` (median), `p95`, `peak_mb`, …
+    """Measure denoisers; return a row for each size and denoiser, with `ms_per_frame` (median), `p95` and `peak_mb`.
 
     sizes: (height, width) each; empty takes the clip's size, or 1280×720. frames: number of timed frames, after four
     others. clip: None for synthetic frames. steps: also measure the milliseconds of each named step
