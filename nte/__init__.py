@@ -1,7 +1,7 @@
 """nte: neural temporal denoising of path-traced image sequences.
 
-Everything is a denoiser: a filter, a run folder, an exported model, or an object of yours. It gets a frame, whose
-channels are arrays (N, C, H, W), and what it returned as its state with the frame before:
+A filter, a run folder, an exported model and your own object are all denoisers. A denoiser's `step` takes a frame,
+whose channels are arrays (N, C, H, W), and the state that it returned for the previous frame:
 
 >>> class Doubled(nte.Denoiser):
 ...     needs = ("color",)
@@ -12,7 +12,7 @@ channels are arrays (N, C, H, W), and what it returned as its state with the fra
 >>> float(nte.Session(Doubled()).denoise(frame).max())
 2.0
 
-Which channels there are, with their components and units, is one table; what is wrong with input is an NteError:
+One table lists all channels with their components and units. Wrong input raises an NteError:
 
 >>> nte.CHANNELS["motion"].components, nte.CHANNELS["motion"].unit
 (('X', 'Y'), 'px, to the previous frame')
@@ -22,8 +22,7 @@ Which channels there are, with their components and units, is one table; what is
 ...     print(error)
 'tea' is no denoiser: expected ...
 
-`import nte` is light. PyTorch, Mitsuba and ONNX Runtime are imported by the parts that use them, when they are used:
-functions that need one of them are loaded when they are first asked for.
+`import nte` is light: functions that need PyTorch, Mitsuba or ONNX Runtime are imported when they are first used.
 """
 
 from importlib import import_module
@@ -59,7 +58,7 @@ __all__ = [
     "traditional_motion", "train", "warp",
 ]  # fmt: skip
 
-# module → the extra that brings what it imports, and its names
+# module → the extra that installs its imports, and the names that it provides
 _HOMES = {
     "nte.checking.report": ("eval", ("check",)),
     "nte.evaluation.evaluate": ("eval", ("evaluate",)),
@@ -76,8 +75,8 @@ _HOME = {name: (module, extra) for module, (extra, names) in _HOMES.items() for 
 
 
 def __getattr__(name: str) -> Any:
-    """Load a name that needs more than the base install when it is first asked for."""
-    if name == "render":  # a package that can be called: whoever imports a module of it sets this name to the package
+    """Import a name that needs more than the base install when it is first used."""
+    if name == "render":  # a callable package: importing one of its modules sets this name to the package anyway
         return import_module("nte.render")
     if name not in _HOME:
         raise AttributeError(f"module 'nte' has no attribute '{name}'")

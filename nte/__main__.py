@@ -1,4 +1,4 @@
-"""python -m nte: the same as the `nte` command."""
+"""The `nte` command as `python -m nte`."""
 
 import sys
 

@@ -1,4 +1,4 @@
-"""YAML files against a typed schema: unknown keys, wrong types and resolvers are refused in one line."""
+"""Loader of YAML files with a typed schema: unknown keys, wrong types and resolvers are one-line errors."""
 
 import re
 from collections.abc import Callable, Sequence
@@ -14,7 +14,7 @@ from yaml import MarkedYAMLError, YAMLError
 from nte.errors import NteError
 
 Schema = TypeVar("Schema")
-# ${oc.env:HOME} and other function calls, also those whose name is put together: ${${name}:HOME}
+# ${oc.env:HOME} and other function calls, also with a composed name: ${${name}:HOME}
 _RESOLVER = re.compile(r"\$\{[^}]*[:$]")
 
 
@@ -22,11 +22,12 @@ def load_config(
     schema: type[Schema], path: Path, overrides: Sequence[str] = (),
     choose: Callable[[Callable[[str], Any]], Schema] | None = None,
 ) -> Schema:  # fmt: skip
-    """An instance of the dataclass `schema` from a YAML file and `key=value` overrides.
+    """Load an instance of the dataclass `schema` from a YAML file and `key=value` overrides.
 
-    choose: makes the instance with the defaults where a key decides which others there are; it is given a function from
-    a dotted key to what file or overrides say, or None. Raises NteError that names the file and the key. ${name} may
-    refer to another key; resolvers such as ${oc.env:…} are refused: a configuration means the same on every machine.
+    choose: makes the instance with the defaults, for schemas in which one key decides which others exist. It is called
+    with a function from a dotted key to the value that the file or the overrides give it, or None. ${name} may refer to
+    another key; resolvers such as ${oc.env:…} are refused, so that a configuration means the same on every machine.
+    Raises NteError, naming the file and the key, for anything that does not fit.
     """
     for override in overrides:
         if "=" not in override:
@@ -48,7 +49,7 @@ def load_config(
         if missing:
             raise NteError(f"{path}: '{min(missing)}' is missing: give it a value")
         made: Schema = OmegaConf.to_object(config)  # type: ignore[assignment]
-    except YAMLError as error:  # of an override's value
+    except YAMLError as error:  # from an override's value
         raise NteError(f"{source}: not readable as YAML: {problem_of(error)}") from error
     except RecursionError as error:
         raise NteError(f"{source}: nested too deeply: expected a few levels of keys") from error
@@ -62,7 +63,7 @@ def load_config(
 def _chosen(
     choose: Callable[[Callable[[str], Any]], Schema], loaded: DictConfig, typed: DictConfig, source: str
 ) -> Schema:
-    """The defaults that `choose` makes of what file and overrides say."""
+    """The defaults that `choose` makes from the values in file and overrides."""
 
     def said(key: str) -> Any:
         return OmegaConf.select(typed, key, default=OmegaConf.select(loaded, key))
@@ -74,7 +75,7 @@ def _chosen(
 
 
 def problem_with(error: Exception) -> str:
-    """What is wrong with a value, or a key that the schema lacks: the keys that there are, the nearest one first."""
+    """Say in one line what is wrong with a value; for an unknown key, list the known keys and suggest the nearest."""
     schema = getattr(error, "object_type", None)
     if not isinstance(error, ConfigKeyError | ConfigAttributeError) or not is_dataclass(schema):
         return _one_line(error)
@@ -87,7 +88,7 @@ def _read(path: Path) -> DictConfig:
     try:
         loaded = OmegaConf.load(path)
     except OSError as error:
-        if error.strerror is None:  # how OmegaConf says that it is a number
+        if error.strerror is None:  # OmegaConf raises this for a file that is a single number
             raise NteError(f"{path}: expected a YAML mapping of keys to values") from error
         raise NteError(f"{path}: cannot be read: {error.strerror}") from error
     except (YAMLError, UnicodeDecodeError) as error:
@@ -98,12 +99,15 @@ def _read(path: Path) -> DictConfig:
 
 
 def to_yaml(config: object) -> str:
-    """A dataclass instance as YAML, every key written out."""
+    """Write a dataclass instance as YAML text, with every key."""
     return OmegaConf.to_yaml(OmegaConf.structured(config))
 
 
 def refuse_resolvers(source: str, values: object, key: str = "") -> None:
-    """Raise NteError that names the first of the values, at any depth, that calls a resolver such as ${oc.env:HOME}."""
+    """Raise NteError for the first value, at any depth, that calls a resolver such as ${oc.env:HOME}.
+
+    values: dictionaries, lists and texts. source, key: where they come from, for the error.
+    """
     if isinstance(values, dict):
         for name, value in values.items():
             refuse_resolvers(source, value, f"{key}.{name}" if key else str(name))
@@ -115,7 +119,7 @@ def refuse_resolvers(source: str, values: object, key: str = "") -> None:
 
 
 def problem_of(error: Exception) -> str:
-    """What the YAML parser stumbled over, and in which line."""
+    """Say in one line what the YAML parser found wrong, and in which line."""
     if isinstance(error, MarkedYAMLError) and error.problem_mark is not None:
         return f"{error.problem} in line {error.problem_mark.line + 1}"
     return _one_line(error)

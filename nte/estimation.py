@@ -1,4 +1,4 @@
-"""Motion vectors for a clip that has none: from its images, with their error and a mask, written as a clip."""
+"""Motion vectors for a clip that has none, estimated from its images and written as a clip with error and mask."""
 
 from pathlib import Path
 
@@ -11,7 +11,7 @@ from nte.frames.usable import known_cap, light_cap, usable_frame
 from nte.motion.correspondence import rejection_mask
 from nte.progress import Progress
 
-KAPPA, ETA = 2.0, 1.6  # of the mask: those of align_accumulate
+KAPPA, ETA = 2.0, 1.6  # parameters of the mask, the same as those of align_accumulate
 _REPLACED = ("motion.", "forward_motion.", "motion_error.", "motion_mask.")
 
 
@@ -19,13 +19,13 @@ def estimate_clip(
     source: Path, out: Path, noise: Noise = "auto", guides: bool = False, known: bool = False, device: str = "cpu",
     force: bool = False,
 ) -> list[Path]:  # fmt: skip
-    """Write the clip `source` with estimated motion to the folder `out`; returns the frames' files.
+    """Write the clip `source` with estimated motion to the folder `out`; return the frames' files.
 
-    Frames keep their layers, but for vectors that would contradict: `motion` is estimated (px, current → previous),
-    `motion_error` is its patch error, and `motion_mask` is 1 where it is not to be trusted: the error is large, or the
-    motion leads out of the previous frame; 1 on the whole first frame, whose motion is 0. Options are those of
-    `EstimateOptions`. Only noise seed 0 is written. Raises NteError where channels are missing and where files exist,
-    unless `force`.
+    `motion` is the estimate (px, current → previous), `motion_error` its patch error, and `motion_mask` is 1 where the
+    motion must not be trusted: its error is large, it leads out of the previous frame, or the frame is the first one,
+    whose motion is 0. `forward_motion` is dropped, as it would contradict; all other layers stay. noise, guides and
+    known are options of `EstimateOptions`. Only noise seed 0 is written. Raises NteError if channels are missing, if
+    `out` is the clip itself, and if files exist without `force`.
     """
     clip = Clip(source)
     estimator = Estimator(EstimateOptions(noise, guides, known), device=device, errors=True)

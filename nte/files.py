@@ -1,4 +1,4 @@
-"""Files that are whole or absent, folders that one process writes to, and what killed processes leave behind."""
+"""Files that are whole or absent, folders with one writer, and the removal of what killed processes leave behind."""
 
 import glob
 import os
@@ -20,15 +20,15 @@ _held: set[int] = set()  # descriptors of the folders that this process has lock
 
 
 def temporary_name(path: Path) -> Path:
-    """A hidden name beside `path` that tells who is writing: .NAME.HOST_PROCESS_TOKEN.tmp."""
+    """Make a hidden name beside `path` that tells who is writing: .NAME.HOST_PROCESS_TOKEN.tmp."""
     return path.with_name(f".{path.name}.{_HERE}_{os.getpid()}_{secrets.token_hex(4)}.tmp")
 
 
 def write_whole(path: Path, write: Callable[[Path], object]) -> None:
-    """Call `write` with a temporary name beside `path`, then rename: the file is whole or absent.
+    """Call `write` with a temporary name beside `path`, then rename the result, so that the file is whole or absent.
 
-    What a process that was killed has left of this file is removed. Raises NteError, with the temporary file removed,
-    where writing fails (no space left, no permission).
+    Leftovers of this file from killed processes are removed first. Raises NteError, with the temporary file removed, if
+    writing fails (no space left, no permission).
     """
     path = Path(path)
     sweep(path.parent, path.name)
@@ -42,12 +42,15 @@ def write_whole(path: Path, write: Callable[[Path], object]) -> None:
         reason = getattr(error, "strerror", None) or error
         raise NteError(f"{path}: cannot be written: {reason}") from error
     finally:
-        with suppress(OSError):  # of a folder that cannot be written to: the error above says it
+        with suppress(OSError):  # from a folder that cannot be written to: the error above says so
             temporary.unlink(missing_ok=True)
 
 
 def sweep(folder: Path, name: str = "*") -> None:
-    """Delete the temporary files and folders of `name` in a folder whose writer was killed on this machine."""
+    """Delete the temporary files and folders of `name` in a folder if their writer was killed on this machine.
+
+    name: a file's or folder's name, or "*" for all. Errors of the file system are ignored.
+    """
     with suppress(OSError):
         for path in folder.glob(f".{glob.escape(name) if name != '*' else name}.*.tmp"):
             if not is_abandoned(path):
@@ -59,7 +62,7 @@ def sweep(folder: Path, name: str = "*") -> None:
 
 
 def is_abandoned(path: Path) -> bool:
-    """Whether a temporary file's writer ran on this machine and is dead. One on another machine may be alive."""
+    """Tell whether a temporary file's writer ran on this machine and is dead; one on another machine may be alive."""
     found = _OWNER.search(path.name)
     if found is None or found["host"] != _HERE or int(found["process"]) == os.getpid():
         return False
@@ -73,7 +76,7 @@ def is_abandoned(path: Path) -> bool:
 
 
 def remove(path: Path) -> None:
-    """Delete a file, or a link to one, if it is there; raises NteError where that is not permitted."""
+    """Delete a file, or a link to one, if it is there. Raises NteError if that is not permitted."""
     if not os.path.lexists(path):
         return
     try:
@@ -83,7 +86,7 @@ def remove(path: Path) -> None:
 
 
 def make_folder(folder: Path) -> None:
-    """Make a folder and those above it; raises NteError where a file is in the way or it is not permitted."""
+    """Make a folder and its parents. Raises NteError if a file is in the way or it is not permitted."""
     try:
         folder.mkdir(parents=True, exist_ok=True)
     except OSError as error:
@@ -92,10 +95,11 @@ def make_folder(folder: Path) -> None:
 
 @contextmanager
 def only_writer(folder: Path) -> Iterator[None]:
-    """Make `folder`, and write to it alone: raises NteError where another process is inside such a block.
+    """Make `folder` and lock it for this block: raises NteError if another process is inside such a block.
 
-    What killed processes have left in it is removed first, and a folder that stays empty does not stay. The system
-    forgets the lock with the process, and there is no lock file. Windows has no such locks: there nothing is refused.
+    Leftovers of killed processes in the folder are removed first. A new folder that is still empty at the end is
+    removed. The system releases the lock when the process ends, and there is no lock file. Windows has no such locks:
+    there nothing is refused.
     """
     was_there = folder.is_dir()
     make_folder(folder)
@@ -114,7 +118,7 @@ def only_writer(folder: Path) -> Iterator[None]:
 
 
 def _close_inherited() -> None:
-    """Close in a forked process the locks of its parent: a worker would hold the folder after its parent was killed."""
+    """Close the parent's locks in a forked process: a worker would keep the folder locked after its parent's death."""
     for descriptor in _held:
         with suppress(OSError):
             os.close(descriptor)
@@ -127,10 +131,11 @@ if hasattr(os, "register_at_fork"):
 
 @contextmanager
 def only_writer_of(path: Path, force: bool) -> Iterator[None]:
-    """Make the file `path` alone: raises NteError where it exists, unless `force`, or another process is making it.
+    """Reserve the file `path` for this block, which makes it.
 
-    Work that ends in one file goes into such a block as a whole, so that it is not done in vain, nor written over what
-    another process has written meanwhile. A hidden file beside it says who is at work.
+    All the work that ends in the file belongs in the block, so that it is not done in vain and does not overwrite
+    what another process has written meanwhile. A hidden file beside `path` tells others who is at work. Raises NteError
+    if `path` exists without `force`, if another process is making it, and if the folder cannot be written to.
     """
     if not path.name:
         raise NteError(f"'{path}' has no file's name: expected one")
@@ -155,7 +160,7 @@ def only_writer_of(path: Path, force: bool) -> Iterator[None]:
 
 
 def refuse_other_writers(path: Path, mine: Path) -> None:
-    """Raise NteError where a process other than the owner of the temporary name `mine` has one for `path`."""
+    """Raise NteError if a live process on this machine has a temporary name for `path` other than `mine`."""
     for other in path.parent.glob(f".{glob.escape(path.name)}.*.tmp"):
         own_name = _OWNER.fullmatch(other.name[len(path.name) + 1 :])
         if other != mine and own_name and own_name["host"] == _HERE and not is_abandoned(other):
@@ -163,7 +168,7 @@ def refuse_other_writers(path: Path, mine: Path) -> None:
 
 
 def _locked(folder: Path) -> int | None:
-    """An open descriptor that holds the lock of a folder; None where the system or the file system has no locks."""
+    """An open descriptor that holds the lock of a folder; None if the system or the file system has no locks."""
     try:
         import fcntl
     except ImportError:
@@ -184,27 +189,27 @@ def _locked(folder: Path) -> int | None:
 
 
 def is_folder_name(name: str) -> bool:
-    """Whether this may be the name of a folder: one word of a path, short, without control characters."""
+    """Tell whether a text can name a folder: one part of a path, at most 200 bytes, no control characters."""
     return Path(name).name == name and name not in ("", "..") and len(name.encode()) <= 200 and name.isprintable()
 
 
 def already_there(path: Path, other: str = "name", remedy: str = "overwrite it") -> NteError:
-    """The error for a path that exists and that nothing but --force may replace.
+    """Make the error for a path that exists and that only --force may replace.
 
-    other: what may be chosen instead, a name or a folder. remedy: what --force does.
+    other: the kind of thing to choose instead, a name or a folder. remedy: what --force does.
     """
     return NteError(f"{path}: exists: choose another {other}, or {remedy} with --force")
 
 
 def refuse_to_replace(paths: Iterable[Path], force: bool) -> None:
-    """Raise NteError for the first file of a folder's new content that exists, unless `force`."""
+    """Raise NteError for the first of the paths that exists, unless `force`."""
     for path in paths:
         if path.exists() and not force:
             raise already_there(path, "folder")
 
 
 def refuse_links(folder: Path) -> None:
-    """Raise NteError for a symbolic link below `folder`: what it points to would be written to, or deleted."""
+    """Raise NteError for a symbolic link below `folder`: its target would be written to, or deleted."""
     for path in folder.rglob("*"):  # does not descend into links
         if path.is_symlink():
             raise NteError(f"{path}: is a link to {os.readlink(path)}: nothing is written through links; remove it")

@@ -1,4 +1,4 @@
-"""What `nte info` says of a clip, an exported model or a run."""
+"""Descriptions of a clip, an exported model or a run, for `nte info`."""
 
 from pathlib import Path
 
@@ -8,7 +8,7 @@ from nte.frames.clip import Clip
 
 
 def describe(source: Path) -> str:
-    """A few lines about what lies at `source`; raises NteError where that is nothing of ours."""
+    """Describe the clip, exported model or run at `source` in a few lines. Raises NteError for anything else."""
     if (source / "clip.json").is_file():
         return _clip(Clip(source))
     if source.suffix == ".onnx":

@@ -1,4 +1,4 @@
-"""Ctrl-C while something must be finished first, and SIGTERM in its place."""
+"""Handling of Ctrl-C and SIGTERM: a step that must end first, a process that must clean up, the workers of a pool."""
 
 import multiprocessing
 import signal
@@ -11,7 +11,10 @@ from typing import Any
 
 
 class InterruptFlag:
-    """Within the block the first Ctrl-C only sets a flag, so that a step ends whole; a second one interrupts."""
+    """A block in which the first Ctrl-C only sets a flag, so that a step can end; a second one interrupts.
+
+    Calling the object tells whether the flag is set. Only the main thread can enter the block.
+    """
 
     def __enter__(self) -> "InterruptFlag":
         self._set = False
@@ -24,7 +27,7 @@ class InterruptFlag:
         signal.signal(signal.SIGINT, self._before)
 
     def __call__(self) -> bool:
-        """Whether Ctrl-C was pressed."""
+        """Tell whether Ctrl-C was pressed."""
         return self._set
 
     def _handle(self, number: int, frame: FrameType | None) -> None:
@@ -35,9 +38,10 @@ class InterruptFlag:
 
 @contextmanager
 def terminable() -> Iterator[None]:
-    """Within the block SIGTERM, how batch systems and `kill` stop a process, does what Ctrl-C does.
+    """Let SIGTERM, with which batch systems and `kill` stop a process, act as Ctrl-C within the block.
 
-    It does so also where InterruptFlag has changed what that is. Threads other than the main one change nothing.
+    It does so even where InterruptFlag has changed the effect of Ctrl-C. In a thread other than the main one the block
+    changes nothing.
     """
     if threading.current_thread() is not threading.main_thread():
         yield
@@ -51,9 +55,9 @@ def terminable() -> Iterator[None]:
 
 @contextmanager
 def ending_workers() -> Iterator[None]:
-    """End the processes of a pool with the block, if it ends by an error or an interruption, instead of waiting.
+    """Terminate all child processes if the block ends by an error or an interruption, instead of waiting for them.
 
-    They must have called `end_when_told`.
+    They must have called `end_when_told`, so that they clean up.
     """
     try:
         yield
@@ -64,6 +68,6 @@ def ending_workers() -> Iterator[None]:
 
 
 def end_when_told() -> None:
-    """Let this process of a pool clean up and end at SIGTERM, and leave Ctrl-C to its parent, which sends that."""
+    """Make this worker process clean up and end at SIGTERM, and ignore Ctrl-C: its parent then sends SIGTERM."""
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     signal.signal(signal.SIGTERM, lambda number, frame: sys.exit(128 + number))

@@ -8,7 +8,10 @@ from tqdm import tqdm
 
 
 class Progress:
-    """Counts work up to `total` on stderr. On a terminal a tqdm bar; else a line per `say`; or silence."""
+    """Display of progress up to `total` on stderr: a tqdm bar on a terminal, else one line for each `say`.
+
+    unit: the name of one piece of work. shown: false for silence.
+    """
 
     def __init__(self, title: str, total: int, unit: str, shown: bool = True) -> None:
         self.total, self.done, self.unit = total, 0, unit
@@ -16,19 +19,19 @@ class Progress:
         self.bar = tqdm(total=total, desc=title, unit=unit, disable=not shown or self.lines, dynamic_ncols=True)
 
     def advance(self, count: int) -> None:
-        """So much more is done."""
+        """Add `count` pieces of finished work."""
         self.done += count
         self.bar.update(count)
 
     def reach(self, done: int, total: int, what: str) -> None:
-        """So much of so much is done: for work that learns its total on the way."""
+        """Set finished work and total, for work that learns its total on the way; say `what` when all is done."""
         self.total = self.bar.total = total
         self.advance(done - self.done)
         if done == total:
             self.say(what)
 
     def say(self, what: str) -> None:
-        """Name what has just been finished."""
+        """Show the name of the piece of work that has just been finished."""
         self.bar.set_postfix_str(what)
         if self.lines:
             print(f"{what} ({self.done}/{self.total} {self.unit}s)", file=sys.stderr, flush=True)

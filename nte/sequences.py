@@ -1,4 +1,4 @@
-"""Denoising files: a clip or loose frames in, linear OpenEXR out, the other layers kept."""
+"""Denoiser of files: reads a clip or loose frames, writes linear OpenEXR files and keeps their other layers."""
 
 import re
 from collections import Counter
@@ -24,13 +24,13 @@ from nte.progress import Progress
 
 
 class _Source(NamedTuple):
-    """What is denoised: frames, the file of each, and which of its layers a denoised image replaces."""
+    """The frames to denoise, the file of each, and the layers that a denoised image replaces there."""
 
     files: Sequence[Path]
     frames: Iterable[Frame]
-    layers: Callable[[int, Pixels], Planes]  # of frame i and an image (C, H, W): what copy_exr takes
+    layers: Callable[[int, Pixels], Planes]  # frame i and its denoised image (C, H, W) → the planes for copy_exr
     clip: Clip | None = None
-    notes: Callable[[], Iterable[str]] = tuple  # worth saying when all frames have been read
+    notes: Callable[[], Iterable[str]] = tuple  # notes for the user, complete when all frames have been read
 
 
 def denoise_files(
@@ -38,14 +38,14 @@ def denoise_files(
     force: bool = False, map_name: str | None = None, overrides: Sequence[str] = (),
     say: Callable[[str], None] = print,
 ) -> list[Path]:  # fmt: skip
-    """Denoise a clip, or frames in the order of their numbers, into the folder `out`; returns what was written.
+    """Denoise a clip, or frames in the order of their numbers, into the folder `out`; return the frames' new files.
 
-    sources: a clip, a folder of frames, or the frames. Frames of other renderers are read by the channel map
-    `map_name` (a file, or the name of one that ships), or by the one that fits; overrides: `key=value` for it. A frame
-    keeps its name, its attributes and its layers; only the denoised image takes the place of the noisy one. A clip
-    stays a clip. exposure: linear factor for the sequence (None: the clip's own, or estimated from the first frame).
-    png: a tonemapped picture beside each frame. say: gets what is worth knowing of how foreign files were read. Raises
-    NteError for input that does not fit and for files that exist, unless `force`.
+    sources: a clip, a folder of frames, or the files of the frames. map_name: the channel map for frames of another
+    renderer, a file or the name of one that ships; None takes the one that fits. overrides: `key=value` for the map. A
+    frame keeps its name, attributes and layers; only the noisy image is replaced by the denoised one. A clip stays a
+    clip. exposure: linear factor for the sequence; None takes the clip's own, or estimates it from the first frame.
+    png: write a tonemapped picture beside each frame as well. say: called with each note on how foreign files were
+    read. Raises NteError for input that does not fit the denoiser, and for files that exist without `force`.
     """
     if exposure is not None and not 0 < exposure < float("inf"):
         raise NteError(f"exposure is {exposure}, expected a positive number")
@@ -76,7 +76,7 @@ def denoise_files(
 
 
 def _open(sources: Sequence[Path], target: str, map_name: str | None, overrides: Sequence[str]) -> _Source:
-    """Find out what the sources are: a clip, frames with nte's channels, or those of another renderer."""
+    """Find out what the sources are: a clip, frames with nte's channels, or frames of another renderer."""
 
     def ours(index: int, image: Pixels) -> Planes:
         return {f"{target}.{c}": plane for c, plane in zip(CHANNELS[target].components, image, strict=True)}
@@ -101,7 +101,10 @@ def _open(sources: Sequence[Path], target: str, map_name: str | None, overrides:
 
 
 def _foreign(source: Path | Sequence[Path], first: Path, map_name: str | None, overrides: Sequence[str]) -> _Source:
-    """Frames of another renderer; a map may name several files a frame, if `source` is a folder. first: one of them."""
+    """Open frames of another renderer. first: one of the files, to recognise the renderer by.
+
+    A channel map may name several files for a frame, if `source` is a folder.
+    """
     try:
         from nte.importing.recognise import recognise
         from nte.importing.sequence import ForeignSequence
@@ -118,20 +121,20 @@ def _foreign(source: Path | Sequence[Path], first: Path, map_name: str | None, o
 
 
 def _has(path: Path, target: str) -> bool:
-    """Whether a frame is there and has a channel under nte's name."""
+    """Tell whether a frame exists and has the channel `target` under nte's name."""
     names = {part.full(channel) for part in read_parts(path) for channel in part.layers} if path.exists() else set()
     return names >= {f"{target}.{c}" for c in CHANNELS[target].components}
 
 
 def _frames_in(folder: Path) -> list[Path]:
-    """The EXR files of a folder, without hidden ones: systems and killed processes leave those."""
+    """The EXR files of a folder; hidden ones, which systems and killed processes leave behind, do not count."""
     return sorted(path for path in folder.glob("*.[eE][xX][rR]") if path.is_file() and path.name[0] != ".")
 
 
 def _refuse_to_overwrite(
     out: Path, written: Sequence[Path], sources: Sequence[Path], png: bool, force: bool
 ) -> None:  # fmt: skip
-    """Raise NteError where a file would be lost: one that exists, the noisy frame itself, or one of two alike."""
+    """Raise NteError if a file would be lost: one that exists, a noisy frame itself, or one of two with one name."""
     if out.resolve() in {source.parent.resolve() for source in sources}:
         raise NteError(f"{out}: holds the noisy frames themselves: choose another folder")
     twice = [path for path, count in Counter(written).items() if count > 1]
@@ -145,7 +148,11 @@ def _with_forward(
     stored: Iterable[Mapping[str, Pixels]], paths: Sequence[Path],
     about: Callable[[int], About] = lambda index: {},
 ) -> Iterator[Frame]:  # fmt: skip
-    """Frames of channels (C, H, W); the forward motion of a frame is handed over with the next one."""
+    """Make frames from stored channels (C, H, W).
+
+    The forward motion of a frame becomes the previous_forward_motion of the next one. about: index → the frame's
+    scalars and camera. Raises NteError for a frame without channels or of another size.
+    """
     forward, size = None, None
     for index, (path, read) in enumerate(zip(paths, stored, strict=True)):
         if not read:
@@ -163,6 +170,6 @@ def _with_forward(
 
 
 def _in_order(sources: Sequence[Path]) -> list[Path]:
-    """Files by the numbers in their names, without gaps; as they are given where none has a number."""
+    """Sort files by the numbers in their names, without gaps; keep the given order if no name has a number."""
     numbered = any(re.search(r"\d", path.stem) for path in sources)
     return list(by_number(sources).values()) if numbered else list(sources)

@@ -2,7 +2,7 @@
 
 
 def aligned(columns: list[list[str]]) -> str:
-    """Columns of text side by side: the first to the left, numbers and all others to the right."""
+    """Lay columns of text side by side: the first column is aligned to the left, all others to the right."""
     widths = [max(map(len, column)) for column in columns]
     lines = []
     for row in zip(*columns, strict=True):

@@ -1,3 +1,3 @@
-"""The version of nte, which files that it writes carry."""
+"""The version of nte, which is also stored in the files that it writes."""
 
 __version__ = "0.1.0"

@@ -1,1 +1,1 @@
-"""Bursts of photographs: read, aligned and merged into one with less noise."""
+"""Bursts of photographs: read, aligned and merged into one picture with less noise."""

@@ -1,4 +1,4 @@
-"""Pixels of the sensor that are hot or dead: found in two frames at the same place, and filled from around them."""
+"""Hot and dead pixels of the sensor: found in two frames at the same place, and filled from their neighbours."""
 
 import torch
 from torch import Tensor
@@ -6,22 +6,27 @@ from torch import Tensor
 from nte.burst.mosaic import Mosaic
 from nte.burst.noise import NoiseModel
 
-_REACH = 2  # px within which every pixel of both arrays has neighbours of its colour
-_DEVIATIONS = 8.0  # beyond the brightest (darkest) neighbour
-_LEAST = 0.01  # of the white level: a difference below this is left to the noise model
+_REACH = 2  # px; this close, every pixel of a Bayer or X-Trans array has neighbours of its colour
+_DEVIATIONS = 8.0  # of noise: least distance of a defect from its brightest (darkest) neighbour,
+_LEAST = 0.01  # plus this share of the white level
 
 
 def find_defects(first: Tensor, second: Tensor, noise: NoiseModel, mosaic: Mosaic | None) -> Tensor:
-    """(1, 1, H, W) bool: pixels far from all neighbours of their colour, in both frames and to the same side.
+    """Find hot and dead pixels, as a bool mask (1, 1, H, W).
 
-    Frames (1, 1, H, W) as the sensor gives them, not aligned: what the scene shows has moved, the sensor has not.
+    A defect is brighter (or darker) than all neighbours of its colour by 8 standard deviations of noise plus a
+    hundredth of the white level, in both frames. first, second: frames (1, 1, H, W) as the sensor gives them, not
+    aligned: between them the scene moves and the sensor does not. mosaic: None for a sensor of one colour.
     """
     far = [_outstanding(frame, noise, mosaic) for frame in (first, second)]
     return (far[0] == far[1]) & (far[0] != 0)
 
 
 def mend(frame: Tensor, defects: Tensor, mosaic: Mosaic | None) -> Tensor:
-    """The frame with the median of the sound neighbours of their colour in the defects' places."""
+    """Fill the defects of a frame (1, 1, H, W) with the median of their sound neighbours of the same colour.
+
+    defects: bool (1, 1, H, W). A defect without sound neighbours stays as it is.
+    """
     height, width = frame.shape[-2:]
     colours = _colours(mosaic, height, width).to(frame.device)
     y, x = defects[0, 0].nonzero().unbind(1)
@@ -40,7 +45,7 @@ def mend(frame: Tensor, defects: Tensor, mosaic: Mosaic | None) -> Tensor:
 
 
 def _outstanding(frame: Tensor, noise: NoiseModel, mosaic: Mosaic | None) -> Tensor:
-    """(1, 1, H, W): 1 where a pixel is brighter than all around it by more than noise, −1 where darker, else 0."""
+    """Mark pixels as 1 if brighter than all neighbours by more than noise, −1 if darker, else 0: (1, 1, H, W)."""
     height, width = frame.shape[-2:]
     colours = _colours(mosaic, height, width).to(frame.device)
     brightest, darkest = torch.full_like(frame, -torch.inf), torch.full_like(frame, torch.inf)

@@ -1,4 +1,4 @@
-"""What a DNG says of itself that LibRaw does not hand on: black levels of any pattern, and the exposure it asks for."""
+"""Tags of a DNG that LibRaw does not hand on: black levels of any pattern, and the exposure that the file asks for."""
 
 from dataclasses import dataclass
 from pathlib import Path
@@ -20,16 +20,16 @@ _Value: TypeAlias = Any  # of a tag: a number, several, or text
 
 @dataclass(frozen=True)
 class DngTags:
-    """Black levels in sensor units, and BaselineExposure, stops by which the photograph is to be made brighter."""
+    """Black levels in sensor units, and BaselineExposure: the stops by which to brighten the photograph."""
 
-    black: npt.NDArray[np.float32]  # (rows, columns) of the pattern, from the active area's upper left pixel on
+    black: npt.NDArray[np.float32]  # (rows, columns) of the pattern, starting at the active area's upper left pixel
     columns: npt.NDArray[np.float32]  # BlackLevelDeltaH, (W,) or empty
     rows: npt.NDArray[np.float32]  # BlackLevelDeltaV, (H,) or empty
     origin: tuple[int, int]  # (y, x) of the active area on the sensor
-    exposure: float
+    exposure: float  # stops
 
     def levels(self, height: int, width: int, top: int, left: int) -> npt.NDArray[np.float32]:
-        """(H, W): the black level of each pixel of a picture whose upper left pixel is at (top, left) of the sensor."""
+        """Return the black levels (H, W) of a picture whose upper left pixel is at (top, left) of the sensor."""
         y, x = np.arange(height) + top - self.origin[0], np.arange(width) + left - self.origin[1]
         levels = self.black[np.ix_(y % self.black.shape[0], x % self.black.shape[1])]
         if self.columns.size:
@@ -40,7 +40,10 @@ class DngTags:
 
 
 def read_dng(path: Path) -> DngTags | None:
-    """The tags of a DNG; None for a raw file of another kind. Raises NteError for tags that contradict each other."""
+    """Read the tags of a DNG; return None for a raw file of another kind.
+
+    Raises NteError if the number of black levels contradicts their pattern, and if tifffile is missing.
+    """
     try:
         import tifffile
     except ImportError as error:
@@ -53,7 +56,7 @@ def read_dng(path: Path) -> DngTags | None:
             main = [page for page in pages if _number(page, _SMALL_PREVIEW, 0) == 0 and _photograph(page)]
             return _tags(path, main[0] if main else pages[0], pages[0])
     except (tifffile.TiffFileError, ValueError, KeyError, IndexError, TypeError):
-        return None  # whether it is a photograph at all is LibRaw's to say
+        return None  # LibRaw decides whether it is a photograph at all
 
 
 def _photograph(page: _Page) -> bool:
@@ -82,7 +85,7 @@ def _number(page: _Page, code: int, default: int) -> int:
 
 
 def _numbers(value: _Value, page: _Page, code: int) -> npt.NDArray[np.float32]:
-    """Whole numbers or fractions as numbers: tifffile gives a fraction as two of them."""
+    """Whole numbers or fractions as float32; tifffile gives a fraction as two numbers."""
     numbers = np.ravel(np.asarray(value, float))
     if code in page.tags and int(page.tags[code].dtype) in (5, 10):
         numbers = numbers[::2] / np.where(numbers[1::2] == 0, 1, numbers[1::2])

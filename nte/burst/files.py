@@ -1,4 +1,4 @@
-"""From the files of a burst to one picture: what `nte merge-burst` does."""
+"""The merge of a burst's files into one picture, for `nte merge-burst`."""
 
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
@@ -16,17 +16,17 @@ from nte.burst.raw import Raw, develop, read_raw
 from nte.errors import NteError
 from nte.files import already_there
 
-_SMALLEST = 64  # px along each axis: the search needs patches to compare
+_SMALLEST = 64  # px along each axis; the search needs patches to compare
 
 
 @dataclass(frozen=True)
 class Summary:
-    """What was done: the model, and what became of each file."""
+    """The result of a merge: the noise model, the picture, and how each file was used."""
 
     noise: NoiseModel
     merged: Merged
-    others: list[Path]
-    defects: int  # pixels of the sensor that were found to be hot or dead
+    others: list[Path]  # files other than the reference, in the order of merged.frames
+    defects: int  # number of hot or dead pixels that were found on the sensor
 
 
 def merge_files(
@@ -43,10 +43,12 @@ def merge_files(
 ) -> Summary:
     """Merge raw photographs, or pictures (.exr, .png, .tif), and write one picture: .exr (linear), .png or .tif.
 
-    reference: which file the others are aligned to, from 1 on. noise: None fits the model to the reference and a
-    neighbour. brightness: stops, added to what the file asks for. bits: of a .png or .tif, 8 or 16. keep_defects:
-    take hot and dead pixels of the sensor for what the scene shows. One frame beside the reference is in memory at a
-    time. Raises NteError for files that do not go together, and where `out` exists and not `force`.
+    reference: number of the file to which the others are aligned, counted from 1. noise: None fits the model to the
+    reference and a neighbour. radii: patch radii of the search, finest level first. reach: called after each frame
+    with the number of frames done. brightness: stops, added to those that the file asks for. bits: 8 or 16, for a .png
+    or .tif. keep_defects: treat hot and dead pixels of the sensor as part of the scene. Only one frame besides the
+    reference is in memory at a time. Raises NteError for files that do not go together, and for an `out` that exists
+    without `force`.
     """
     pictures = _check(files, out, reference, force)
     first = files[reference - 1]
@@ -75,7 +77,7 @@ def merge_files(
 
 
 def _check(files: Sequence[Path], out: Path, reference: int, force: bool) -> bool:
-    """Everything that can be said without reading; true if the files are pictures, false if they are raw."""
+    """Check all that can be checked without reading; true if the files are pictures, false if they are raw."""
     if len(files) < 2:
         raise NteError(f"a burst of {len(files)} file: expected at least two photographs of one scene")
     seen: dict[Path, Path] = {}
@@ -99,7 +101,7 @@ def _check(files: Sequence[Path], out: Path, reference: int, force: bool) -> boo
 
 
 def _read(path: Path, base: Tensor, first: Path, camera: Raw | None) -> Tensor:
-    """Another frame of the burst, like the reference."""
+    """Read another frame of the burst (1, C, H, W); raises NteError if it does not match the reference."""
     if camera is None:
         frame = _tensor(read_picture(path))
     else:

@@ -1,7 +1,7 @@
-"""Merging a burst: every frame aligned to a reference, and averaged where it shows the same within the noise.
+"""The merge of a burst: every frame is aligned to a reference, and averaged where it agrees within the noise.
 
-Hanika, Tessari and Dachsbacher 2021, «Fast Temporal Reprojection without Motion Vectors», section 4.2: mosaics are
-aligned as grey images of one value per sensor block and merged before demosaicing. The weights are ours.
+Source: Hanika, Tessari and Dachsbacher 2021, «Fast Temporal Reprojection without Motion Vectors», section 4.2: mosaics
+are aligned as grey images of one value per sensor block and merged before demosaicing. The weights are nte's own.
 """
 
 from collections.abc import Callable, Iterable
@@ -20,28 +20,28 @@ from nte.motion.correspondence import Search, find_correspondence
 from nte.motion.warp import warp
 from nte.motion.whole_shift import whole_shift
 
-# Windows over which differences are compared with the noise, and how many deviations of their mean count as noise.
-# A large one sees faint differences; a small one sees thin things that a large one would dilute.
+# Sides of the windows over which differences are compared with the noise, and the deviations of their mean that still
+# count as noise. A large window sees faint differences; a small one sees thin things that a large one would dilute.
 WINDOWS = ((7, 1.0), (3, 3.0))
-_SUBSTITUTE = 0.1  # weight of what stands in for a defect of the reference: any other frame knows better
-_WHITE = 1 - 1e-4  # from here on a sensor is saturated, whatever 16 bits make of its white level
-RADII = (16, 8, 4, 2)  # of the search's patches: the gains of (10, 4, 2, 2) and (8, 8, 4, 4) are the same or lower
+_SUBSTITUTE = 0.1  # weight of a filled defect of the reference, low since any other frame knows better
+_WHITE = 1 - 1e-4  # a sensor value from here on is saturated; the margin allows for rounding to 16 bits
+RADII = (16, 8, 4, 2)  # radii of the search's patches; (10, 4, 2, 2) and (8, 8, 4, 4) gain the same or less
 
 
 @dataclass(frozen=True)
 class Aligned:
-    """What became of one frame."""
+    """The alignment of one frame, and its weight in the merge."""
 
     motion: tuple[float, float]  # median, in pixels of the sensor: reference → this frame
     share: float  # mean weight, relative to the reference's own pixel: 1 where everything fits
 
 
 class Merged(NamedTuple):
-    """The merged picture."""
+    """The merged picture, with the weight of each pixel and the alignment of each frame."""
 
-    image: Tensor  # as the reference: mosaic (1, 1, H, W) or image (1, C, H, W)
-    weight: Tensor  # (1, 1, H, W): of how many frames each pixel is the mean, from 1 on (defects: from 0.1)
-    frames: list[Aligned]  # of the others, in their order
+    image: Tensor  # of the reference's kind: mosaic (1, 1, H, W) or image (1, C, H, W)
+    weight: Tensor  # (1, 1, H, W): number of frames that each pixel averages, at least 1 (defects: at least 0.1)
+    frames: list[Aligned]  # one for each other frame, in order
 
 
 @torch.no_grad()
@@ -55,15 +55,15 @@ def merge_burst(
     clips: bool = True,
     defects: Tensor | None = None,
 ) -> Merged:
-    """Mean of `reference` and of what fits in `others`, linear values of white level 1, each (1, C, H, W).
+    """Average `reference` and the pixels of `others` that agree with it; linear values, white level 1, (1, C, H, W).
 
-    With a mosaic C is 1 and frames are fetched by whole pixels of the same colour; without one they are images
-    of at least one channel, fetched bilinearly. A frame's pixel with an excess difference b is weighted by the
-    inverse of its squared error, 1 / (1 + b²/σ²): at most half a deviation of a single frame's b remains.
-    radii: of the search's patches, finest first, in blocks of the sensor or pixels. reach: told after each frame.
-    clips: whether values end at 1: what the reference shows saturated stays, since a mean with what other frames'
-    noise brought below would be darker. defects (1, 1, H, W), bool: pixels of the sensor, in every frame, that tell
-    nothing (`find_defects`). The frames are taken one by one. Raises NteError for frames of another size.
+    With a mosaic C is 1, and frames are fetched by whole pixels of the same colour; without one they are images of at
+    least one channel, fetched bilinearly. A frame's pixel with an excess difference b is weighted by the inverse of its
+    squared error, 1 / (1 + b²/σ²): at most half a deviation of a single frame's b remains. radii: patch radii of the
+    search, finest level first, in blocks of the sensor or in pixels. reach: called after each frame with the number of
+    frames done. clips: true if values end at 1; saturated pixels of the reference then stay, since other frames' noise
+    below 1 would darken them. defects: bool (1, 1, H, W), pixels of the sensor that are useless in every frame
+    (`find_defects`). The frames are taken one by one. Raises NteError for frames of another size.
     """
     weights, found = torch.ones_like(reference[:, :1]), []
     if defects is not None:
@@ -96,10 +96,11 @@ def merge_burst(
 
 
 def find_motion(current: Tensor, previous: Tensor, radii: tuple[int, ...]) -> Tensor:
-    """Motion (1, 2, H, W), current → previous, of grey images (1, 1, H, W): of the whole image, and then locally.
+    """Find the motion (1, 2, H, W), in pixels, current → previous, of grey images (1, 1, H, W).
 
-    A hand moves the whole picture, by more than what it shows is large: the search alone takes one leaf for
-    another there.
+    The shift of the whole image is found first, then the local motion: a hand may move the picture by more than the
+    size of its details, and a local search alone would take one leaf for another. radii: patch radii of the search,
+    finest level first.
     """
     x, y = whole_shift(current, previous)
     height, width = current.shape[-2:]
@@ -115,15 +116,15 @@ def _grey(image: Tensor, mosaic: Mosaic | None) -> Tensor:
 
 
 def _mixed(motion: Tensor) -> Tensor:
-    """(1, 1, H, W): variance that bilinear fetching leaves of independent noise, from ¼ between pixels to 1 on them."""
+    """Share of noise variance (1, 1, H, W) that bilinear fetching keeps, from ¼ between four pixels to 1 on a pixel."""
     part = (motion - motion.floor()).square() + (1 - motion + motion.floor()).square()
     return part[:, :1] * part[:, 1:]
 
 
 def _weight(reference: Tensor, fetched: Tensor, mixed: Tensor, noise: NoiseModel) -> Tensor:
-    """(1, 1, H, W) in [0, 1]: 1 where the difference is noise, else 1/(1 + b²/σ²) of its excess b².
+    """Weight (1, 1, H, W) in [0, 1]: 1 where the difference is noise, else 1/(1 + b²/σ²) with its excess b².
 
-    The squared difference has the mean σ²(1 + mixed) + b². Both are averaged over windows before they are
+    The squared difference has the mean σ²(1 + mixed) + b². Both sides are averaged over windows before they are
     compared, so that a dark pixel's uncertain σ² does not matter.
     """
     difference = (reference - fetched).square().mean(1, keepdim=True)
@@ -138,5 +139,5 @@ def _weight(reference: Tensor, fetched: Tensor, mixed: Tensor, noise: NoiseModel
 
 
 def _window(values: Tensor, size: int) -> Tensor:
-    """Means over size×size pixels; at the border over those that exist."""
+    """Means over size×size pixels; at the border over the pixels that exist."""
     return F.avg_pool2d(values, size, 1, size // 2, count_include_pad=False)

@@ -1,4 +1,4 @@
-"""The colour filter array of a sensor: which colour each pixel sees, blocks that are comparable, matching pixels."""
+"""The colour filter array of a sensor: the colour of each pixel, comparable blocks, and matching pixels."""
 
 from dataclasses import dataclass
 from functools import cached_property
@@ -12,15 +12,15 @@ from torch import Tensor
 from nte.errors import NteError
 from nte.motion.warp import inside, pixel_centres
 
-_FINE = 8  # positions within a pixel, along each axis, for which the nearest pixel of a colour is looked up
-_REACH = 2  # px: how far it is looked for; in both known arrays one is nearer
+_FINE = 8  # positions within a pixel, along each axis, for which the nearest pixel of a colour is tabulated
+_REACH = 2  # px: radius of the search for it; in Bayer and X-Trans arrays one is nearer
 
 
 @dataclass(frozen=True)
 class Mosaic:
     """A periodic colour filter array: the colour (0 red, 1 green, 2 blue) of each pixel of one period, row by row.
 
-    Raises NteError for an array that is neither 2×2 (Bayer) nor 6×6 (X-Trans) of all three colours.
+    Raises NteError for an array that is not 2×2 (Bayer) or 6×6 (X-Trans) with all three colours.
     """
 
     rows: tuple[tuple[int, ...], ...]
@@ -34,7 +34,7 @@ class Mosaic:
 
     @property
     def period(self) -> int:
-        """Pixels after which the colours repeat."""
+        """Number of pixels after which the colours repeat."""
         return len(self.rows)
 
     @property
@@ -56,26 +56,27 @@ class Mosaic:
         raise NteError("the sensor's 6x6 array has no 3x3 blocks of equal colours: expected X-Trans")
 
     def colours(self, height: int, width: int) -> Tensor:
-        """(H, W) int64: the colour that each pixel sees."""
+        """Return the colour (H, W) int64 that each pixel sees: 0 red, 1 green, 2 blue."""
         repeats = -(-height // self.period), -(-width // self.period)
         return torch.from_numpy(np.tile(np.array(self.rows, np.int64), repeats))[:height, :width]
 
     def bin(self, image: Tensor) -> Tensor:
-        """Grey means (N, 1, h, w) over the whole blocks of a mosaic (N, 1, H, W)."""
+        """Average the whole blocks of a mosaic (N, 1, H, W) to grey values (N, 1, h, w)."""
         return F.avg_pool2d(image[..., self.origin[0] :, self.origin[1] :], self.block)
 
     def spread(self, motion: Tensor, height: int, width: int) -> Tensor:
-        """Motion (N, 2, h, w) in blocks → (N, 2, H, W) in pixels, per pixel: bilinear, the border repeated."""
+        """Upsample motion (N, 2, h, w) in blocks to motion (N, 2, H, W) in pixels: bilinear, the border repeated."""
         large = F.interpolate(motion * self.block, scale_factor=self.block, mode="bilinear", align_corners=False)
         top, left = self.origin
         bottom, right = height - top - large.shape[-2], width - left - large.shape[-1]
         return F.pad(large, (left, right, top, bottom), mode="replicate")
 
     def fetch(self, image: Tensor, motion: Tensor) -> tuple[Tensor, Tensor]:
-        """The pixel of the same colour nearest to x + motion(x), and where it is inside: (1, 1, H, W), bool.
+        """Fetch for each pixel x the pixel of the same colour nearest to x + motion(x).
 
-        image (1, 1, H, W), motion (1, 2, H, W) in pixels. No two pixels are mixed: noise stays independent, and a
-        motion by whole periods copies. Elsewhere the fetched pixel is off by up to 1 px (green) or 1.5 px.
+        image: (1, 1, H, W). motion: (1, 2, H, W) in pixels. Returns the fetched values (1, 1, H, W), and a bool mask
+        (1, 1, H, W) of those that lie inside the image. No two pixels are mixed, so noise stays independent, and a
+        motion by whole periods copies. Otherwise the fetched pixel is off by up to 1 px (green) or 1.5 px.
         """
         height, width = image.shape[-2:]
         position = pixel_centres(image) + motion
@@ -92,9 +93,9 @@ class Mosaic:
 
     @cached_property
     def _steps(self) -> Tensor:
-        """(2, 3, T, T): from the pixel under each position of a period, the step (y, x) to the nearest of a colour."""
+        """Table (2, 3, T, T): the step (y, x) from each position's pixel to the nearest pixel of a colour."""
         turn = self.period * _FINE
-        centre = np.arange(turn) / _FINE + 0.5 / _FINE  # of the position's cell
+        centre = np.arange(turn) / _FINE + 0.5 / _FINE  # centre of the position's cell
         pixel = np.arange(turn) // _FINE
         pattern = np.array(self.rows)
         nearest = np.full((3, turn, turn), np.inf)
@@ -112,7 +113,11 @@ class Mosaic:
 
 
 def pattern_of(colours: npt.NDArray[np.integer], names: str) -> Mosaic:
-    """The array of a sensor whose pixels' colour numbers (H, W) stand for `names` ("RGBG": two greens are one)."""
+    """Find the colour filter array of a sensor from its pixels' colour numbers (H, W).
+
+    names: the letter of each colour number; in "RGBG" both greens are one colour. Raises NteError if the colours do
+    not repeat every 2 or 6 pixels.
+    """
     numbers = np.array(["RGB".find(name) for name in names])
     for period in (2, 6):
         first = colours[:period, :period]

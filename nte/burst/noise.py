@@ -1,7 +1,7 @@
-"""Noise of a sensor as a function of the signal: σ²(x) = a·x + b, fitted from the burst itself.
+"""The noise of a sensor as a function of the signal: σ²(x) = a·x + b, fitted to the burst itself.
 
-The Gaussian–Poisson model of Foi et al. 2008, «Practical Poissonian-Gaussian noise modeling and fitting for
-single-image raw-data»; the fit is ours.
+Source of the model: Foi et al. 2008, «Practical Poissonian-Gaussian noise modeling and fitting for single-image
+raw-data». The fit is nte's own.
 """
 
 from dataclasses import dataclass
@@ -13,21 +13,21 @@ from torch import Tensor
 from nte.burst.mosaic import Mosaic
 from nte.errors import NteError
 
-_TILE = 4  # quads along each axis over which variance is estimated
-_BINS = 16  # of the signal, with equally many tiles in each
-_SHARE = 0.25  # of the tiles of a bin that count as flat at first
-_ACCEPTED = 1.4  # times the fitted variance: tiles below count as flat then, nearly all that are
-_ROUNDS = 4
-_LEAST = 64  # flat tiles below which there is nothing to fit
-_SATURATED = 0.95  # of the white level: noise above is cut off
-_FLOOR = 1e-10  # variance: rounding to 16 bits has about this much
+_TILE = 4  # quads along each axis of a tile, over which variance is estimated
+_BINS = 16  # bins of the signal, with equally many tiles in each
+_SHARE = 0.25  # share of a bin's tiles that count as flat in the first round
+_ACCEPTED = 1.4  # later, tiles below this multiple of the fitted variance are flat: nearly all that really are
+_ROUNDS = 4  # rounds of fitting
+_LEAST = 64  # least number of flat tiles for a fit
+_SATURATED = 0.95  # share of the white level above which noise is cut off
+_FLOOR = 1e-10  # least variance; rounding to 16 bits has about this much
 
 
 @dataclass(frozen=True)
 class NoiseModel:
-    """σ²(x) = a·x + b for signals x in [0, 1] of the white level; a: photon noise, b: that of the electronics.
+    """A model of noise, σ²(x) = a·x + b, for signals x in [0, 1] of the white level; a: photons, b: electronics.
 
-    Raises NteError where a or b is negative or both are 0.
+    Raises NteError if a or b is negative or not finite, or if both are 0.
     """
 
     a: float
@@ -38,18 +38,18 @@ class NoiseModel:
             raise NteError(f"noise model a = {self.a}, b = {self.b}: expected two numbers of at least 0, not both 0")
 
     def variance(self, signal: Tensor) -> Tensor:
-        """σ² of signals of any shape; negative ones count as 0."""
+        """Compute the variance σ² of signals of any shape; negative signals count as 0."""
         return (self.a * signal.clamp(min=0) + self.b).clamp(min=_FLOOR)
 
 
 def fit_noise(first: Tensor, second: Tensor, mosaic: Mosaic | None) -> NoiseModel:
     """Fit the model to two frames of a burst, mosaics (1, 1, H, W) or images (1, C, H, W); they need not be aligned.
 
-    Four neighbouring pixels of one colour (p q / r s) give (p − q − r + s)/2, which has the noise's variance and
-    no trace of a linear gradient. One frame tells which tiles are flat, and the other what the variance is
-    there: a tile that is chosen because it looks quiet would otherwise count as less noisy than it is. At first
-    the quietest tiles are taken, then all that are as quiet as the fit says.
-    Where no part of the picture is flat, texture counts as noise. Raises NteError where too little is usable.
+    Four neighbouring pixels of one colour (p q / r s) give (p − q − r + s)/2, which has the noise's variance and no
+    trace of a linear gradient. One frame selects the flat tiles, and the other measures the variance there: a tile
+    that is selected because it looks quiet would otherwise count as less noisy than it is. The first round takes the
+    quietest tiles, later ones all tiles that are as quiet as the fit says. If no part of the picture is flat, texture
+    counts as noise. Raises NteError if fewer than 64 flat tiles are not saturated.
     """
     tiles = _tiles(first, mosaic), _tiles(second, mosaic)
     both = (tiles[0], tiles[1]), (tiles[1], tiles[0])
@@ -71,7 +71,7 @@ def fit_noise(first: Tensor, second: Tensor, mosaic: Mosaic | None) -> NoiseMode
 
 
 def _quietest(tiles: Tensor) -> Tensor:
-    """(T,) bool: a quarter of the tiles of similar signal, those of least variance."""
+    """Bool mask (T,): the quarter with the least variance among tiles of similar signal."""
     flat = torch.zeros(len(tiles), dtype=torch.bool, device=tiles.device)
     for part in tiles[:, 0].argsort().chunk(_BINS):
         flat[part[tiles[part, 1].argsort()[: int(len(part) * _SHARE)]]] = True
@@ -79,7 +79,7 @@ def _quietest(tiles: Tensor) -> Tensor:
 
 
 def _line(x: Tensor, v: Tensor) -> tuple[float, float]:
-    """a, b ≥ 0 of v = a·x + b by least squares; the spread of a variance is proportional to it, hence the weights."""
+    """Fit v = a·x + b, a, b ≥ 0, by least squares, weighted since the spread of a variance is proportional to it."""
     fitted = v.mean().expand_as(v)
     a, b = 0.0, float(v.mean())
     for _ in range(5):
@@ -97,7 +97,7 @@ def _line(x: Tensor, v: Tensor) -> tuple[float, float]:
 
 
 def _tiles(image: Tensor, mosaic: Mosaic | None) -> Tensor:
-    """(T, 3): mean, variance of the noise (and of what is not flat) and brightest pixel of each tile."""
+    """Mean, variance and brightest pixel of each tile, (T, 3); texture counts in the variance."""
     found = []
     for p, q, r, s in _quads(image, mosaic):
         if min(p.shape[-2:]) < _TILE:
@@ -111,7 +111,7 @@ def _tiles(image: Tensor, mosaic: Mosaic | None) -> Tensor:
 
 
 def _quads(image: Tensor, mosaic: Mosaic | None) -> list[tuple[Tensor, Tensor, Tensor, Tensor]]:
-    """2×2 neighbours of one colour, each (1, h, w); no pixel is in two quads."""
+    """Quads of 2×2 neighbours of one colour, each pixel's plane (1, h, w); no pixel is in two quads."""
     if mosaic is None:
         planes = [image[:, c] for c in range(image.shape[1])]
     elif mosaic.period == 2:
@@ -125,6 +125,6 @@ def _quads(image: Tensor, mosaic: Mosaic | None) -> list[tuple[Tensor, Tensor, T
 
 
 def _first_two(plane: Tensor, axis: int) -> Tensor:
-    """Of every three rows (axis 1) or columns (axis 2) the first two."""
+    """The first two of every three rows (axis 1) or columns (axis 2)."""
     index = torch.arange(plane.shape[axis] // 3 * 3, device=plane.device)
     return plane.index_select(axis, index[index % 3 < 2])

@@ -1,4 +1,4 @@
-"""Pictures that are demosaiced already: linear EXR, and PNG or TIFF as they are displayed."""
+"""Reader and writer of demosaiced pictures: linear EXR, and PNG or TIFF in sRGB."""
 
 from pathlib import Path
 from types import ModuleType
@@ -16,9 +16,10 @@ _RGB = (("color.R", "color.G", "color.B"), ("R", "G", "B"))
 
 
 def read_picture(path: Path) -> Pixels:
-    """(3, H, W), linear, from a .exr (layer `color`, or R, G, B), or a .png or .tif of 8 or 16 bits (from sRGB).
+    """Read a picture as linear (3, H, W) float32, from a .exr, or from a .png or .tif of 8 or 16 bits in sRGB.
 
-    Bad pixels (NaN, inf) become 0, transparency is ignored. Raises NteError for another file, or other layers.
+    A .exr has the layer `color`, or R, G, B. Bad values (NaN, inf) become 0; transparency is ignored. Raises NteError
+    for a file that cannot be read, and for other layers or bits.
     """
     if not path.is_file():
         raise NteError(f"{path}: {'is a folder' if path.exists() else 'does not exist'}: expected a picture")
@@ -35,7 +36,8 @@ def read_picture(path: Path) -> Pixels:
 def write_picture(path: Path, image: Pixels, bits: int = 16) -> None:
     """Write linear (3, H, W) as .exr (R, G, B, float32), or as .png or .tif of 8 or 16 bits in sRGB.
 
-    In sRGB [0, 1] is what shows; what is beyond is clipped.
+    A .png or .tif holds [0, 1]; values beyond are clipped. A missing folder is made. Raises NteError if the file cannot
+    be written.
     """
     if path.suffix.lower() == ".exr":
         write_exr(path, dict(zip("RGB", image, strict=True)))
@@ -50,12 +52,12 @@ def write_picture(path: Path, image: Pixels, bits: int = 16) -> None:
 
 
 def _decode(path: Path) -> Pixels:
-    """(3, H, W) in [0, 1], as displayed. OpenCV, since Pillow reads and writes colour in 8 bits only."""
+    """Read (3, H, W) in [0, 1], as displayed. Uses OpenCV, since Pillow reads and writes colour in 8 bits only."""
     cv2 = _opencv(path)
     kind = path.suffix.lower()[1:4].upper().replace("TIF", "TIFF")
     coded = np.frombuffer(path.read_bytes(), np.uint8)
     try:
-        with quiet():  # libpng and libtiff print what they think of a damaged file
+        with quiet():  # libpng and libtiff print complaints about a damaged file
             whole = cv2.imdecode(coded, cv2.IMREAD_COLOR | cv2.IMREAD_ANYDEPTH | cv2.IMREAD_IGNORE_ORIENTATION)
     except cv2.error as error:
         raise NteError(f"{path}: the {kind} cannot be read: {str(error).splitlines()[0]}") from error
@@ -72,5 +74,5 @@ def _opencv(path: Path) -> ModuleType:
         import cv2
     except ImportError as error:
         raise needs_extra("burst", f"{path}: pictures as they are displayed", error) from error
-    cv2.utils.logging.setLogLevel(cv2.utils.logging.LOG_LEVEL_SILENT)  # it prints beside what is raised
+    cv2.utils.logging.setLogLevel(cv2.utils.logging.LOG_LEVEL_SILENT)  # else it prints errors that are raised as well
     return cv2

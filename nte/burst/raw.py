@@ -1,4 +1,4 @@
-"""Raw photographs: the sensor's values through LibRaw, and a merged mosaic back through its demosaicing."""
+"""Raw photographs: reading the sensor's values with LibRaw, and demosaicing a merged mosaic with it."""
 
 from dataclasses import dataclass
 from pathlib import Path
@@ -16,20 +16,20 @@ _WHITE = 65535
 
 @dataclass(frozen=True)
 class Raw:
-    """Values of the sensor (H, W), linear: 0 is the black level (noise goes below), 1 the white level; what took them.
+    """Linear values of the sensor (H, W): 0 is the black level (noise goes below), 1 the white level; and its camera.
 
-    mosaic: None of a sensor that sees one colour. brightness: stops by which the file asks to be made brighter.
+    mosaic: None for a sensor of one colour. brightness: stops by which the file asks to be brightened.
     """
 
     values: Pixels
     mosaic: Mosaic | None
-    camera: tuple[float, ...]  # colour matrix and white level: of one camera at one exposure of its own choice
-    exposure: tuple[float, float, float]  # ISO, seconds, aperture; 0 where the file does not say
+    camera: tuple[float, ...]  # colour matrices and white level, the same in all photographs of a burst
+    exposure: tuple[float, float, float]  # ISO, seconds, aperture; 0 if the file does not say
     brightness: float = 0.0  # DNG's BaselineExposure
 
 
 def read_raw(path: Path) -> Raw:
-    """Read the visible part of the sensor. Raises NteError for what LibRaw cannot read, or that is no mosaic."""
+    """Read the visible part of the sensor. Raises NteError for a file that LibRaw cannot read or that has no mosaic."""
     with _open(path) as raw:
         try:
             one_colour = raw.num_colors == 1
@@ -37,7 +37,7 @@ def read_raw(path: Path) -> Raw:
         except NteError as error:
             raise NteError(f"{path}: {error}") from error
         tags, white = read_dng(path), float(raw.white_level)
-        if tags:  # LibRaw hands on the least level of a pattern that is larger than 2×2
+        if tags:  # of a pattern larger than 2×2, LibRaw hands on only the least level
             height, width = raw.raw_image_visible.shape
             black = tags.levels(height, width, raw.sizes.top_margin, raw.sizes.left_margin)
         else:
@@ -53,12 +53,12 @@ def read_raw(path: Path) -> Raw:
 
 
 def develop(path: Path, values: Pixels) -> Pixels:
-    """The photograph (3, H, W) that LibRaw makes of the file with these values in its mosaic's place.
+    """Develop the raw file with `values` (H, W) in place of its mosaic; returns the photograph (3, H, W).
 
-    LibRaw demosaics (AHD; X-Trans by its own method), balances white as the camera did and converts to linear
-    sRGB primaries in [0, 1], turned as the camera was held. Values beyond [0, 1] are clipped, as it does itself;
-    they are handed over in all 16 bits, since the mean of N frames is finer than the sensor's steps.
-    Raises NteError where LibRaw fails, as it does for X-Trans images under 512 pixels.
+    LibRaw demosaics (AHD; X-Trans by its own method), balances white as the camera did, converts to linear sRGB
+    primaries in [0, 1], and turns the picture as the camera was held. Values beyond [0, 1] are clipped, as LibRaw does
+    itself. The values use all 16 bits, since the mean of N frames is finer than the sensor's steps. Raises NteError if
+    LibRaw fails, as it does for X-Trans images under 512 pixels.
     """
     import rawpy
 
@@ -77,7 +77,7 @@ def develop(path: Path, values: Pixels) -> Pixels:
 
 
 def _open(path: Path) -> Any:
-    """An open and unpacked file with a flat mosaic."""
+    """Open and unpack a file with a flat mosaic; raises NteError for any other."""
     try:
         import rawpy
     except ImportError as error:
@@ -86,7 +86,7 @@ def _open(path: Path) -> Any:
         raise NteError(f"{path}: {'is a folder' if path.exists() else 'does not exist'}: expected a raw photograph")
     try:
         raw = rawpy.imread(str(path))
-        raw.unpack()  # else LibRaw reads the pixels, and finds them missing, when they are first asked for
+        raw.unpack()  # else LibRaw would read the pixels, or find them missing, only at their first use
     except (rawpy.LibRawError, OSError) as error:
         raise NteError(
             f"{path}: not a photograph that can be read ({_reason(error)}): expected a raw file, .exr or .png"
@@ -98,6 +98,6 @@ def _open(path: Path) -> Any:
 
 
 def _reason(error: Exception) -> str:
-    """What LibRaw says, which is bytes."""
+    """LibRaw's message, which is bytes, as text."""
     what = error.args[0] if error.args else type(error).__name__
     return what.decode() if isinstance(what, bytes) else str(what)

@@ -1,4 +1,4 @@
-"""Are a clip's values and vectors plausible? (`nte check`)"""
+"""Plausibility of a clip's values and motion vectors (`nte check`)."""
 
 from nte.checking.guides import guides_are_clean
 from nte.checking.report import CheckReport, check

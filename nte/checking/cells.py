@@ -1,15 +1,15 @@
-"""What the picture says about motion vectors: votes of small cells of the image, from the texture inside surfaces.
+"""Votes of small cells of the image for and against motion vectors, from the texture inside surfaces.
 
-Albedo travels with its surface. A pixel inside a surface must therefore find its albedo where its vector leads in
-the previous frame, up to a pixel: what lies between the smallest and the largest value of the four pixels around that
-place counts as found, so that interpolation, aliasing and half a pixel prove nothing. Pixels at silhouettes do not take
-part: what they show is a mixture, and what they fetch may have been hidden.
+Albedo travels with its surface. A pixel inside a surface must therefore find its albedo in the previous frame, where
+its vector leads, up to a pixel: any value between the smallest and the largest of the four pixels around that place
+counts as found, so that interpolation, aliasing and half a pixel prove nothing. Pixels at silhouettes do not take
+part: they show a mixture, and the surface that they fetch may have been hidden.
 
-A cell speaks *for* the vectors if they explain its texture and neither no motion nor the opposite motion does. It
-speaks *against* them if they do not, and a search finds one displacement that does, and only one: where texture
-repeats or is flat, any vector is as good as another. Vectors and displacements are compared by one measure. Where
-vectors lead out of the image nothing can be fetched: a cell contradicts those only if what it does has their direction,
-as with vectors of another unit.
+A cell votes *for* the vectors if they explain its texture, while neither no motion nor the opposite motion explains
+it. A cell votes *against* them if they do not explain its texture, and a search finds one displacement that does, and
+only one: if texture repeats or is flat, any vector is as good as another. Vectors and displacements are compared by
+the same measure. A vector that leads out of the image fetches nothing: a cell contradicts such vectors only if it
+really moves in their direction, as with vectors of another unit.
 """
 
 from math import dist, hypot
@@ -23,24 +23,29 @@ from nte.checking.votes import Against, Vector, Votes, rival_vectors
 from nte.frames.frame import Frame
 from nte.motion.warp import pixel_centres
 
-EXPLAINED = 0.01  # albedo error of a cell up to which vectors explain it
-BETTER = 0.3  # of the vectors' error: what a displacement must reach to contradict them
-ENOUGH = 0.2  # share of a cell's pixels that must take part
+EXPLAINED = 0.01  # largest albedo error of a cell that vectors explain
+BETTER = 0.3  # a displacement contradicts the vectors only if its error is at most this share of theirs
+ENOUGH = 0.2  # least share of a cell's pixels that must take part
 ONE_SURFACE = 1.1  # greatest ratio of the depths in 3×3 pixels of one surface
-SAME_SURFACE = 1.5  # greatest ratio of the depths of a pixel and of what it fetches
+SAME_SURFACE = 1.5  # greatest ratio between the depth of a pixel and the depth that it fetches
 ALONE = 0.15  # greatest share of the displacements that explain a cell as well as the best one
-APART = 1.2  # pixels between a vector and what the picture does that count as a contradiction
-ALONG = 0.95  # cosine of the angle between vectors of one direction
-AROUND = 3.0  # pixels: equally good displacements this close are one, and their mean is the place
-NEIGHBOURS = 3  # contradicting cells of which one must do the same; measured: fine aliased textures, lenses
-COMPANY = 1 / 3  # of the contradicting cells must have such a neighbour, or those that do have it by chance
-SIMILAR = 0.15  # of its length: how far two displacements of one motion may be apart
-SEARCHED = 48  # cells of a frame that are searched, at the most
+APART = 1.2  # pixels: least distance between the given vector and the true displacement in a contradiction
+ALONG = 0.95  # least cosine of the angle between vectors of one direction
+AROUND = 3.0  # pixels: equally good displacements this close count as one, and their mean is the true one
+NEIGHBOURS = 3  # nearest contradicting cells, one of which must move alike; measured: fine aliased textures, lenses
+COMPANY = 1 / 3  # least share of the contradicting cells with such a neighbour; fewer have one by chance
+SIMILAR = 0.15  # greatest distance between two displacements of one motion, as a share of their length
+SEARCHED = 48  # largest number of a frame's cells that are searched
 LARGE = 200  # pixels: images whose shorter side exceeds this have cells of 16×16 pixels, others of 8×8
 
 
 def cell_votes(previous: Frame, current: Frame) -> Votes:
-    """Votes of `current`'s cells; PyTorch frames, batch 1, with albedo and motion; depth and instance sharpen them."""
+    """Collect the votes of the cells of `current` on its `motion`.
+
+    previous, current: consecutive PyTorch frames of batch 1 with albedo and motion. Depth and instance are optional;
+    with them fewer pixels at silhouettes take part. Cost: up to 48 cells are searched over 625 displacements, or 1089
+    in images with both sides above 200 pixels.
+    """
     pair = _Pair(previous, current)
     motion = current["motion"]
     given, still, opposite = (pair.errors(vectors) for vectors in (motion, torch.zeros_like(motion), -motion))
@@ -63,7 +68,7 @@ def cell_votes(previous: Frame, current: Frame) -> Votes:
 
 
 class Contradiction(NamedTuple):
-    """A cell whose vectors are wrong: their mean and what the picture does, in pixels, and the error of the latter."""
+    """A cell with wrong vectors: their mean and the true displacement, in pixels, and the latter's albedo error."""
 
     cell: int
     given: Vector
@@ -72,24 +77,24 @@ class Contradiction(NamedTuple):
 
 
 class _Range(NamedTuple):
-    """(3, H·W): smallest and largest albedo around each pixel of the previous frame."""
+    """Smallest and largest albedo (3, H·W) around each pixel of the previous frame."""
 
     low: Tensor
     high: Tensor
 
 
 class _Pair:
-    """Two consecutive frames as flat lists of pixels, and the cell that each pixel of the current one belongs to."""
+    """Two consecutive frames as flat lists of pixels, and the cell of each pixel of the current one."""
 
     def __init__(self, previous: Frame, current: Frame) -> None:
         self.height, self.width = current.size
         self.side = 16 if min(current.size) > LARGE else 8
-        self.reach, self.step = (24, 2) if self.side == 8 else (48, 3)  # of displacements that are tried, in pixels
+        self.reach, self.step = (24, 2) if self.side == 8 else (48, 3)  # range and step of tried displacements, pixels
         self.least = ENOUGH * self.side**2
         before = previous["albedo"].nan_to_num()
         self.albedo = current["albedo"].nan_to_num()[0].flatten(1)
-        self.near = _range(F.pad(before, (0, 1, 0, 1), mode="replicate"), 2)  # of the four pixels around a position
-        self.wide = _range(F.pad(before, (1, 1, 1, 1), mode="replicate"), 3)  # of the 3×3 pixels there
+        self.near = _range(F.pad(before, (0, 1, 0, 1), mode="replicate"), 2)  # range of the 4 pixels around a position
+        self.wide = _range(F.pad(before, (1, 1, 1, 1), mode="replicate"), 3)  # range of the 3×3 pixels there
         self.usable, self.usable_before = (_inside_surfaces(f).flatten() for f in (current, previous))
         both = [name for name in ("instance", "depth") if name in current and name in previous]
         self.surface = {name: (current[name].flatten(), previous[name].flatten()) for name in both}
@@ -100,7 +105,7 @@ class _Pair:
         self.cells = self.columns * -(-self.height // self.side)
 
     def errors(self, motion: Tensor) -> Tensor:
-        """(cells,) mean albedo error of vectors (1, 2, H, W) in each cell; NaN where too few pixels can tell."""
+        """Mean albedo error (cells,) of vectors (1, 2, H, W) in each cell; NaN if too few pixels can tell."""
         everywhere = self.usable.nonzero()[:, 0]
         error, tells = self._compare(everywhere, motion[0].flatten(1)[:, everywhere], self.near)
         return self._means(self.cell[everywhere], error, tells, self.least)
@@ -111,11 +116,12 @@ class _Pair:
         return float((~within & self.usable).sum() / self.usable.sum().clamp(min=1))
 
     def search(self, motion: Tensor, suspect: Tensor, given: Tensor) -> tuple[list[Contradiction], float]:
-        """The suspect cells that one displacement explains, other than theirs, and hardly any other; and which share of
-        the suspect cells was searched.
+        """Search the suspect cells for the one displacement that explains each; return those that contradict `motion`.
 
-        motion: (1, 2, H, W) the given vectors, given: (cells,) their errors. One half of a cell's pixels decides which
-        displacement is best, the other half how good it is: the best of hundreds explains noise by chance, but once.
+        motion: the given vectors (1, 2, H, W); suspect: (cells,) bool; given: the vectors' errors (cells,). A cell
+        contradicts if hardly any other displacement is as good and the vectors are clearly worse. Also returns the
+        share of the suspect cells that was searched. One half of a cell's pixels decides which displacement is best,
+        the other half how good it is: the best of hundreds explains noise by chance, but not twice.
         """
         sizes = torch.bincount(self.cell[self.usable], minlength=self.cells)
         cells = (suspect & (sizes >= self.least)).nonzero()[:, 0]
@@ -153,7 +159,7 @@ class _Pair:
         return accompanied if len(accompanied) >= COMPANY * len(found) else [], share
 
     def _has_company(self, piece: Contradiction, found: list[Contradiction]) -> bool:
-        """Whether one of the nearest other pieces does nearly the same: chance finds another displacement each time."""
+        """Tell whether one of the nearest other pieces moves nearly alike, which chance hardly ever finds."""
 
         def apart(other: Contradiction) -> float:
             (y, x), (row, column) = (divmod(p.cell, self.columns) for p in (piece, other))
@@ -164,7 +170,7 @@ class _Pair:
         return any(dist(piece.seen, other.seen) <= near_enough for other in nearest)
 
     def _compare(self, pixels: Tensor, vectors: Tensor, found: "_Range") -> tuple[Tensor, Tensor]:
-        """Albedo error (P,) of pixels (P,) whose vectors are (2, P), and whether both ends lie inside one surface."""
+        """Albedo error (P,) of pixels (P,) with vectors (2, P), and a mask (P,): both ends lie inside one surface."""
         target, corner, tells = self._target(self.centres[:, pixels] + vectors)
         index = corner if found is self.near else target
         tells = tells & self.usable_before[target]
@@ -181,8 +187,10 @@ class _Pair:
         return error.mean(0), tells
 
     def _target(self, position: Tensor) -> tuple[Tensor, Tensor, Tensor]:
-        """For positions (2, P): flat index of the pixel that holds each, that of the upper left one of the four whose
-        centres are around it, and whether it lies in the image.
+        """Locate positions (2, P) in the image.
+
+        Returns, each (P,): the flat index of the pixel that holds the position, the flat index of the upper left one
+        of the four pixels whose centres are around it, and whether the position lies in the image.
         """
         place = position.nan_to_num(-1, -1, -1).clamp(-1, 2**20)
         (x, y), (left, top) = place.floor().long(), (place - 0.5).floor().long().clamp(min=0)
@@ -190,7 +198,7 @@ class _Pair:
         return *(torch.where(within, row * self.width + column, 0) for row, column in ((y, x), (top, left))), within
 
     def _means(self, group: Tensor, error: Tensor, tells: Tensor, least: float, groups: int | None = None) -> Tensor:
-        """(groups,) mean error of the pixels that tell; NaN for groups with fewer than `least` of them."""
+        """Mean error (groups,) of the pixels that tell; NaN for groups with fewer than `least` of them."""
         groups = groups or self.cells
         count = torch.bincount(group, tells.float(), groups)
         total = torch.bincount(group, error * tells, groups)
@@ -211,7 +219,7 @@ def _largest(image: Tensor) -> Tensor:
 
 
 def _inside_surfaces(frame: Frame) -> Tensor:
-    """(1, 1, H, W): the 3×3 pixels around show one surface, as far as instance and depth tell."""
+    """Bool mask (1, 1, H, W): the 3×3 pixels around show one surface, as far as instance and depth can tell."""
     inside: Tensor = frame["albedo"].isfinite().all(1, keepdim=True)
     if (instance := frame.get("instance")) is not None:
         inside = inside & (_largest(instance) == -_largest(-instance))

@@ -1,4 +1,4 @@
-"""Is the reference in the units of the colour? Means of blocks of pixels, over all frames, have one ratio."""
+"""A check that the reference has the units of the colour: one ratio of block means, over all frames."""
 
 from collections.abc import Iterator
 
@@ -10,9 +10,9 @@ from nte.checking.values import Finding
 from nte.frames.frame import Frame
 
 BLOCK = 16  # pixels
-TOLD, FAILED = 1.2, 1.5  # factors between the two
-ALIKE = 1.35  # blocks within this factor of their median have one ratio
-AGREE = 0.7  # share of the blocks that must, for a scale and not noise or another light
+TOLD, FAILED = 1.2, 1.5  # least factors between colour and reference that are told, and that are a fault
+ALIKE = 1.35  # blocks whose ratio is within this factor of the median agree
+AGREE = 0.7  # share of blocks that must agree; with fewer it is noise or another light, not another scale
 
 
 class ExposureTally:
@@ -23,7 +23,7 @@ class ExposureTally:
         self._reference: Tensor | None = None
 
     def add(self, frame: Frame) -> None:
-        """Add a PyTorch frame of batch 1, if it has both channels. Pixels that are bad in one of them are left out."""
+        """Add a PyTorch frame of batch 1, if it has both channels; pixels that are bad in one of them count as 0."""
         if "color" not in frame or "reference" not in frame:
             return
         both = torch.cat([frame["color"], frame["reference"]], 1)
@@ -34,7 +34,10 @@ class ExposureTally:
         self._reference = reference if self._reference is None else self._reference + reference
 
     def judge(self) -> Iterator[Finding]:
-        """A finding if the colour is brighter or darker than the reference by about the same factor everywhere."""
+        """Yield a finding if colour is brighter or darker than the reference by about the same factor everywhere.
+
+        It is a fault if the factor exceeds 1.5 and over 70 % of the blocks agree; also if only one of the two is black.
+        """
         if self._color is None or self._reference is None:
             return
         color, reference = self._color.flatten(), self._reference.flatten()

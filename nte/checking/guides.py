@@ -1,9 +1,9 @@
-"""Are albedo and normals free of noise and antialiased, as denoisers that trust their guides want them?
+"""A check that albedo and normals are noise-free and antialiased, as denoisers that trust their guides need them.
 
-Two signs, both of single images. Antialiased, a silhouette between two flat colours has a pixel of neither, but where
-it runs along the border of two pixels; aliased, or from one jittered sample, it has none. And where values are
-drawn anew in every pixel, many are larger or smaller than both of their neighbours in all four directions; edges,
-gradients and thin lines are so in three directions at the most.
+It looks for two signs in single images. Edges: an antialiased silhouette between two flat colours has a pixel in
+between, except where it runs along the border of two pixels; an aliased one, or one from a single jittered sample,
+has none. Noise: where each pixel has its own random value, many are larger or smaller than both of their neighbours
+in all four directions; edges, gradients and thin lines are so in three directions at most.
 """
 
 import math
@@ -19,18 +19,18 @@ from nte.frames.channels import GUIDES
 from nte.frames.clip import Clip
 from nte.frames.frame import Frame
 
-FRAMES = 4  # that are looked at, at the most
-STRONG = 0.15  # step of albedo that counts as an edge
-FLAT = 0.05  # of the step: how much the two regions may vary
-PURE = 0.07  # of the step: a pixel this close to one side has its colour
-ENOUGH = 40  # edges
+FRAMES = 4  # largest number of frames that are looked at
+STRONG = 0.15  # least step of albedo that counts as an edge
+FLAT = 0.05  # greatest variation of the two sides of an edge, as a share of the step
+PURE = 0.07  # a pixel this close to one side, as a share of the step, has that side's colour
+ENOUGH = 40  # least number of edges that can tell
 ALIASED = 0.2  # share of pure silhouettes; measured: 0.01 to 0.14 with 16 samples in a pixel, 0.25 to 0.99 with one
-ALIASED_ANYWHERE = 0.3  # share of all pure edges, where silhouettes are not known; textures' own edges are soft
-ONE_SURFACE = 1.1  # greatest ratio of depths that are no silhouette
-SMALL = 0.1  # differences up to this are of textures and noise, not of edges
+ALIASED_ANYWHERE = 0.3  # share of all pure edges, if silhouettes are unknown; textures' own edges are soft
+ONE_SURFACE = 1.1  # greatest ratio of the depths of one surface; a silhouette has a greater one
+SMALL = 0.1  # smaller differences come from textures and noise, not from edges
 NOISY = 0.03  # share of the squared differences in extremes, of albedo; measured: up to 0.022 without noise,
 # 0.035 to 0.06 through a lens with one sample; of small differences 0.025 to 0.12 with noise of σ = 0.02
-VISIBLE = 0.012  # root mean square of the small differences, below which noise does not matter
+VISIBLE = 0.012  # root mean square of the small differences below which noise does not matter
 DIRECTIONS = ((0, 1), (1, 0), (1, 1), (1, -1))
 
 
@@ -41,13 +41,13 @@ class _Signs:
     edges: int = 0
     pure: int = 0
     extreme: float = 0.0  # sum of squared differences that are extremes in all directions
-    squares: float = 0.0  # of all
-    small_extreme: float = 0.0  # the same where all differences around are small
+    squares: float = 0.0  # sum of all squared differences
+    small_extreme: float = 0.0  # the same two sums, where all differences around are small
     small_squares: float = 0.0
-    small: int = 0  # values
+    small: int = 0  # number of values with only small differences around
 
     def add(self, image: Tensor, borders: Tensor | None) -> None:
-        """Add an image (C, H, W); borders (2, H, W): does a silhouette lie to the right of a pixel, and below it?"""
+        """Add an image (C, H, W). borders: bool (2, H, W), a silhouette lies to the right of the pixel, or below it."""
         self._add_edges(image, None if borders is None else borders[0])
         self._add_edges(image.transpose(1, 2), None if borders is None else borders[1].T)
         if min(image.shape[1:]) < 3:
@@ -85,7 +85,7 @@ class _Signs:
 
 
 class GuideTally:
-    """The signs of noise and aliasing in the first frames of a clip."""
+    """Tally of the signs of noise and aliasing in the first frames of a clip."""
 
     def __init__(self) -> None:
         self._signs: dict[str, _Signs] = {}
@@ -93,7 +93,7 @@ class GuideTally:
         self._frames = 0
 
     def add(self, frame: Frame) -> None:
-        """Add a PyTorch frame of batch 1; only the first few count."""
+        """Add a PyTorch frame of batch 1; only the first four count."""
         self._frames += 1
         if self._frames > FRAMES:
             return
@@ -104,9 +104,9 @@ class GuideTally:
                 self._signs.setdefault(name, _Signs()).add(frame[name][0].nan_to_num(0, 0, 0).clamp(-2, 2), borders)
 
     def judge(self) -> Iterator[Finding]:
-        """What is worth telling of the guides; no fault: only denoisers that trust them suffer."""
+        """Yield findings about aliased or noisy guides; none is a fault, as only denoisers that trust guides suffer."""
         for name, signs in self._signs.items():
-            # Normals are made unit again after averaging, so their edges need not show a value in between.
+            # Normals are normalised after averaging, so their edges need not show a value in between.
             if name == "albedo" and signs.edges >= ENOUGH and signs.pure > self._limit * signs.edges:
                 share = f"{signs.pure / signs.edges:.0%} of {signs.edges} silhouettes have no pixel in between"
                 yield Finding(name, f"aliased: {share}", "antialiased guides for denoisers that trust them", False)
@@ -118,7 +118,7 @@ class GuideTally:
 
 
 def _silhouettes(frame: Frame) -> Tensor | None:
-    """(2, H, W): where the surface to the right of a pixel is another one, and the one below; None where unknown."""
+    """Bool masks (2, H, W): another surface lies to the right of the pixel, or below it; None if unknown."""
     if "instance" in frame:
         differs = [frame["instance"].diff(dim=dim) != 0 for dim in (3, 2)]
     elif "depth" in frame:
@@ -135,10 +135,10 @@ def _shifted(image: Tensor, dy: int, dx: int) -> Tensor:
 
 
 def guides_are_clean(clip: Clip) -> bool:
-    """Are the albedo and the normals of a clip antialiased and free of noise, as far as its first frames show?
+    """Tell whether the albedo and normals of a clip are antialiased and noise-free, as far as its first frames show.
 
-    True as well where too few edges can be seen to know; false without any guide. Raises NteError for files that
-    cannot be read.
+    Looks at four frames at most. Also true if too few edges are visible to know; false if the clip has neither
+    albedo nor normals. Raises NteError for files that cannot be read.
     """
     guides = [name for name in GUIDES if name in clip.channels]
     names = [*guides, *(name for name in ("instance", "depth") if name in clip.channels)]

@@ -1,4 +1,4 @@
-"""From votes to a verdict about the vectors: evidence is weighed, and where it is weak nothing is named."""
+"""The verdict about motion vectors from votes: weak evidence names no convention."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -11,15 +11,15 @@ from nte.motion.conventions import Convention
 
 Verdict = Literal["plausible", "undecidable", "implausible"]
 
-ENOUGH = 6  # votes, for any verdict
-WITHOUT_WORD = 0.1  # share of votes against the vectors below which nobody asks who explains them
-EXPLAINS_BAD, EXPLAINS_GOOD = 0.7, 0.8  # shares of the votes that a convention must explain to be named
-STILL_PX = 0.5  # vectors shorter than this do not move
+ENOUGH = 6  # least number of votes for a verdict
+WITHOUT_WORD = 0.1  # share of votes against the vectors up to which they are ignored
+EXPLAINS_BAD, EXPLAINS_GOOD = 0.7, 0.8  # shares of votes against and for that a convention must explain to be named
+STILL_PX = 0.5  # pixels: shorter vectors count as no motion
 
 
 @dataclass(frozen=True)
 class Judgement:
-    """Verdict and reason; the convention that the vectors follow: ours, another one, or None if none is known."""
+    """A verdict, its reason, and the convention that the vectors follow: nte's, another one, or None if unknown."""
 
     verdict: Verdict
     reason: str
@@ -27,10 +27,10 @@ class Judgement:
 
 
 def judge_votes(pairs: Sequence[Votes]) -> Judgement:
-    """Weigh the votes of a clip's pairs of frames.
+    """Weigh the votes of a clip's pairs of frames and judge its motion vectors.
 
-    Votes against the vectors count if they come from at least half of the pairs that vote: one bad frame, or a
-    cut, does not condemn the clip.
+    Votes against the vectors count only if they come from at least half of the pairs that vote: one bad frame, or a
+    cut, does not condemn the clip. Fewer than six votes, or votes that disagree, are undecidable.
     """
     total = Votes()
     for pair in pairs:
@@ -51,10 +51,10 @@ def judge_votes(pairs: Sequence[Votes]) -> Judgement:
 
 
 def _who_explains(votes: Votes) -> Convention | None:
-    """The convention that explains what contradicts the vectors without losing what confirms them, if there is one.
+    """Find the convention that explains most pieces that contradict the vectors and most that confirm them.
 
-    Of several that explain nearly as much, the one that differs least: at constant speed «forward» and «opposite
-    sign» say the same, and where everything moves sideways nothing is known of y.
+    None if there is no such convention. Of several that explain nearly as much, the one that differs least from nte's
+    is returned: at constant speed «forward» and «opposite sign» agree, and sideways motion says nothing about y.
     """
     bad = len(votes.against)
     able = [
@@ -75,7 +75,7 @@ def _strangeness(convention: Convention) -> tuple[int, int]:
 
 
 def _what_moves(votes: Votes) -> str:
-    """How the vectors differ from what the picture does, in words."""
+    """Describe in words how the vectors differ from the true motion of the picture."""
     known = [(piece.given, piece.seen) for piece in votes.against if piece.given and piece.seen]
     if not known:
         return "'motion' does not lead to where objects were"

@@ -1,8 +1,7 @@
-"""What objects say about motion vectors: an object must be found where its vectors lead.
+"""Votes of objects for and against motion vectors: an object must be found where its vectors lead.
 
-A pixel is found if one of the 3×3 pixels at the end of its vector shows the same instance. What hides an object in
-the previous frame hides it from any convention, so nothing follows from objects that nobody finds; nor from large
-ones, which everybody finds.
+A pixel is found if one of the 3×3 pixels at the end of its vector shows the same instance. An object that was hidden
+in the previous frame is found by no convention, and a large one by every convention: neither proves anything.
 """
 
 from itertools import product
@@ -14,15 +13,16 @@ from nte.checking.votes import Against, Votes, rival_vectors
 from nte.frames.frame import Frame
 from nte.motion.warp import fetch_nearest, inside, pixel_centres
 
-FOUND, LOST = 0.8, 0.3  # share of an object's pixels
-LEAST = 8  # pixels of an object that votes
+FOUND, LOST = 0.8, 0.3  # an object is found, or lost, if at least, or at most, this share of its pixels is found
+LEAST = 8  # least number of pixels of an object that votes
 
 
 def object_votes(previous: Frame, current: Frame) -> Votes:
-    """Votes of the instances that `current` shows; PyTorch frames, batch 1, with instance and motion.
+    """Collect the votes of the instances that `current` shows on its `motion`.
 
-    An object speaks for the vectors (1, 2, H, W) that find it where neither no motion nor the opposite does, and
-    against those that lose it where a rival finds it.
+    previous, current: consecutive PyTorch frames of batch 1 with instance and motion. An object votes for the vectors
+    if they find it while no motion and the opposite motion lose it. It votes against them if they lose it while a
+    rival convention finds it.
     """
     motion = current["motion"]
     objects = _Objects(previous["instance"], current["instance"])
@@ -43,7 +43,7 @@ def object_votes(previous: Frame, current: Frame) -> Votes:
 
 
 class _Objects:
-    """The instances of a frame (1, 1, H, W) that have enough pixels."""
+    """The instances (1, 1, H, W) of two frames; objects of the current one vote if they have enough pixels."""
 
     def __init__(self, before: Tensor, now: Tensor) -> None:
         self.before, self.now = before, now
@@ -51,7 +51,7 @@ class _Objects:
         self.votes = (ids != 0) & (self.size >= LEAST)
 
     def found(self, motion: Tensor) -> Tensor:
-        """(objects,) share of each object's pixels that vectors (1, 2, H, W) find; NaN for those that do not vote."""
+        """Share (objects,) of each object's pixels that vectors (1, 2, H, W) find; NaN for objects that do not vote."""
         target = pixel_centres(motion) + motion
         within = inside(target)
         target = torch.where(within, target, 0.0)

@@ -1,4 +1,4 @@
-"""Are a clip's vectors and values plausible? (nte check; docs/check.md has the criteria)"""
+"""The report of `nte check`: whether a clip's values and motion vectors are plausible."""
 
 from collections import defaultdict
 from dataclasses import dataclass, field
@@ -23,13 +23,13 @@ from nte.motion.warp import fetch_nearest, pixel_centres, warp
 
 MOVING_PX = 1.0
 CHANGING_ALBEDO = 0.02
-PAIRS = 12  # pairs of frames whose vectors are judged, at the most, spread over the clip
+PAIRS = 12  # largest number of pairs of frames whose vectors are judged, spread over the clip
 COMPARED = ("albedo", "normal", "reference")
 
 
 @dataclass
 class Mean:
-    """A mean over pixels that arrive frame by frame."""
+    """A mean over pixels that are added frame by frame."""
 
     total: float = 0.0
     count: int = 0
@@ -41,47 +41,51 @@ class Mean:
 
     @property
     def value(self) -> float:
-        """The mean, NaN without pixels."""
+        """The mean; NaN without pixels."""
         return self.total / self.count if self.count else float("nan")
 
 
 @dataclass
 class CheckReport:
-    """What `check` found. Errors are means of |difference| over channels and pixels."""
+    """The result of `check`. Errors are means of |difference| over channels and pixels.
+
+    In `errors` vectors are none, traditional or dual, and regions are visible, disoccluded or, for albedo, changing:
+    visible pixels that move and whose albedo changes.
+    """
 
     clip: str
     frames: int
     verdict: Verdict
     reason: str
-    findings: list[Finding]  # of single channels, faults and what is worth telling
+    findings: list[Finding]  # faults of single channels, and notes
     tallies: dict[str, Tally]  # channel → range, mean, bad pixels
     votes: Votes
     errors: dict[tuple[str, str, str], Mean]  # (channel, vectors, region) → error
-    disoccluded: float  # shares of all pixels
-    invalid: float
-    convention: Convention | None  # that the vectors follow: ours, another one, or none that is known
-    telling_frame: int  # the one with the most disoccluded pixels, for the picture
+    disoccluded: float  # share of all pixels
+    invalid: float  # share of all pixels whose vector leads out of the previous frame
+    convention: Convention | None  # convention of the vectors: nte's, another one, or None if unknown
+    telling_frame: int  # the frame with the most disoccluded pixels, for the picture
 
     @property
     def ratio(self) -> float:
-        """How much the vectors explain: albedo error without them over error with them, where something moves."""
+        """Albedo error without vectors over error with traditional ones, in the region changing; NaN if unknown."""
         unwarped, warped = (self.errors.get(("albedo", vectors, "changing")) for vectors in ("none", "traditional"))
         return unwarped.value / warped.value if unwarped and warped and warped.total else float("nan")
 
 
 @dataclass
 class _Vectors:
-    """What is collected of pairs of frames."""
+    """Results collected from pairs of frames."""
 
     votes: list[Votes] = field(default_factory=list)
     still: list[Stillness] = field(default_factory=list)
     errors: dict[tuple[str, str, str], Mean] = field(default_factory=lambda: defaultdict(Mean))
     disoccluded: Mean = field(default_factory=Mean)
     invalid: Mean = field(default_factory=Mean)
-    telling: tuple[int, int] = (0, 1)  # disoccluded pixels, frame
+    telling: tuple[int, int] = (0, 1)  # most disoccluded pixels, and the frame that has them
 
     def add(self, previous: Frame, current: Frame, vote: bool) -> None:
-        """Add two consecutive frames that have motion; `vote`: judge the vectors as well."""
+        """Add two consecutive frames that have motion. vote: collect votes on the vectors as well, which costs more."""
         dual = frame_vectors(current, previous.get("depth"))
         everywhere = torch.ones_like(dual.valid)
         self.disoccluded.add(dual.disoccluded.float(), everywhere)
@@ -101,10 +105,11 @@ class _Vectors:
 
 
 def check(clip: Clip | Path | str) -> CheckReport:
-    """Judge whether a clip's values and motion vectors are plausible, from every frame of it.
+    """Judge whether a clip's values and motion vectors are plausible.
 
-    The report has a `verdict`, plausible, implausible or undecidable, its `reason`, and `convention`: which sign, axes,
-    unit and direction the vectors seem to have, where that can be told. Raises NteError for files that cannot be read.
+    Every frame is read; the vectors of at most 12 pairs of frames vote. The report has a `verdict` (plausible,
+    implausible or undecidable), its `reason`, and a `convention`: the sign, axes, unit and direction that the vectors
+    seem to have, or None if that is unknown. Raises NteError for files that cannot be read.
 
     >>> report = nte.check("data/clips/disc_000")
     >>> report.verdict
@@ -135,7 +140,7 @@ def check(clip: Clip | Path | str) -> CheckReport:
 
 
 def _judge(clip: Clip, vectors: _Vectors, findings: list[Finding]) -> Judgement:
-    """The verdict on the clip: impossible values first, then what the vectors' votes say."""
+    """The verdict on the clip: impossible values first, then the vectors' votes."""
     judgement = _judge_vectors(clip, vectors)
     faults = [f"{finding.channel}: {finding.found}" for finding in findings if finding.fault]
     if not faults:
@@ -157,7 +162,11 @@ def _judge_vectors(clip: Clip, vectors: _Vectors) -> Judgement:
 
 
 def visible_in_both(previous: Frame, current: Frame, vectors: Reprojection) -> Tensor:
-    """(1, 1, H, W): nothing hid the surface, and all four pixels that are fetched show the same instance."""
+    """Mark the pixels whose surface is visible in both frames, as a bool mask (1, 1, H, W).
+
+    The vector is valid, the surface is not disoccluded, and all four pixels that are fetched show the same instance,
+    if both frames have `instance`. vectors: the dual vectors of `current`.
+    """
     visible = vectors.valid & ~vectors.disoccluded
     if "instance" in current and "instance" in previous:
         position = pixel_centres(current["motion"]) + vectors.motion

@@ -1,4 +1,4 @@
-"""What `nte check` prints and draws of a CheckReport."""
+"""Text and pictures of a CheckReport, for `nte check`."""
 
 import math
 from dataclasses import replace
@@ -15,7 +15,7 @@ from nte.motion.warp import warp
 
 
 def describe(report: CheckReport) -> str:
-    """The report as text: the verdict first, then what is not as expected, then what it rests on."""
+    """Write the report as text: the verdict, then faults and notes, then the numbers behind them."""
     lines = [f"{report.clip}: {report.verdict}: {report.reason}"]
     for finding in report.findings:
         mark = "fault" if finding.fault else "note"
@@ -40,7 +40,10 @@ def describe(report: CheckReport) -> str:
 
 
 def draw(clip: Clip, index: int) -> RGB:
-    """Motion, masks and residuals of frame `index` (from 1), side by side."""
+    """Draw motion, masks and residuals of frame `index`, at least 1, side by side, as (H, W, 3) uint8.
+
+    Raises NteError if the clip has no albedo, no motion, or no such frame.
+    """
     previous, current = clip.frame(index - 1).torch(), clip.frame(index).torch()
     dual = frame_vectors(current, previous.get("depth"))
     traditional = traditional_motion(current["motion"])

@@ -1,4 +1,4 @@
-"""Vectors that say nothing moves, and a picture in which something does."""
+"""A check for motion vectors that are 0 although the picture changes."""
 
 from collections.abc import Sequence
 from typing import NamedTuple
@@ -9,25 +9,27 @@ from torch import Tensor
 from nte.frames.frame import Frame
 from nte.motion.geometric import infinite_sky
 
-LONGEST_PX = 0.5  # of nearly all vectors of a frame in which nothing moves
-NEARLY_ALL = 0.999
-TOGETHER = 3  # changed pixels among 3×3: what moves uncovers several side by side, a noisy guide changes single ones
-CHANGED = 0.01  # share of the pixels that show what was not there
-NEARER = 1.1  # ratio of depths
-ALBEDO = 0.05
+LONGEST_PX = 0.5  # pixels: nearly all vectors are shorter in a frame in which nothing moves
+NEARLY_ALL = 0.999  # share of the vectors
+TOGETHER = 3  # least changed pixels among 3×3: motion uncovers several side by side, a noisy guide changes single ones
+CHANGED = 0.01  # least share of changed pixels in a picture that changes
+NEARER = 1.1  # least ratio of depths that counts as a change
+ALBEDO = 0.05  # least difference of albedo that counts as a change
 
 
 class Stillness(NamedTuple):
-    """Of a pair of frames: how long nearly all vectors are at the most, in pixels, and the share of changed pixels."""
+    """A pair of frames: the length that nearly all vectors stay below, in pixels, and the share of changed pixels."""
 
     longest: float
     changed: float
 
 
 def stillness(previous: Frame, current: Frame) -> Stillness:
-    """Look at two PyTorch frames of batch 1 with motion, by depth and instance, or by albedo where both are missing.
+    """Measure the vectors of `current` and the pixels that changed since `previous`.
 
-    If nothing moves by a pixel, each pixel shows what one of the 3×3 pixels there showed before, silhouettes included.
+    Both are PyTorch frames of batch 1 with motion. Changes are seen in depth, else in instance, else in albedo, and
+    are 0 without any of them. If nothing moves by a pixel, each pixel shows what one of the 3×3 pixels there showed
+    before, silhouettes included; a pixel that shows something else has changed.
     """
     length = current["motion"].square().sum(1).sqrt().nan_to_num().flatten()
     longest = float(length.kthvalue(max(1, int(NEARLY_ALL * len(length)))).values)
@@ -43,12 +45,12 @@ def stillness(previous: Frame, current: Frame) -> Stillness:
         changed = ((now > _largest(before) + ALBEDO) | (now < -_largest(-before) - ALBEDO)).any(1)
     if changed is None:
         return Stillness(longest, 0.0)
-    around = F.avg_pool2d(changed.float().view(1, 1, *current.size), 3, 1, 1) * 9  # what is outside counts as unchanged
+    around = F.avg_pool2d(changed.float().view(1, 1, *current.size), 3, 1, 1) * 9  # pixels outside count as unchanged
     return Stillness(longest, float((changed.view_as(around) & (around > TOGETHER - 0.5)).float().mean()))
 
 
 def without_motion(pairs: Sequence[Stillness]) -> str:
-    """What is wrong if most pairs of frames change though no vector is as long as half a pixel; else nothing."""
+    """Say what is wrong if most pairs of frames change although vectors are below half a pixel; else return ""."""
     stuck = [pair for pair in pairs if pair.longest < LONGEST_PX and pair.changed > CHANGED]
     if not stuck or 2 * len(stuck) <= len(pairs):
         return ""

@@ -1,4 +1,4 @@
-"""Is every channel what it can be? Unit lengths, ranges, whole numbers, something seen (docs/check.md)."""
+"""Checks of single channels: finite values, ranges, unit lengths, whole numbers, visible surfaces."""
 
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field
@@ -10,17 +10,17 @@ from nte.frames.bad import count_bad
 from nte.frames.channels import CHANNELS
 from nte.frames.frame import Frame
 
-SANITISED = ("radiance", "reflectance")  # kinds whose bad pixels denoisers take care of
-UNIT_SCALARS = ("roughness", "visibility", "reference_visibility", "time")  # in [0, 1]
-MANY = 0.01  # share of the pixels from which impossible values are a fault of the channel, not of a few pixels
-MOST = 0.5  # share of the pixels from which vectors longer than four images are a fault: they have another unit
-ROUNDING = 0.005  # of half floats, and of averages
-SAMPLED = 4096  # directions of a frame that are looked at, at the most
+SANITISED = ("radiance", "reflectance")  # kinds whose bad pixels denoisers sanitise
+UNIT_SCALARS = ("roughness", "visibility", "reference_visibility", "time")  # scalars in [0, 1]
+MANY = 0.01  # a greater share of pixels with impossible values is a fault of the channel, not of a few pixels
+MOST = 0.5  # a greater share of vectors longer than four images is a fault: they have another unit
+ROUNDING = 0.005  # greatest error of half floats and of averages
+SAMPLED = 4096  # directions of a frame that are looked at, up to twice as many
 
 
 @dataclass(frozen=True)
 class Finding:
-    """Something that is not as expected: a fault fails the check, anything else is told."""
+    """Something unexpected about a channel: a fault fails the check, anything else is only a note."""
 
     channel: str
     found: str
@@ -30,29 +30,32 @@ class Finding:
 
 @dataclass
 class Tally:
-    """What is counted of one channel over a clip; counts are of pixels."""
+    """Counts and ranges of one channel over a clip; counts are of pixels unless they say otherwise."""
 
     pixels: int = 0
     low: float = float("inf")
     high: float = -float("inf")
     total: float = 0.0
-    finite: int = 0  # values
-    bad: int = 0  # as nte.frames.bad counts them
-    first_bad: int | None = None  # frame
+    finite: int = 0  # number of finite values
+    bad: int = 0  # not finite; for light, reflectance and channels in which NaN has a meaning, as in nte.frames.bad
+    first_bad: int | None = None  # first frame with bad pixels
     far: int = 0  # vectors longer than four images
-    first_far: int | None = None
-    impossible: int = 0  # outside the channel's range, or an id that is not whole
-    seen: int = 0  # not all zero
-    directions: list[Tensor] = field(default_factory=list)  # (3, n), some of those that are not zero
+    first_far: int | None = None  # first frame with such vectors
+    impossible: int = 0  # pixels outside the channel's range, or with an id that is not whole
+    seen: int = 0  # pixels that are not all zero
+    directions: list[Tensor] = field(default_factory=list)  # (3, n), a sample of the directions that are not zero
 
     @property
     def mean(self) -> float:
-        """Over finite values; NaN without any."""
+        """Mean of the finite values; NaN without any."""
         return self.total / self.finite if self.finite else float("nan")
 
 
 def tally_values(tallies: Mapping[str, Tally], frame: Frame) -> None:
-    """Add a PyTorch frame of batch 1; `tallies` has to make entries by itself (a defaultdict)."""
+    """Add a PyTorch frame of batch 1 to the tallies of its channels.
+
+    tallies: channel → Tally; must make missing entries by itself, as a defaultdict does.
+    """
     bad = count_bad(frame)
     for name, values in frame.channels.items():
         entry = tallies[name]
@@ -63,7 +66,7 @@ def tally_values(tallies: Mapping[str, Tally], frame: Frame) -> None:
             entry.total += float(finite.double().sum())
             entry.finite += finite.numel()
         row = CHANNELS[name]
-        # What another channel cannot be is judged below, by its range.
+        # Other channels are judged below, by their ranges.
         counted = row.kind in SANITISED or row.nan_means
         number = bad.get(name, 0) if counted else int((~values.isfinite()).any(1).sum())
         if row.kind == "motion" and not row.nan_means and (far := bad.get(name, 0) - number):
@@ -81,7 +84,7 @@ def tally_values(tallies: Mapping[str, Tally], frame: Frame) -> None:
 
 
 def _impossible(name: str, values: Tensor) -> Tensor:
-    """Which values (1, C, H, W) the channel cannot have, but for those that are not finite."""
+    """Mark the finite values (1, C, H, W) that the channel cannot have."""
     kind = CHANNELS[name].kind
     if kind == "id":
         return values.isfinite() & ((values != values.round()) | (values < 0))
@@ -93,7 +96,7 @@ def _impossible(name: str, values: Tensor) -> Tensor:
 
 
 def judge_values(tallies: Mapping[str, Tally]) -> list[Finding]:
-    """What is impossible, or worth telling, of the channels of a clip."""
+    """List what is impossible, or worth a note, about the channels of a clip."""
     found = [finding for name, entry in tallies.items() for finding in _judge(name, entry)]
     depth = tallies.get("depth")
     if depth and not depth.seen:
@@ -153,11 +156,11 @@ def _judge_directions(name: str, entry: Tally) -> Iterator[Finding]:
 
 
 def is_encoded(vectors: Tensor) -> bool:
-    """Do directions (3, n) look like n/2 + 1/2 of unit vectors n, as pictures store them; normalised since, or not?
+    """Tell whether directions (3, n) look like unit vectors n stored as n/2 + 1/2, possibly normalised afterwards.
 
-    Then no component is negative, and 2v − 1 has length 1; of a normalised one, u, some multiple does: |2su − 1| = 1
-    has a solution s where u's components add up to √2 or more, within 35° of the diagonal. Real directions may all
-    lie there by chance if they are nearly one direction, so those that hardly vary prove nothing.
+    No component of such a v is negative, and 2v − 1 has length 1. If v was normalised to u, |2su − 1| = 1 has a
+    solution s exactly if u's components add up to √2 or more, that is within 35° of the diagonal. Real directions may
+    lie there by chance if they are nearly parallel, so directions that hardly vary must fit unnormalised.
     """
     if float((vectors < -ROUNDING).any(0).float().mean()) > MANY:
         return False

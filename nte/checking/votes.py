@@ -1,4 +1,4 @@
-"""Votes for and against a clip's motion vectors, and who else explains what they do not."""
+"""Votes for and against a clip's motion vectors, and the rival conventions that explain the contradictions."""
 
 from collections import Counter
 from collections.abc import Iterator
@@ -15,22 +15,22 @@ Vector = tuple[float, float]  # (x, y) in pixels
 
 
 class Against(NamedTuple):
-    """A piece of the picture that contradicts its vectors: which rivals explain it, its vector, what it really does."""
+    """A piece of the picture that contradicts its vectors: the rivals that explain it, its vector, its displacement."""
 
     explained_by: frozenset[Convention]
-    given: Vector | None = None  # mean over the piece; None where what the picture does is not known
-    seen: Vector | None = None
+    given: Vector | None = None  # mean vector of the piece; None if its true displacement is unknown
+    seen: Vector | None = None  # true displacement
 
 
 @dataclass
 class Votes:
-    """Pieces of the picture that speak for the vectors, and against them; of a pair of frames, or of a clip."""
+    """The pieces of a picture that vote for and against the vectors, of one pair of frames or of a clip."""
 
-    good: int = 0
-    compared: int = 0  # good ones that rivals were tried on: those of frames in which something contradicts
-    good_by: Counter[Convention] = field(default_factory=Counter)  # of these, how many a rival explains as well
-    against: list[Against] = field(default_factory=list)
-    weight_against: float = 0.0  # how many would contradict, had all been looked at
+    good: int = 0  # pieces that vote for the vectors
+    compared: int = 0  # good pieces on which rivals were tried: those of frames with contradictions
+    good_by: Counter[Convention] = field(default_factory=Counter)  # rival → number of these that it explains as well
+    against: list[Against] = field(default_factory=list)  # pieces that vote against the vectors
+    weight_against: float = 0.0  # estimated number of contradictions if all pieces had been searched
 
     def add(self, other: "Votes") -> None:
         """Add the votes of another pair of frames."""
@@ -41,12 +41,16 @@ class Votes:
         self.weight_against += other.weight_against
 
     def bad_by(self, rival: Convention) -> int:
-        """How many of the pieces that contradict the vectors a rival explains."""
+        """Count the pieces against the vectors that a rival explains."""
         return sum(rival in piece.explained_by for piece in self.against)
 
 
 def rival_vectors(previous: Frame, current: Frame) -> Iterator[tuple[Convention, Tensor]]:
-    """Our vectors (1, 2, H, W) if `motion` of two consecutive frames followed each other convention; NaN: unknown."""
+    """Yield each rival convention with the vectors that `motion` would mean in it.
+
+    The vectors (1, 2, H, W) are in nte's convention, pixels, current → previous; NaN where unknown. previous, current:
+    consecutive PyTorch frames of batch 1 with motion; `depth` of the previous one is used if it is there.
+    """
     motion = current["motion"]
     depth = motion.new_zeros(motion[:, :1].shape) if "depth" not in previous else previous["depth"]
     for rival in RIVALS:

@@ -1,6 +1,6 @@
-"""The `nte` command, a file for each subcommand. What a subcommand needs is imported when it runs: --help is instant.
+"""The `nte` command, a file for each subcommand. A subcommand's imports happen when it runs, so --help is instant.
 
-Exit status: 0 done; 2 wrong usage or input, told in one line; 1 a fault of ours; 130 interrupted.
+Exit status: 0 done; 1 a bug in nte; 2 wrong usage or input, told in one line; 130 interrupted.
 """
 
 import argparse
@@ -39,11 +39,14 @@ _OF_THE_SYSTEM = {
 
 
 def main(argv: Sequence[str] | None = None) -> int:
-    """Run the command line; returns the exit status."""
+    """Run the command line `argv` (None: that of the process) and return the exit status.
+
+    Wrong usage ends the process with status 2.
+    """
     parser = _parser()
     options, rest = parser.parse_known_args(argv)
     if hasattr(options, "overrides") and all("=" in item and item[0] != "-" for item in rest):
-        options.overrides += rest  # argparse takes no more positionals after an option; users mix them
+        options.overrides += rest  # argparse stops taking positionals after an option, but users mix them
     elif rest:
         parser.error(f"unrecognised arguments: {' '.join(rest)}")
     warnings.showwarning = _tell_warning
@@ -58,7 +61,7 @@ def main(argv: Sequence[str] | None = None) -> int:
             raise
         print(f"nte: {needs_extra(options.extra, f'nte {options.command}', error)}", file=sys.stderr)
         return 2
-    except BrokenPipeError:  # nte check … | head: nobody reads on
+    except BrokenPipeError:  # nte check … | head: the reader has closed the pipe
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
         return 0
     except OSError as error:  # not permitted, no space left, a name that is too long

@@ -1,4 +1,4 @@
-"""`nte bench`."""
+"""The subcommand `nte bench`."""
 
 import argparse
 import json
@@ -27,7 +27,7 @@ def add(commands: Commands) -> None:
 
 
 def _size(text: str) -> tuple[int, int]:
-    """(height, width) of WIDTHxHEIGHT."""
+    """Parse WIDTHxHEIGHT to (height, width)."""
     match = re.fullmatch(r"([1-9]\d*)x([1-9]\d*)", text)
     if not match:
         raise argparse.ArgumentTypeError(f"'{text}' is no size: expected WIDTHxHEIGHT, such as 1280x720")

@@ -1,4 +1,4 @@
-"""`nte check`."""
+"""The subcommand `nte check`."""
 
 import argparse
 from pathlib import Path

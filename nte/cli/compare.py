@@ -1,4 +1,4 @@
-"""`nte compare`."""
+"""The subcommand `nte compare`."""
 
 import argparse
 from pathlib import Path

@@ -1,4 +1,4 @@
-"""`nte denoise`."""
+"""The subcommand `nte denoise`."""
 
 import argparse
 from pathlib import Path

@@ -1,4 +1,4 @@
-"""`nte estimate`."""
+"""The subcommand `nte estimate`."""
 
 import argparse
 from pathlib import Path

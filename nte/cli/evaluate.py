@@ -1,4 +1,4 @@
-"""`nte evaluate`."""
+"""The subcommand `nte evaluate`."""
 
 import argparse
 from pathlib import Path

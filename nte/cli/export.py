@@ -1,4 +1,4 @@
-"""`nte export`."""
+"""The subcommand `nte export`."""
 
 import argparse
 from pathlib import Path

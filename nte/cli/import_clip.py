@@ -1,4 +1,4 @@
-"""`nte import`."""
+"""The subcommand `nte import`."""
 
 import argparse
 from collections.abc import Callable

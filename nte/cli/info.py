@@ -1,4 +1,4 @@
-"""`nte info`."""
+"""The subcommand `nte info`."""
 
 import argparse
 from pathlib import Path

@@ -1,4 +1,4 @@
-"""`nte merge-burst`."""
+"""The subcommand `nte merge-burst`."""
 
 import argparse
 from pathlib import Path
@@ -35,7 +35,7 @@ def add(commands: Commands) -> None:
 
 
 def _stops(text: str) -> float:
-    """A brightness, in stops. Raises argparse's error for one beyond any picture."""
+    """Parse a brightness in stops; raises argparse's error outside −32 to 32, which is beyond any picture."""
     stops = float(text)
     if not -32 <= stops <= 32:
         raise argparse.ArgumentTypeError(f"{text}: expected stops from -32 to 32")

@@ -1,22 +1,22 @@
-"""What the parsers of the subcommands have in common."""
+"""Common parts of the subcommands' parsers."""
 
 import argparse
 from collections.abc import Callable
 from typing import NoReturn, Protocol
 
-DENOISER = "run, .onnx, or name:key=value"  # how a denoiser is typed
+DENOISER = "run, .onnx, or name:key=value"  # help text of a denoiser's specification
 
 
 class Parser(argparse.ArgumentParser):
-    """A parser that tells what is wrong in one line, as for any other wrong input; the usage is a --help away."""
+    """A parser whose errors are one line, as for any other wrong input, without the usage."""
 
     def error(self, message: str) -> NoReturn:
-        """End the process with status 2."""
+        """Print the message in one line and end the process with status 2."""
         self.exit(2, f"{self.prog}: error: {message}; see {self.prog} --help\n")
 
 
 class Commands(Protocol):
-    """The subcommands of a parser: what ArgumentParser.add_subparsers returns."""
+    """The subcommands of a parser, as ArgumentParser.add_subparsers returns them."""
 
     def add_parser(self, name: str, *, help: str, description: str) -> argparse.ArgumentParser: ...
 
@@ -24,9 +24,10 @@ class Commands(Protocol):
 def command(
     commands: Commands, name: str, run: Callable[[argparse.Namespace], int | None], text: str, extra: str = ""
 ) -> argparse.ArgumentParser:
-    """Add a subcommand and return its parser; `run` does it and gives the exit status, None for 0.
+    """Add a subcommand and return its parser.
 
-    extra: the optional dependencies that bring what it imports, for the error where that is missing.
+    run: called with the parsed options; returns the exit status, None for 0. extra: the optional dependencies that
+    install its imports, named in the error if one is missing.
     """
     parser = commands.add_parser(name, help=text, description=text)
     parser.set_defaults(run=run, extra=extra)
@@ -34,10 +35,10 @@ def command(
 
 
 def add_force(parser: argparse.ArgumentParser, text: str = "overwrite what exists") -> None:
-    """Add --force."""
+    """Add the option --force; `text` says in the help what it does."""
     parser.add_argument("--force", action="store_true", help=text)
 
 
 def add_device(parser: argparse.ArgumentParser, default: str = "cpu") -> None:
-    """Add --device."""
+    """Add the option --device."""
     parser.add_argument("--device", default=default, help=f"cpu, cuda, … (default: {default})")

@@ -1,4 +1,4 @@
-"""`nte render`."""
+"""The subcommand `nte render`."""
 
 import argparse
 from pathlib import Path

@@ -1,4 +1,4 @@
-"""`nte train`."""
+"""The subcommand `nte train`."""
 
 import argparse
 from pathlib import Path

@@ -1,4 +1,4 @@
-"""Comparing denoisers over clips: what `nte evaluate` does."""
+"""The comparison of denoisers over clips, for `nte evaluate`."""
 
 import json
 import os
@@ -16,7 +16,7 @@ from nte.frames.channels import reference_of
 from nte.frames.clip import Clip, find_clips
 from nte.registry import load_denoiser
 
-OURS = ("metrics.json", "index.html")  # all that an evaluation writes, and so all that force replaces
+OURS = ("metrics.json", "index.html")  # all files that an evaluation writes, and that force replaces
 Advance = Callable[[int, int, str], None]  # frames done, frames in all, clip and frame
 
 
@@ -33,12 +33,13 @@ def evaluate(
 ) -> Evaluation:
     """Run every denoiser over every clip, score its frames, and write `out`/metrics.json and index.html, the report.
 
-    clips: clip folders, or folders that hold clips. denoisers: as `load_denoiser` takes them, or denoisers by the
-    names that rows carry. first: index of the first frame that is scored; every denoiser starts at frame 0. lights: the
-    light components that are scored besides each denoiser's own target; None takes all that it gives. progress: called
-    after each frame with frames done, frames in all and which frame. titles: title → denoiser, what the report calls
-    them. One frame of one clip is in memory at a time, beside the denoisers' states. Raises NteError, before any work
-    is done, for what is missing and for an `out` that exists without `force`.
+    clips: clip folders, or folders that hold clips. denoisers: specifications as for `load_denoiser`, or a mapping from
+    a name for the rows to a denoiser. first: index of the first frame that is scored; every denoiser starts at frame 0.
+    lights: the light components that are scored besides each denoiser's own target; None takes all that it gives.
+    progress: called after each frame with the frames done, the frames in all and the frame's name. titles: the
+    report's title for a denoiser → the denoiser. One frame of one clip is in memory at a time, besides the denoisers'
+    states. Raises NteError, before any work is done, for missing clips, channels or denoisers, and for an `out` that
+    exists without `force`.
 
     >>> found = nte.evaluate("data/clips", ["noisy", "taa"], "report")
     >>> means = found.metrics["means"]
@@ -78,7 +79,7 @@ def _evaluated(
     opened: Mapping[str, Clip], denoisers: Mapping[str, Denoiser], first: int, lights: Sequence[str] | None,
     device: str, progress: Advance | None,
 ) -> Evaluation:  # fmt: skip
-    """Run and score, of what `evaluate` has checked."""
+    """Run and score denoisers on clips, both checked before."""
     total, done = sum(map(len, opened.values())), 0
     rows: list[Row] = []
     shown: list[Shown] = []
@@ -95,7 +96,7 @@ def _evaluated(
 
 
 def clip_labels(folders: Sequence[Path]) -> list[str]:
-    """A short unique name for each clip: the folder's, with its parents where several have the same."""
+    """Make a short unique name for each clip: the folder's name, with its parents if several folders have that name."""
     resolved = [folder.resolve() for folder in folders]
     names = [folder.name for folder in resolved]
     common = Path(os.path.commonpath([folder.parent for folder in resolved])) if resolved else Path()
@@ -105,7 +106,7 @@ def clip_labels(folders: Sequence[Path]) -> list[str]:
 
 
 def prepare_folder(out: Path, force: bool) -> None:
-    """Make the folder that results go to. Raises NteError if it holds something already, unless `force`."""
+    """Make the folder for results. Raises NteError if it is a file or, without `force`, holds something already."""
     if out.exists() and not out.is_dir():
         raise NteError(f"{out}: is a file: expected a folder for the results")
     if not force and out.is_dir() and any(out.iterdir()):
@@ -117,7 +118,7 @@ def prepare_folder(out: Path, force: bool) -> None:
 
 
 def _require_scorable(label: str, clip: Clip, denoisers: Mapping[str, Denoiser], first: int) -> None:
-    """Raise NteError for a clip that cannot be evaluated: better now than after an hour."""
+    """Raise NteError for a clip that cannot be evaluated, before an hour of work is lost."""
     if len(clip) == first == 1:
         raise NteError(f"{clip.folder}: has one frame, and the first frame is not scored: use --first-frame")
     if len(clip) <= first:

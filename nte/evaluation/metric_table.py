@@ -1,4 +1,4 @@
-"""The table of metrics: what each number is called, which way is better, how it is computed; and means as text."""
+"""The table of metrics: the name of each number, which way is better, how it is computed; and means as text."""
 
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
@@ -6,21 +6,21 @@ from typing import Any, Literal, TypeAlias
 
 from nte.text_table import aligned
 
-Row: TypeAlias = dict[str, Any]  # what metrics.json holds of one clip and denoiser, or as a whole, by its keys
+Row: TypeAlias = dict[str, Any]  # the content of metrics.json, or one of its rows, by its keys
 
 
 @dataclass(frozen=True)
 class Metric:
-    """One row: a number of metrics.json, and how people read it."""
+    """One row of the table: a number of metrics.json, and how to read it."""
 
     name: str
     label: str
-    better: Literal["higher", "lower", ""]  # "": no best, as for a property of the clip
+    better: Literal["higher", "lower", ""]  # "" if there is no best, as for a property of the clip
     digits: int
     how: str
 
     def text(self, value: float | None) -> str:
-        """The number as it stands in a table; – where there is none."""
+        """Format the number for a table; None becomes –."""
         return "–" if value is None else f"{value:.{self.digits}f}"
 
 
@@ -49,7 +49,10 @@ METRICS = (
 
 
 def best_of(means: Mapping[str, Mapping[str, float | None]], metric: Metric) -> set[str]:
-    """The denoisers that are best in a column, as it is printed; none if there is nothing to compare."""
+    """Find the denoisers that are best in a metric, by its printed digits; none if there is nothing to compare.
+
+    means: denoiser → metric → mean.
+    """
     values = {spec: float(metric.text(v)) for spec, row in means.items() if (v := row[metric.name]) is not None}
     if not metric.better or len(values) < 2:
         return set()
@@ -58,7 +61,10 @@ def best_of(means: Mapping[str, Mapping[str, float | None]], metric: Metric) -> 
 
 
 def format_table(metrics: Row) -> str:
-    """The means over clips as plain text, a denoiser per line, then settings; * marks the best of each column."""
+    """Format the means over clips as plain text: a line per denoiser, then settings; * marks the best of each column.
+
+    metrics: the content of metrics.json.
+    """
     means = metrics["means"]
     columns = [["denoiser", *means]]
     for metric in METRICS:
@@ -70,7 +76,7 @@ def format_table(metrics: Row) -> str:
 
 
 def settings_of(rows: Iterable[Row]) -> dict[str, list[str]]:
-    """Denoiser → the settings that it worked with, of those that adapt them to a clip; which clips, if they differ."""
+    """Collect the settings of denoisers that adapt them to a clip: denoiser → settings, with clips if they differ."""
     clips: dict[str, dict[str, list[str]]] = {}
     for row in rows:
         if "settings" in row:

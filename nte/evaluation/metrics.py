@@ -1,7 +1,7 @@
-"""How good is an image? Metrics of one frame, over the whole image or over a region of it.
+"""Image metrics of one frame, over the whole image or over a region of it.
 
 Images are (N, 3, H, W) after the display transform (nte.color.display), so in [0, 1]; maps and regions are
-(N, 1, H, W). A metric of a region without any pixel is None. Regions are defined in `regions_of`.
+(N, 1, H, W). A metric of a region without any pixel is None. `regions_of` defines the regions.
 """
 
 from collections.abc import Callable, Mapping
@@ -19,17 +19,20 @@ from nte.motion.geometric import frame_vectors, traditional_motion
 
 REGIONS = ("all", "disoccluded", "static", "moving", "shadowed", "glossy")
 MOVING_PX = 0.1  # a pixel that moved further than this since the previous frame is «moving»
-SHADOWED = 0.99  # of less visibility: shadow and penumbra, beyond the noise of the reference
-GLOSSY = 0.1  # share of the light, in luminance, that other lobes than the diffuse one give
+SHADOWED = 0.99  # a pixel with less visibility is in shadow or penumbra, beyond the noise of the reference
+GLOSSY = 0.1  # a pixel is glossy if lobes other than the diffuse one give at least this share of its luminance
 FLIP_PPD = 67.0  # pixels per degree: 0.7 m in front of a 0.7 m wide screen of 3840 pixels
-_SSIM_SMALLEST = 6  # the 11×11 window is mirrored at the border
+_SSIM_SMALLEST = 6  # pixels; the 11×11 window is mirrored at the border
 
 
 Scores = dict[str, dict[str, float | None]]  # region → metric → value
 
 
 def score(image: Tensor, reference: Tensor, regions: Mapping[str, Tensor]) -> tuple[Scores, dict[str, Tensor]]:
-    """The metrics of one image in every region, and the maps (N, 1, H, W) that they are means of."""
+    """Compute the metrics of an image in every region, and the maps (N, 1, H, W) that they are means of.
+
+    image, reference: (N, 3, H, W) in [0, 1]. regions: name → bool (N, 1, H, W). Raises NteError below 6×6 pixels.
+    """
     maps = {name: make(image, reference) for name, make in MAPS.items()}
     scores: Scores = {}
     for name, region in regions.items():
@@ -39,7 +42,10 @@ def score(image: Tensor, reference: Tensor, regions: Mapping[str, Tensor]) -> tu
 
 
 def psnr(image: Tensor, reference: Tensor, region: Tensor | None = None) -> float | None:
-    """Peak signal-to-noise ratio in dB with peak 1, of the mean squared error over the region; at most 100."""
+    """Compute the peak signal-to-noise ratio in dB, with peak 1, over the region; at most 100, None without pixels.
+
+    image, reference: (N, C, H, W). region: bool (N, 1, H, W); None takes all pixels.
+    """
     ours, theirs = (pixels_of(x, region) for x in (image, reference))
     if not len(ours):
         return None
@@ -47,29 +53,29 @@ def psnr(image: Tensor, reference: Tensor, region: Tensor | None = None) -> floa
 
 
 def region_mean(values: Tensor, region: Tensor | None = None) -> float | None:
-    """Mean of a map (N, C, H, W) over a region (N, 1, H, W), bool; None where the region has no pixel."""
+    """Average a map (N, C, H, W) over a region, bool (N, 1, H, W); None if the region has no pixel."""
     picked = pixels_of(values, region)
     return float(picked.double().mean()) if len(picked) else None
 
 
 def pixels_of(values: Tensor, region: Tensor | None = None) -> Tensor:
-    """The pixels (K, C) of (N, C, H, W) that lie in the region; all of them where it is None."""
+    """Select the pixels (K, C) of `values` (N, C, H, W) in a region, bool (N, 1, H, W); all of them if it is None."""
     channels_last = values.movedim(1, -1)
     return channels_last.flatten(0, 2) if region is None else channels_last[region[:, 0]]
 
 
 def absolute_error(image: Tensor, reference: Tensor) -> Tensor:
-    """|image − reference|, mean over the colour channels: (N, 1, H, W)."""
+    """Compute |image − reference| as a map (N, 1, H, W): the mean over the colour channels."""
     return (image - reference).abs().mean(1, keepdim=True)
 
 
 def squared_error(image: Tensor, reference: Tensor) -> Tensor:
-    """(image − reference)², mean over the colour channels: (N, 1, H, W)."""
+    """Compute (image − reference)² as a map (N, 1, H, W): the mean over the colour channels."""
     return (image - reference).square().mean(1, keepdim=True)
 
 
 def ssim_map(image: Tensor, reference: Tensor) -> Tensor:
-    """Structural similarity (N, 1, H, W): Gaussian 11×11 window of σ 1.5, mean over the colour channels.
+    """Compute structural similarity as a map (N, 1, H, W): Gaussian 11×11 window of σ 1.5, mean over the channels.
 
     Raises NteError for an image smaller than 6×6.
     """
@@ -82,7 +88,7 @@ def ssim_map(image: Tensor, reference: Tensor) -> Tensor:
 
 
 def flip_map(image: Tensor, reference: Tensor) -> Tensor:
-    """NVIDIA's LDR-FLIP at 67 pixels per degree: (N, 1, H, W) in [0, 1], 0 where no difference is seen."""
+    """Compute NVIDIA's LDR-FLIP at 67 pixels per degree as a map (N, 1, H, W) in [0, 1]; 0 is no visible difference."""
     pairs = zip(_flip_input(reference), _flip_input(image), strict=True)
     maps = [
         flip_evaluator.evaluate(theirs, ours, "LDR", applyMagma=False, parameters={"ppd": FLIP_PPD})[0]
@@ -100,30 +106,31 @@ MAPS: dict[str, Callable[[Tensor, Tensor], Tensor]] = {
 
 
 def temporal_l1(image: Tensor, before: Tensor, reference: Tensor, reference_before: Tensor) -> Tensor:
-    """|Δimage − Δreference| with Δ from the frame before to this one, mean over colours: (N, 1, H, W).
+    """Compute |Δimage − Δreference| as a map (N, 1, H, W): the mean over the colour channels.
 
-    What moves as the reference does costs nothing, nor does an error that stays the same in every frame.
+    Δ is this frame minus the previous one, `before` and `reference_before`. The result is 0 for motion that agrees with
+    the reference, and for an error that stays the same from frame to frame.
     """
     return absolute_error(image - before, reference - reference_before)
 
 
 def temporal_l1_floor(a: Tensor, a_before: Tensor, b: Tensor, b_before: Tensor) -> Tensor:
-    """The `temporal_l1` of a perfect denoiser, which the noise of the reference alone causes: (N, 1, H, W).
+    """Estimate the `temporal_l1` (N, 1, H, W) of a perfect denoiser, which only the reference's noise causes.
 
-    The reference r = (a + b)/2 is the mean of two independent halves a = t + e and b = t + e' of the truth t.
-    A perfect output t differs from it by Δt − Δr = −(Δe + Δe')/2. We know Δa − Δb = Δe − Δe', which has the
-    same distribution as Δe + Δe', since noise and its negative are alike: so half of |Δa − Δb|.
+    The reference r = (a + b)/2 is the mean of two independent halves a = t + e and b = t + e' of the truth t. A perfect
+    output t differs from it by Δt − Δr = −(Δe + Δe')/2. The halves give Δa − Δb = Δe − Δe', which has the same
+    distribution as Δe + Δe', since noise and its negative are equally likely. So the result is half of |Δa − Δb|.
     """
     return temporal_l1(a, a_before, b, b_before) / 2
 
 
 def regions_of(frame: Frame, previous_depth: Tensor | None = None) -> dict[str, Tensor]:
-    """Region → (N, 1, H, W) bool, of a PyTorch frame: those that its channels define, «all» at least.
+    """Return the regions of a PyTorch frame that its channels define: name → bool (N, 1, H, W); always has `all`.
 
-    disoccluded: the mask of the dual vectors, sharper with the depth of the frame before; nothing is
-    disoccluded in frame 0, which has no history. Where previous_forward_motion is missing it is scattered from
-    motion and depth; without depth the region is left out. moving: |motion| > 0.1 px; static: the rest.
-    shadowed: reference visibility below 0.99. glossy: a tenth of the reference or more is glossy light.
+    disoccluded: the mask of the dual vectors, sharper with the depth of the previous frame, previous_depth
+    (N, 1, H, W); empty in frame 0, which has no history. A missing previous_forward_motion is scattered from motion
+    and depth; without depth the region is left out. moving: |motion| > 0.1 px; static: all other pixels. shadowed:
+    reference visibility below 0.99. glossy: at least a tenth of the reference's luminance is glossy light.
     """
     height, width = frame.size
     everywhere = torch.ones(frame.batch, 1, height, width, dtype=torch.bool)

@@ -1,4 +1,4 @@
-"""A published comparison, reproduced: situations, each with its clips, its light, its pixels and its methods."""
+"""The reproduction of a published comparison: situations, each with its clips, light, pixels and methods."""
 
 import json
 from collections.abc import Iterator
@@ -31,28 +31,31 @@ Row = dict[str, Any]  # situation, method, denoiser, clips, margin; parts: the m
 
 @dataclass
 class Situation:
-    """What one figure of a paper shows."""
+    """One figure of a paper: clips, light and pixels, and the methods that it compares."""
 
     name: str = MISSING  # also the folder of its report
-    clips: list[str] = field(default_factory=list)  # patterns below the rendered recipe: test/fence_*
+    clips: list[str] = field(default_factory=list)  # patterns below the rendered recipe, such as test/fence_*
     light: str = "color"  # the component that the figure is about
-    region: str = "all"  # the pixels in question
+    region: str = "all"  # the pixels that the figure is about
     methods: dict[str, str] = field(default_factory=dict)  # title → denoiser
-    first: int | None = None  # as that of the comparison, which holds where this is left out
+    first: int | None = None  # index of the first frame that is scored; None takes that of the comparison
 
 
 @dataclass
 class Comparison:
-    """Clips of one recipe, and what is compared on which of them."""
+    """A comparison on the clips of one recipe, as read from YAML."""
 
-    recipe: str = MISSING  # path, from the file that says it
-    first: int = 1  # index of the first frame that is scored: before it, histories are still short
+    recipe: str = MISSING  # path, relative to the comparison's file
+    first: int = 1  # index of the first frame that is scored; before it, histories are still short
     against: str = ""  # title of the method that all others are compared with, clip by clip
     situations: list[Situation] = field(default_factory=list)
 
 
 def read_comparison(path: Path) -> Comparison:
-    """Read and check a comparison; `recipe` becomes a path that can be opened. Raises NteError naming the key."""
+    """Read and check a comparison; `recipe` becomes a path that can be opened.
+
+    Raises NteError, naming the file and the key, for a comparison that is not valid.
+    """
     comparison = load_config(Comparison, path)
     comparison.recipe = str(path.parent / comparison.recipe)
     if not comparison.situations:
@@ -90,9 +93,10 @@ def run_comparison(
 ) -> list[Row]:
     """Evaluate every situation on the rendered recipe in `data`; write a report for each, and `out`/summary.json.
 
-    out/<situation>/ has metrics.json, index.html (tables, plots over time, images) and strips/. jobs: situations that
-    are evaluated at the same time, each in a process of its own; progress then counts situations. Raises NteError
-    for a pattern without clips and for an `out` that exists without `force`.
+    out/<situation>/ gets metrics.json, index.html (tables, plots over time, images) and strips/. jobs: number of
+    situations that are evaluated at the same time, each in its own process. progress: called with frames done, frames
+    in all and the frame's name; with several jobs it counts situations. Returns the rows of the summary. Raises
+    NteError for a pattern without clips and for an `out` that exists without `force`.
     """
     units = [
         _Unit(situation, _clips(situation, data), out / situation.name, comparison.against, force, device)
@@ -110,7 +114,7 @@ def run_comparison(
 
 @dataclass(frozen=True)
 class _Unit:
-    """A situation and all that its evaluation depends on: what one process does."""
+    """The work of one process: a situation and all that its evaluation depends on."""
 
     situation: Situation
     clips: list[Path]
@@ -124,7 +128,7 @@ class _Unit:
         return self.situation.name
 
     def run(self, progress: Advance | None = None) -> list[Row]:
-        """Evaluate, write the report and the strips, and give the rows of the summary."""
+        """Evaluate, write the report and the strips, and return the rows of the summary."""
         methods, first = self.situation.methods, self.situation.first
         assert first is not None
         found = evaluate(
@@ -136,7 +140,7 @@ class _Unit:
 
 
 def _in_processes(units: list[_Unit], jobs: int, progress: Advance | None) -> Iterator[tuple[str, list[Row]]]:
-    """(name, rows) of each unit, as they come; spawned, since a fork copies the locks of PyTorch's threads."""
+    """Run units in processes; yield (name, rows) as they end. Spawned, as a fork copies PyTorch's threads' locks."""
     pool = ProcessPoolExecutor(jobs, mp_context=get_context("spawn"), initializer=_begin_worker)
     try:
         with ending_workers():
@@ -158,10 +162,10 @@ def _begin_worker() -> None:
 
 
 def summary_table(rows: list[Row]) -> str:
-    """A block for each situation: RMSE and SSIM of each method, of its light and of the composite, and the margin.
+    """Format the rows as text: for each situation, RMSE and SSIM of each method in its light and the composite.
 
-    The margin is the method's RMSE minus that of the method it is compared with, in the pixels in question: mean over
-    the clips, and the 95 % interval of a paired bootstrap over clips.
+    The last column is the margin: the method's RMSE minus that of the method that it is compared with, in the
+    situation's pixels, as the mean over the clips and the 95 % interval of a paired bootstrap over clips.
     """
     blocks = []
     for name, own in groupby(rows, key=lambda row: row["situation"]):
@@ -179,7 +183,10 @@ def summary_table(rows: list[Row]) -> str:
 
 
 def _clips(situation: Situation, data: Path) -> list[Path]:
-    """The finished clips that the patterns name; `sharp` frames beside blurred ones are not meant."""
+    """The finished clips, folders with clip.json, that a situation's patterns name; raises NteError if one has none.
+
+    Sharp twins of blurred clips lie below sharp/, where patterns such as test/fence_* do not reach.
+    """
     found: list[Path] = []
     for pattern in situation.clips:
         try:
@@ -200,7 +207,10 @@ def _margin_text(margin: Row | None) -> str:
 
 
 def _margin(rows: list[Row], situation: Situation, spec: str, against: str) -> Row | None:
-    """How much the error of `spec` differs from that of `against`, a title, clip by clip; None where one is missing."""
+    """The mean difference in error between `spec` and the method titled `against`, clip by clip, with its interval.
+
+    None for `against` itself, and if no clip has both errors.
+    """
     if not against or spec == situation.methods[against]:
         return None
 
@@ -226,7 +236,7 @@ def _rows(situation: Situation, found: Evaluation, against: str) -> list[Row]:
     clips = len({row["clip"] for row in rows})
     parts = dict.fromkeys([(situation.light, "all"), (situation.light, situation.region), ("color", "all")])
     means = {(light, region): means_of(rows, region, light) for light, region in parts}
-    nothing = dict.fromkeys(metric.name for metric in METRICS)  # of a denoiser that does not give this light
+    nothing = dict.fromkeys(metric.name for metric in METRICS)  # for a denoiser that does not give this light
     return [
         {
             "situation": situation.name, "method": title, "denoiser": spec, "clips": clips,

@@ -1,4 +1,4 @@
-"""What an evaluation found: the content of metrics.json, means of it, and the frames to show."""
+"""The results of an evaluation: the content of metrics.json, means over its rows, and the frames to show."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
@@ -19,7 +19,7 @@ class Evaluation:
     shown: list[Shown]
 
     def titled(self, denoisers: Mapping[str, str]) -> "Evaluation":
-        """Call denoisers by their titles, for people to read; denoisers: title → spec."""
+        """Return a copy that calls denoisers by their titles. denoisers: title → spec, for all denoisers."""
         titles = {spec: title for title, spec in denoisers.items()}
 
         def rename(images: Mapping[str, _Image]) -> dict[str, _Image]:
@@ -31,11 +31,11 @@ class Evaluation:
 
 
 def means_of(rows: Sequence[Row], region: str = "all", target: str | None = None) -> dict[str, dict[str, float | None]]:
-    """Spec → metric → mean over the clips that have a number, of the rows of a region.
+    """Average the rows of a region over clips: spec → metric → mean over the clips that have a number, or None.
 
-    target: the light that is scored; None takes what each denoiser gives as its image.
+    target: the light that is scored; None takes each denoiser's own target.
     """
-    own: dict[str, str] = {}  # a denoiser's own target stands in its first row
+    own: dict[str, str] = {}  # the first row of a denoiser has its own target
     for row in rows:
         own.setdefault(row["denoiser"], row["target"])
     by_spec: dict[str, list[Row]] = {}

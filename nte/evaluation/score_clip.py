@@ -1,4 +1,4 @@
-"""One clip, frame by frame: every denoiser beside the reference, its scores and its times."""
+"""The evaluation of one clip, frame by frame: each denoiser's scores against the reference, and its times."""
 
 import statistics
 import time
@@ -25,22 +25,23 @@ SCORED = tuple(metric.name for metric in METRICS if metric.name != "ms_per_frame
 
 @dataclass(frozen=True)
 class Shown:
-    """One target in one frame of a clip for the report: input, reference, every output and its FLIP error map."""
+    """Pictures of one target in one frame of a clip, for the report: input, reference, each output and its FLIP map."""
 
     clip: str
     target: str
     frame: int
-    disoccluded: int  # pixels
-    images: dict[str, RGB] = field(default_factory=dict)  # noisy input, reference, then a spec each
-    flip: dict[str, RGB] = field(default_factory=dict)  # a spec each
+    disoccluded: int  # number of disoccluded pixels
+    images: dict[str, RGB] = field(default_factory=dict)  # noisy input, reference, then one for each spec
+    flip: dict[str, RGB] = field(default_factory=dict)  # one for each spec
 
 
 class ClipRun:
-    """Denoisers (spec → denoiser) over one clip: `advance` through the frames in order, then `rows` and `shown`.
+    """A run of denoisers (spec → denoiser) over one clip.
 
-    A denoiser that filters light components apart (`components`) is scored on each of them as well, where the
-    clip has its reference and `lights` does not leave it out. Frames before `first` fill the history and are not
-    scored. Raises NteError, naming denoiser, clip and frame, for an output or a reference that cannot be scored.
+    Call `advance` for each frame in order; the results then are `rows` and `shown`. A denoiser that filters light
+    components apart (`components`) is also scored on each of them, if the clip has its reference and `lights` (None:
+    all) has its name. Frames before `first` fill the history and are not scored. label: the clip's name. Raises
+    NteError, naming denoiser, clip and frame, for an output or a reference that cannot be scored.
     """
 
     def __init__(
@@ -54,12 +55,12 @@ class ClipRun:
         self.targets = list(dict.fromkeys(target for run in self.runs for target in run.scorers))
         self.truths: dict[str, Truth] = {}
         self.shown: dict[str, Shown] = {}  # by target
-        self._depth: Tensor | None = None  # of the frame before
-        self._told: set[str] = set()  # targets whose bad pixels were told
+        self._depth: Tensor | None = None  # depth of the previous frame
+        self._told: set[str] = set()  # targets with a warning about bad pixels
 
     @torch.no_grad()
     def advance(self, index: int) -> None:
-        """Read a frame, let every denoiser step, and score what it gives."""
+        """Read a frame, let every denoiser step, and score the outputs. Frames must come in order from 0."""
         frame = self.clip.frame(index).torch()
         on_device = frame.torch(self.device)
         before = self.truths
@@ -89,7 +90,7 @@ class ClipRun:
                 warnings.warn(told, BadReferenceWarning, stacklevel=3)
 
     def rows(self) -> list[Row]:
-        """The rows of metrics.json, one per denoiser, target and region."""
+        """Make the rows of metrics.json, one per denoiser, target and region."""
         return [
             {
                 "denoiser": run.spec,
@@ -108,10 +109,10 @@ class ClipRun:
         ]
 
     def _choose(self, frame: Frame, regions: Mapping[str, Tensor]) -> bool:
-        """Whether this frame is the one to show, so far; starts its pictures with input and reference.
+        """Tell whether this frame is the best one to show so far; if so, start its pictures with input and reference.
 
-        Denoisers differ most where most came into sight; the last of equals has the longest history. So the
-        data chooses the frame that is shown, not the results.
+        The frame with the most disoccluded pixels is shown, as denoisers differ most there; the last of equals has
+        the longest history. So the data chooses the frame, not the results.
         """
         disoccluded = int(regions["disoccluded"].sum()) if "disoccluded" in regions else 0
         if any(disoccluded < shown.disoccluded for shown in self.shown.values()):
@@ -125,7 +126,7 @@ class ClipRun:
 
 
 class _Run:
-    """One denoiser on one clip: its session, its time, and each of its outputs that is scored."""
+    """One denoiser on one clip: its session, its times, and a scorer for each of its outputs."""
 
     def __init__(self, spec: str, denoiser: Denoiser, channels: Iterable[str], device: str) -> None:
         self.spec, self.denoiser = spec, denoiser
@@ -133,10 +134,10 @@ class _Run:
         self.session = Session(self.timed)
         self.components = tuple(name for name in denoiser.components if reference_of(name) in channels)
         self.scorers = {target: _Scorer() for target in (denoiser.target, *self.components)}
-        self.settings = ""  # what a denoiser that adapts to its input says of its options on this clip
+        self.settings = ""  # the options that an adaptive denoiser takes on this clip
 
     def step(self, frame: Frame) -> dict[str, Tensor]:
-        """Target → output. The denoiser sees what it asks for and nothing else: above all no reference."""
+        """Denoise a frame: target → output. The denoiser sees only the channels that it asks for, so no reference."""
         wanted = (*self.denoiser.needs, *self.denoiser.optional)
         visible = replace(frame, channels={name: frame[name] for name in wanted if name in frame})
         self.settings = self.denoiser.settings(visible)
@@ -145,12 +146,12 @@ class _Run:
 
     @property
     def ms_per_frame(self) -> float:
-        """Median without the first frame, which starts the sequence."""
+        """Median time of a step in milliseconds, without the first frame, which starts the sequence."""
         return 1000 * statistics.median(self.timed.seconds[1:] or self.timed.seconds)
 
 
 class _Scorer:
-    """One output of one denoiser on one clip: the image before, and the scores so far."""
+    """The scores of one output of one denoiser on one clip, and its previous image."""
 
     def __init__(self) -> None:
         self.before: Tensor | None = None
@@ -159,9 +160,9 @@ class _Scorer:
     def score(
         self, image: Tensor, truth: Truth, before: Truth | None, regions: Mapping[str, Tensor]
     ) -> dict[str, Tensor]:
-        """Add the scores of one frame; gives its error maps.
+        """Add the scores of one frame; return its error maps.
 
-        Where the reference says nothing no region has a pixel, and windows around it see no error.
+        Unusable pixels of the reference belong to no region, and count as free of error in windows around them.
         """
         seen = {region: pixels & truth.usable for region, pixels in regions.items()}
         scores, maps = score(torch.where(truth.usable, image, truth.image), truth.image, seen)
@@ -183,7 +184,7 @@ class _Scorer:
         return list(dict.fromkeys(region for scores in self.scores for region in scores))
 
     def summary(self, region: str) -> Row:
-        """What a row of metrics.json says of a region: means over the frames that have any of its pixels."""
+        """The numbers of a row of metrics.json for a region: means over the frames that have any of its pixels."""
         per_frame = {name: [scores.get(region, {}).get(name) for scores in self.scores] for name in SCORED}
         return {
             "frames": sum(value is not None for value in per_frame["psnr"]),
@@ -193,7 +194,7 @@ class _Scorer:
 
 
 class _Timed(Denoiser):
-    """A denoiser with a stop-watch around its step, without what surrounds it."""
+    """A denoiser with a stop-watch around its step alone."""
 
     def __init__(self, denoiser: Denoiser, device: str) -> None:
         self.denoiser = denoiser
@@ -216,6 +217,6 @@ class _Timed(Denoiser):
 
 
 def mean(values: Iterable[float | None]) -> float | None:
-    """The mean of the numbers there are; None if there is none."""
+    """Average the values that are not None; None if there are none."""
     numbers = [value for value in values if value is not None]
     return statistics.fmean(numbers) if numbers else None

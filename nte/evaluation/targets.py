@@ -1,4 +1,4 @@
-"""What a target should look like: its reference, after the display transform; and pictures of it."""
+"""The truth of a target, which is its reference after the display transform; and pictures of targets."""
 
 from typing import NamedTuple
 
@@ -12,23 +12,24 @@ from nte.frames.frame import Frame
 from nte.frames.reference import count_bad_pixels, usable_pixels
 from nte.frames.show import RGB, quantise
 
-# Indirect light is a small part of a picture; papers print it ten times as bright, and so do our pictures of it.
+# Indirect light is a small part of a picture; papers print it ten times as bright, and so do nte's pictures of it.
 BRIGHTENED = {"indirect": 10.0}
 
 
 class Truth(NamedTuple):
     """A target's reference after the display transform, and its two independent halves if stored."""
 
-    image: Tensor  # (1, 3, H, W); 0 where it is not usable
-    halves: tuple[Tensor, Tensor] | None
-    usable: Tensor  # (1, 1, H, W) bool: where the reference says something; the rest is not scored
-    bad: int  # how many pixels do not
+    image: Tensor  # (1, 3, H, W) in [0, 1]; 0 where it is not usable
+    halves: tuple[Tensor, Tensor] | None  # each as image
+    usable: Tensor  # (1, 1, H, W) bool: finite and not negative in reference and halves; other pixels are not scored
+    bad: int  # number of unusable pixels of the reference
 
 
 def read_truth(frame: Frame, target: str, exposure: Tensor, clip: str) -> Truth:
-    """The truth of a target in a frame; `clip` names it in errors. exposure: (1,), of the sequence.
+    """Read the truth of a target in a PyTorch frame of batch 1.
 
-    Raises NteError where too many pixels of the reference say nothing.
+    exposure: (1,), of the sequence. clip: name for errors. Raises NteError if the reference is missing or if more than
+    a tenth of its pixels are unusable.
     """
     name = reference_of(target)
     where = f"'{name}' of {clip}, frame {frame.index}"
@@ -41,9 +42,10 @@ def read_truth(frame: Frame, target: str, exposure: Tensor, clip: str) -> Truth:
 
 
 def displayed(image: Tensor, target: str, exposure: Tensor, where: str, size: tuple[int, ...]) -> Tensor:
-    """(1, 3, H, W) in [0, 1]: radiance through the display transform, other quantities as they are.
+    """Convert an image (1, C, H, W) of a target to (1, 3, H, W) in [0, 1]; radiance by the display transform.
 
-    Raises NteError, saying `where`, for an image that has another size or that is not finite.
+    Other targets are clamped and repeated to three channels. exposure: (1,). size: the expected (height, width).
+    Raises NteError, which begins with `where`, for an image of another size or with pixels that are not finite.
     """
     if tuple(image.shape[2:]) != size:
         raise NteError(f"{where}: the image is {tuple(image.shape)}, expected (1, C, {size[0]}, {size[1]})")
@@ -55,7 +57,10 @@ def displayed(image: Tensor, target: str, exposure: Tensor, where: str, size: tu
 
 
 def picture(image: Tensor, target: str, exposure: Tensor) -> RGB:
-    """A target's image (1, C, H, W) to look at: displayed, brightened where BRIGHTENED says so; not finite is black."""
+    """Draw a target's image (1, C, H, W) as (H, W, 3) uint8; values that are not finite are black.
+
+    exposure: (1,). Indirect light is drawn ten times as bright.
+    """
     usable = image.nan_to_num(0, 0, 0)
     size = (image.shape[2], image.shape[3])
     return quantise(displayed(usable, target, exposure * BRIGHTENED.get(target, 1), "", size)[0].numpy())

@@ -1,4 +1,4 @@
-"""Frames, their channels and the clips that hold them: the bottom of nte, in NumPy."""
+"""Frames, their channels and the clips that hold them: the lowest layer of nte, in NumPy."""
 
 from nte.frames.channels import CHANNELS, Channel
 from nte.frames.clip import Clip

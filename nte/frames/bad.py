@@ -1,4 +1,4 @@
-"""Looking for what users want to hear of, once: bad pixels, and vectors that say nothing."""
+"""Warnings about a sequence's input, each given once: bad pixels, and forward motion that is 0 everywhere."""
 
 import warnings
 from collections import Counter
@@ -7,30 +7,31 @@ from nte.frames.channels import CHANNELS
 from nte.frames.frame import Frame
 from nte.frames.usable import LONG, all_usable, usable
 
-STILL_PX = 0.5  # vectors that are longer say that something moves
-MOVING = 0.01  # share of the pixels with such vectors at which the picture moves
+STILL_PX = 0.5  # a pixel with a longer vector moves
+MOVING = 0.01  # the picture moves if more than this share of its pixels does
 
 
 class BadPixelWarning(UserWarning):
-    """Some pixels were NaN, infinite, negative or absurd, and were sanitised."""
+    """Warning that some pixels were NaN, infinite, negative or absurd, and were sanitised."""
 
 
 class ForwardMotionWarning(UserWarning):
-    """`previous_forward_motion` is 0 everywhere although the picture moves."""
+    """Warning that `previous_forward_motion` is 0 everywhere although the picture moves."""
 
 
 def count_bad(frame: Frame) -> dict[str, int]:
-    """Number of bad pixels per channel, only channels that have some.
+    """Count the bad pixels of each channel; only channels that have some are in the result.
 
-    Bad is what `nte.frames.usable` replaces, but for a share that is merely above 1 and a vector of another length.
-    A NaN that says something in its channel (see CHANNELS) is not bad.
+    A pixel is bad if `nte.frames.usable` would replace it, with three exceptions: a reflectance or a scalar that is
+    finite but above 1, a direction that is only longer than 1, and a NaN that has a meaning in its channel
+    (`nan_means` in `nte.CHANNELS`). Channels outside that table are not looked at.
     """
     counts: dict[str, int] = {}
     for name, values in frame.channels.items():
         row = CHANNELS.get(name)
         if row is None or all_usable(row, values):
             continue
-        # NaN differs from everything, itself too; written with operators that NumPy and PyTorch share.
+        # NaN differs from everything, even from itself. NumPy and PyTorch share these operators.
         bad = usable(row, values) != values
         if row.kind in ("reflectance", "scalar"):
             bad = bad & ~((values > 1) & (values < float("inf")))
@@ -44,7 +45,11 @@ def count_bad(frame: Frame) -> dict[str, int]:
 
 
 def says_nothing_moved(frame: Frame) -> bool:
-    """Whether `previous_forward_motion` is 0 everywhere while `motion` is not: nobody knew it, and gave zeros."""
+    """Tell whether `previous_forward_motion` is 0 everywhere while `motion` is not.
+
+    It then holds zeros only because the true vectors were unknown. `motion` is not 0 if more than 1 % of its pixels
+    have a vector longer than 0.5 px along an axis. False if the frame lacks one of the two channels.
+    """
     forward, motion = frame.get("previous_forward_motion"), frame.get("motion")
     if forward is None or motion is None or bool((forward != 0).any()):
         return False
@@ -53,14 +58,18 @@ def says_nothing_moved(frame: Frame) -> bool:
 
 
 class BadPixelReport:
-    """Counts the bad pixels of a sequence, and warns once of each kind of thing that is met."""
+    """Counter of a sequence's bad pixels that warns once of each kind of problem; `total` is per channel."""
 
     def __init__(self) -> None:
         self.total: Counter[str] = Counter()
         self._told = False
 
     def look(self, frame: Frame) -> None:
-        """Add a frame; warns if it is the first one with bad pixels, or with forward motion that says nothing."""
+        """Count a frame's bad pixels.
+
+        Warns with BadPixelWarning at the first frame that has some, and with ForwardMotionWarning at the first frame
+        for which `says_nothing_moved` is true.
+        """
         counts = count_bad(frame)
         if counts and not self.total:
             listed = ", ".join(f"{number} in {name}" for name, number in counts.items())

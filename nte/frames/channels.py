@@ -1,6 +1,6 @@
-"""The table of channels: everything that readers, augmentation, checks and the report know of a channel.
+"""The table of channels: everything that readers, augmentation, checks and the report know about a channel.
 
-Adding a channel is adding a row. What each channel means is written in docs/clip_format.md.
+A new channel needs one new row here.
 """
 
 from dataclasses import dataclass
@@ -16,22 +16,22 @@ Group = Literal["every clip", "components", "shutter"]
 RGB = ("R", "G", "B")
 XYZ = ("X", "Y", "Z")
 XY = ("X", "Y")
-LP = ("L", "P")  # of a surface point now, and of the same one in the previous frame
+LP = ("L", "P")  # values of one surface point now (L) and in the previous frame (P)
 NO_PAIR = "no gradient sample in this pixel"
 
 
 @dataclass(frozen=True)
 class Channel:
-    """One row: how a channel is stored, what it is made of and how it behaves under image operations."""
+    """One row of the table: how a channel is stored, its components, and how image operations treat it."""
 
     name: str
     components: tuple[str, ...]  # suffixes of its layered EXR names: color.R, color.G, color.B
-    storage: Storage  # half where the values survive it; derived: never stored
+    storage: Storage  # half: float16 if the values survive it; derived: never stored
     unit: str
     kind: Kind
     noisy: bool = False  # differs from seed to seed
-    nan_means: str = ""  # what a NaN says, where it is no fault
-    group: Group = "every clip"  # those that are rendered together: with light components, over an open shutter
+    nan_means: str = ""  # the meaning of a NaN; empty where a NaN is a fault
+    group: Group = "every clip"  # channels rendered together: always, with light components, with an open shutter
 
     @property
     def augment(self) -> Augment:
@@ -40,12 +40,12 @@ class Channel:
 
     @property
     def downsample(self) -> Downsample:
-        """How the channel is made smaller: an id, a depth or a motion is never averaged across an edge."""
+        """How the channel is reduced to a smaller image: ids, depths and motion are never averaged across an edge."""
         return _BEHAVIOUR[self.kind][1]
 
     @property
     def shown(self) -> Shown:
-        """How the channel is turned into a picture (nte.frames.show)."""
+        """How `nte.frames.show` turns the channel into a picture."""
         return _BEHAVIOUR[self.kind][2]
 
 
@@ -121,20 +121,20 @@ _ROWS = (
 
 CHANNELS: dict[str, Channel] = {row.name: row for row in _ROWS}
 
-GUIDES = ("albedo", "normal")  # of the surface seen: what `clean_guides` of a frame is about
-COMPONENTS = ("visibility", "glossy", "indirect")  # parts of `color` with noise; emission and direct have none
-# What a denoiser may have as its target, and may be scored for.
+GUIDES = ("albedo", "normal")  # channels of the visible surface; `clean_guides` of a frame says if they are noise-free
+COMPONENTS = ("visibility", "glossy", "indirect")  # the noisy parts of `color`; emission and direct have no noise
+# Channels that a denoiser may denoise, and may be scored for.
 TARGETS = ("color", *COMPONENTS)
 VECTORS = tuple(row.name for row in _ROWS if row.kind == "motion" and not row.nan_means)  # known in every pixel
 
 
 def channels_of(group: Group, noisy: bool) -> tuple[str, ...]:
-    """Names of a group's channels: the noisy ones, which differ from seed to seed, or those that do not."""
+    """Return the names of a group's channels: the noisy ones, which differ from seed to seed, or all others."""
     return tuple(row.name for row in _ROWS if row.group == group and row.noisy == noisy)
 
 
 def reference_of(target: str) -> str:
-    """The channel that a denoiser's output is compared with: the reference of its target."""
+    """Name the channel that a denoiser's output is compared with: `reference` for color, else `reference_<target>`."""
     return "reference" if target == "color" else f"reference_{target}"
 
 
@@ -142,5 +142,5 @@ REFERENCES = tuple(reference_of(target) for target in TARGETS)
 
 
 def width_of(channel: str) -> int:
-    """How many components a channel has."""
+    """Return how many components a channel has; raises KeyError for a name that the table does not have."""
     return len(CHANNELS[channel].components)

@@ -1,4 +1,4 @@
-"""A clip on disk: a folder with clip.json and one layered OpenEXR file per frame (docs/clip_format.md)."""
+"""A clip on disk: a folder with clip.json and one layered OpenEXR file per frame."""
 
 import json
 from collections.abc import Iterable, Iterator, Mapping, Sequence
@@ -20,20 +20,23 @@ Pixels = npt.NDArray[np.float32]
 
 
 def frame_path(folder: Path, index: int, seed: int = 0) -> Path:
-    """frame_0007.exr, or seed_01/frame_0007.exr for a further noise seed."""
+    """Return the path of a clip's frame: frame_0007.exr, or seed_01/frame_0007.exr for a further noise seed."""
     name = f"frame_{index:04d}.exr"
     return folder / f"seed_{seed:02d}" / name if seed else folder / name
 
 
 def write_frame(path: Path, channels: Mapping[str, Pixels]) -> None:
-    """Write channels, each (C, H, W), as one layered OpenEXR file that is whole or absent."""
+    """Write channels, each (C, H, W), as one layered OpenEXR file that is whole or absent.
+
+    Raises NteError if the file cannot be written.
+    """
     write_exr(path, as_layers(channels))
 
 
 def as_layers(channels: Mapping[str, Pixels]) -> dict[str, npt.NDArray[np.floating]]:
-    """Channels, each (C, H, W), as the layers that are stored: full layered name → (H, W).
+    """Convert channels, each (C, H, W), to the layers that are stored: full layered name → (H, W).
 
-    Half floats where the table says so and the values survive them (see half_keeps).
+    A layer has half floats if the table of channels says so and `half_keeps` holds for its values; else float32.
     """
     layers: dict[str, npt.NDArray[np.floating]] = {}
     for name, values in channels.items():
@@ -45,11 +48,12 @@ def as_layers(channels: Mapping[str, Pixels]) -> dict[str, npt.NDArray[np.floati
 
 
 def half_keeps(values: Pixels, dark_counts: bool) -> bool:
-    """Whether half floats hold the values: none beyond 65504 and, where dark ones count, none lost.
+    """Tell whether half floats can hold the values: none is beyond 65504 and, if dark_counts, no dark one is lost.
 
-    Half floats keep a value to 5e-4 of itself from 6e-5 on; below that to 3e-8, and nothing under 3e-8. In an image
-    whose geometric mean is m, each is to be kept to 1e-3 of itself or 1e-6 m, whichever is more: a path-traced
-    frame always has a few pixels that are a millionth of it, which nobody will see.
+    Half floats keep a value above 6e-5 with a relative error of 5e-4, a smaller one with an absolute error of 3e-8,
+    and none below 3e-8. A dark value counts as lost if its error is more than 1e-3 of itself and more than 1e-6 m,
+    where m is the geometric mean of the image: a path-traced frame always has a few pixels of a millionth of the
+    mean, which nobody sees.
     """
     sizes = np.abs(values)
     finite = np.isfinite(sizes)
@@ -64,22 +68,30 @@ def half_keeps(values: Pixels, dark_counts: bool) -> bool:
 
 
 def write_clip_info(folder: Path, info: Mapping[str, Any]) -> None:
-    """Write clip.json, the last file of a clip: a folder without it is not finished."""
+    """Write clip.json, the last file of a clip: a folder without it is not finished.
+
+    Raises NteError if it cannot be written.
+    """
     text = json.dumps({"format": FORMAT, **info}, indent=1, sort_keys=True) + "\n"
     make_folder(folder)
     write_whole(folder / "clip.json", lambda temporary: temporary.write_text(text, encoding="utf-8"))
 
 
 def read_frame(path: Path, size: tuple[int, int] | None = None) -> dict[str, Pixels]:
-    """Read every channel of the table that a frame's file has, each (C, H, W) float32; other layers are ignored.
+    """Read a frame's channels, each (C, H, W) float32: all that the table of channels has; other layers are ignored.
 
-    size: (height, width) that the file must have; else NteError, before its pixels are read.
+    size: the (height, width) that the file must have; a file of another size raises NteError before its pixels are
+    read. Also raises NteError for a file that cannot be read, and for a channel that lacks some of its components.
     """
     return assemble(path, read_exr(path, size))
 
 
 def assemble(path: Path, layers: Mapping[str, Pixels]) -> dict[str, Pixels]:
-    """Collect layered EXR channels into the table's channels; `reference` is the mean of its two halves."""
+    """Collect layers (full layered name → (H, W)) into the table's channels, each (C, H, W).
+
+    A missing `reference` becomes the mean of reference_a and reference_b. Raises NteError, naming `path`, for a
+    channel that lacks some of its components.
+    """
     found: dict[str, Pixels] = {}
     for name, row in CHANNELS.items():
         planes = [layers[key] for c in row.components if (key := f"{name}.{c}") in layers]
@@ -96,7 +108,7 @@ def assemble(path: Path, layers: Mapping[str, Pixels]) -> dict[str, Pixels]:
 class Clip:
     """A sequence of frames on disk, read lazily.
 
-    Raises NteError if the folder has no clip.json, if that is not ours, or if a frame is missing.
+    Raises NteError if the folder has no clip.json, if clip.json is not a valid one of nte, or if a frame is missing.
 
     >>> clip = nte.Clip("data/clips/disc_000")
     >>> len(clip), clip.height, clip.width
@@ -112,7 +124,7 @@ class Clip:
         self.info = _read_info(self.folder)
         self.height, self.width = int(self.info["height"]), int(self.info["width"])
         self.frames = int(self.info["frames"])
-        self._last_forward: tuple[int, Pixels] | None = None  # spares reading each file twice in order
+        self._last_forward: tuple[int, Pixels] | None = None  # so that reading in order opens each file once
         for seed in range(self.seeds):
             paths = (frame_path(self.folder, i, seed) for i in range(self.frames))
             if path := next((path for path in paths if not path.is_file()), None):  # the first is enough
@@ -136,7 +148,7 @@ class Clip:
 
     @property
     def clean_guides(self) -> bool | None:
-        """Whether albedo and normal are free of noise, as clip.json says; None: unknown. Those of `nte render` are."""
+        """Whether albedo and normal are free of noise, as clip.json says; those of `nte render` are. None: unknown."""
         origin = self.info.get("origin")
         ours = isinstance(origin, dict) and origin.get("generator") == "nte render"
         said: bool | None = self.info.get("clean_guides", True if ours else None)
@@ -144,16 +156,16 @@ class Clip:
 
     @cached_property
     def channels(self) -> tuple[str, ...]:
-        """The channels that frames have, by their first file; derived ones included."""
+        """The channels that frames have, read from the first file; derived channels are included."""
         found = tuple(self._read(frame_path(self.folder, 0)))
         return (*found, "previous_forward_motion") if "forward_motion" in found else found
 
     def frame(self, index: int, channels: Iterable[str] | None = None, seeds: Sequence[int] = (0,)) -> Frame:
-        """Frame `index` with the named channels (None: all it has), arrays (1, C, H, W) float32.
+        """Read frame `index` with the named channels (None: all it has) as arrays (1, C, H, W) float32.
 
-        Noisy channels are the mean over `seeds`, so k seeds give k samples per pixel.
-        previous_forward_motion comes from the file of the frame before; NaN (unknown) on frame 0.
-        Raises NteError that names the file for a channel that is missing or a size that differs.
+        Noisy channels are the mean over `seeds`, so k seeds give k times the samples per pixel.
+        previous_forward_motion comes from the file of the previous frame; it is NaN (unknown) on frame 0.
+        Raises NteError, naming the file, for a channel that is missing or a size that differs from clip.json.
         """
         path = frame_path(self.folder, index)
         wanted = self.channels if channels is None else tuple(channels)
@@ -191,7 +203,7 @@ class Clip:
         return self._pick(self._read(path), "forward_motion", path)
 
     def _about(self, index: int) -> About:
-        """Scalars and cameras that clip.json has for a frame, with the batch axis."""
+        """The scalars and the camera that clip.json has for a frame, with a batch axis."""
         about: About = {"clean_guides": self.clean_guides}
         for key in ("exposure", "depth_scale", "shutter"):
             if key in self.info:
@@ -248,10 +260,10 @@ def _check_cameras(path: Path, cameras: object, frames: int) -> None:
 
 
 def find_clips(paths: Iterable[Path]) -> list[Path]:
-    """Every clip at or below the paths, once: those of a folder of clips in the order of their names.
+    """Find every clip at or below the paths, each once; the clips of one folder come in the order of their names.
 
-    Hidden folders below are left out: a clip that is being imported is in one. Raises NteError for a path that does
-    not exist or has no clip in it.
+    Hidden folders below a path are left out: a clip that is still being imported lies in one. Raises NteError for a
+    path that does not exist, is a file or has no clip in it, and if no path is given.
     """
     found: dict[Path, Path] = {}
     for path in map(Path, paths):

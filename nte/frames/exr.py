@@ -1,4 +1,4 @@
-"""Reading and writing one OpenEXR file as a table of layered channel names."""
+"""Reader and writer of one OpenEXR file as a table of layered channel names."""
 
 import ctypes
 import os
@@ -18,51 +18,59 @@ from nte.files import make_folder, write_whole
 from nte.frames.exr_header import Header, unbelievable, window_size
 
 HALF_MAX = 65504.0
-HALF_TINY = 2.0**-14  # below this, half floats have fewer digits
+HALF_TINY = 2.0**-14  # smallest normal half float; smaller ones have fewer digits
 _MAGIC = b"\x76\x2f\x31\x01"
 _quiet_lock = threading.Lock()
 _libc = ctypes.CDLL(None) if os.name == "posix" else ctypes.cdll.msvcrt
 
 
 def read_exr(path: Path, size: tuple[int, int] | None = None) -> dict[str, npt.NDArray[np.float32]]:
-    """Read every channel of an OpenEXR file as float32: `read_layers`, whatever the file stores."""
+    """Read every channel of an OpenEXR file as float32: full layered name → array (H, W).
+
+    size: the (height, width) that is expected. Raises NteError as `read_layers` does.
+    """
     return {name: np.asarray(pixels, np.float32) for name, pixels in read_layers(path, size).items()}
 
 
 class Part(NamedTuple):
-    """One part of a file, or one view of a part that holds several."""
+    """One part of an OpenEXR file, or one view of a part that holds several."""
 
-    name: str  # empty where the file has only one part
-    view: str  # of a stereo image, such as left; empty where the file does not say
+    name: str  # empty if the file has only one part
+    view: str  # one view of a stereo image, such as left; empty if the file does not say
     layers: dict[str, npt.NDArray[np.generic]]  # channel name → (H, W), as stored
-    views: tuple[str, ...] = ()  # of a part that holds several, the default one first
+    views: tuple[str, ...] = ()  # all views of a part that holds several, the default one first
 
     def full(self, channel: str) -> str:
-        """The full layered name of a channel: the part's name is the layer of one that names none itself."""
+        """Return the full layered name of a channel: the part's name is the layer of a channel that names none."""
         return f"{self.name}.{channel}" if self.name and "." not in channel else channel
 
 
 def read_layers(path: Path, size: tuple[int, int] | None = None) -> dict[str, npt.NDArray[np.generic]]:
     """Read every channel of an OpenEXR file: full layered name → array (H, W), float16, float32 or uint32 as stored.
 
-    The arrays have the size of the display window; pixels outside the data window are 0. Parts of a
-    multi-part file are merged; the part's name is the layer of a channel that names none itself. size: (height,
-    width) that is expected. Raises NteError for a file that is missing, not OpenEXR, truncated, deep, or subsampled,
-    has another size, or promises more pixels than it can hold, before memory is asked for; and where two parts have a
-    channel of the same name, as the two eyes of a stereo image do.
+    The arrays have the size of the display window; pixels outside the data window are 0. Parts of a multi-part file
+    are merged; the part's name is the layer of a channel that names none itself. size: the (height, width) that is
+    expected. Raises NteError for a file that is missing, not OpenEXR, truncated, deep or subsampled; for a file that
+    has another size or promises more pixels than it can hold, before any memory is allocated for them; and if two
+    parts have a channel of the same name, as the two eyes of a stereo image do.
     """
     return merge_parts(path, read_parts(path, size))
 
 
 def read_parts(path: Path, size: tuple[int, int] | None = None) -> list[Part]:
-    """Read the parts of an OpenEXR file, each by itself, as `read_layers` reads all of them."""
+    """Read the parts of an OpenEXR file without merging them.
+
+    size: the (height, width) that is expected. Raises NteError as `read_layers` does, except that two parts may have
+    channels of the same name.
+    """
     return load_exr(path, size)[1]
 
 
 def load_exr(path: Path, size: tuple[int, int] | None = None) -> tuple[OpenEXR.File, list[Part]]:
-    """Read an OpenEXR file as the library has it, to be changed and written again, and its parts as `read_parts` does.
+    """Read an OpenEXR file; return it as the library's object and as its parts.
 
-    Raises NteError as `read_layers` does, but for two parts with a channel of the same name.
+    The object can be changed and written again. size: the (height, width) that is expected. Raises NteError as
+    `read_layers` does, except that two parts may have channels of the same name.
     """
     path = Path(path)
     if not _is_text(path):
@@ -94,7 +102,7 @@ def load_exr(path: Path, size: tuple[int, int] | None = None) -> tuple[OpenEXR.F
 
 
 def _is_text(path: Path) -> bool:
-    """Whether a path can be encoded: what the system has in another encoding is not text to Python."""
+    """Tell whether a path is UTF-8: Python cannot encode a name that the disk has in another encoding."""
     try:
         str(path).encode()
     except UnicodeEncodeError:
@@ -105,10 +113,10 @@ def _is_text(path: Path) -> bool:
 def write_exr(path: Path, channels: Mapping[str, npt.NDArray[np.generic]]) -> None:
     """Write (H, W) float16, float32 or uint32 arrays under their layered names, ZIP-compressed (lossless).
 
-    The file appears under its name only when it is complete: it is written beside it and renamed. Makes the folder.
-    Raises NteError where the disk is full or the folder cannot be written.
+    The file is written under a temporary name and renamed when it is complete. A missing folder is made.
+    Raises NteError if the disk is full or the folder cannot be written to.
     """
-    # OpenEXR writes non-contiguous arrays wrongly without a word, and it changes the dictionaries it is given.
+    # OpenEXR silently writes non-contiguous arrays wrongly, and it changes the dictionaries that it is given.
     pixels = {name: np.ascontiguousarray(values) for name, values in sorted(channels.items())}
     header = {"compression": OpenEXR.ZIP_COMPRESSION, "type": OpenEXR.scanlineimage}
 
@@ -121,7 +129,7 @@ def write_exr(path: Path, channels: Mapping[str, npt.NDArray[np.generic]]) -> No
 
 
 def _check_headers(path: Path, headers: Sequence[Header], size: tuple[int, int] | None) -> None:
-    """Raise NteError, before pixels are read, for a file that cannot hold what it promises, or has another size."""
+    """Raise NteError, before pixels are read, for a file that cannot hold the promised pixels or has another size."""
     if why := unbelievable(headers, path.stat().st_size):
         raise NteError(f"{path}: the OpenEXR file is damaged: {why}: render or copy it again")
     for header in headers:
@@ -131,7 +139,10 @@ def _check_headers(path: Path, headers: Sequence[Header], size: tuple[int, int] 
 
 
 def merge_parts(path: Path, parts: Sequence[Part]) -> dict[str, npt.NDArray[np.generic]]:
-    """The channels of several parts under their full layered names; raises NteError for a name that comes twice."""
+    """Merge the channels of several parts: full layered name → (H, W).
+
+    Raises NteError, naming `path`, for a name that two parts or two views have.
+    """
     merged: dict[str, npt.NDArray[np.generic]] = {}
     first: dict[str, Part] = {}
     for part in parts:
@@ -146,9 +157,9 @@ def merge_parts(path: Path, parts: Sequence[Part]) -> dict[str, npt.NDArray[np.g
 
 
 def split_views(parts: Iterable[Part]) -> list[Part]:
-    """The parts, with those that hold several views (the attribute multiView) cut into one part for each.
+    """Cut each part that holds several views (the attribute multiView) into one part per view; keep all others.
 
-    In their channels' names the view is the last word but one, which is left out; the first view may go without.
+    In a channel's name the view is the last word but one, and is removed; channels of the default view may lack it.
     """
     cut: list[Part] = []
     for part in parts:
@@ -192,17 +203,20 @@ def _to_display_window(header: dict[str, object], pixels: npt.NDArray[np.generic
 
 @contextmanager
 def quiet() -> Iterator[None]:
-    """Silence what the OpenEXR library itself prints of a damaged file: the error we raise says it."""
+    """Silence messages that the OpenEXR library prints about a damaged file: the NteError that follows says enough.
+
+    Redirects the process's stdout and stderr within the block; one thread at a time.
+    """
     with _quiet_lock, open(os.devnull, "wb") as nowhere:
         saved = {fd: os.dup(fd) for fd in (1, 2)}
         _libc.fflush(None)
         try:
             for fd in saved:
                 os.dup2(nowhere.fileno(), fd)
-            with redirect_stdout(StringIO()), redirect_stderr(StringIO()):  # it prints through Python as well
+            with redirect_stdout(StringIO()), redirect_stderr(StringIO()):  # the library prints through Python as well
                 yield
         finally:
-            _libc.fflush(None)  # what it has printed into a pipe's buffer would come out later
+            _libc.fflush(None)  # else text in a pipe's buffer would come out later
             for fd, copy in saved.items():
                 os.dup2(copy, fd)
                 os.close(copy)

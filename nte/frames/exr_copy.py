@@ -1,4 +1,4 @@
-"""A copy of an OpenEXR file in which some channels have other pixels, and all else is as it was."""
+"""Copies of OpenEXR files in which some channels get new pixels and all else is kept."""
 
 from collections.abc import Mapping
 from pathlib import Path
@@ -13,7 +13,7 @@ from nte.frames.clip import half_keeps
 from nte.frames.exr import load_exr, merge_parts, quiet
 from nte.frames.exr_header import Header, window_size
 
-# Compressions that lose nothing: the channels that stay are decoded and encoded again.
+# Lossless compressions: the channels that stay are decoded and encoded again, and must not change.
 _LOSSLESS = {
     OpenEXR.NO_COMPRESSION, OpenEXR.RLE_COMPRESSION, OpenEXR.ZIPS_COMPRESSION, OpenEXR.ZIP_COMPRESSION,
     OpenEXR.PIZ_COMPRESSION,
@@ -23,20 +23,21 @@ Planes = Mapping[str, npt.NDArray[np.floating]] | Mapping[Place, npt.NDArray[np.
 
 
 def copy_exr(source: Path, out: Path, planes: Planes, dark_counts: bool = True) -> None:
-    """Copy `source` to `out` with other pixels in the channels of `planes`: full layered name, or Place → (H, W).
+    """Copy `source` to `out` with new pixels in the channels of `planes`: full layered name, or Place → (H, W).
 
-    The sizes are those of the display window, as `read_layers` gives them. Parts, views, windows, attributes
-    (chromaticities, owner, pixel aspect, manifests of Cryptomatte) and all other channels stay; so do the pixels of a
-    replaced channel that lie outside the display window. A channel keeps its type, except that one of half floats
-    becomes float32 where half floats do not keep its new pixels (half_keeps; dark_counts as there), and one of whole
-    numbers where they are not whole. What was
-    compressed with loss is not lossy again; of tiles of several sizes (mip maps) only the full size stays. Raises
-    NteError, and writes nothing, for a channel that the file does not have, and for a name that two parts have.
+    A Place is the number of a part and a channel's name in that part. The new pixels have the size of the display
+    window, as `read_layers` gives it. Parts, views, windows, attributes (chromaticities, owner, pixel aspect, manifests
+    of Cryptomatte) and all other channels are kept, and so are the pixels of a replaced channel that lie outside the
+    display window. A channel keeps its type with two exceptions: half floats become float32 if they cannot hold the new
+    pixels (`nte.frames.clip.half_keeps`, with the same dark_counts), and whole numbers become float32 if the new pixels
+    are not whole numbers that fit. A file with lossy compression gets ZIP compression, so that nothing more is lost.
+    Mip maps keep only the full size. Raises NteError, and writes nothing, for a channel that the file does not have,
+    for a name that two parts have, and for new pixels of another size.
     """
     file, parts = load_exr(source)
     left: dict[str | Place, npt.NDArray[np.floating]] = dict(planes.items())
     if any(isinstance(key, str) for key in left):
-        merge_parts(source, parts)  # raises for two channels of one name
+        merge_parts(source, parts)  # raises if two channels have one name
     several = len(file.parts) > 1
     for number, part in enumerate(file.parts):
         if part.header["compression"] not in _LOSSLESS:
@@ -64,7 +65,7 @@ def copy_exr(source: Path, out: Path, planes: Planes, dark_counts: bool = True) 
 def _placed(
     plane: npt.NDArray[np.floating], stored: npt.NDArray[np.generic], header: Header, dark_counts: bool
 ) -> npt.NDArray[np.generic]:
-    """The pixels of a data window, with those of the display window taken from `plane`."""
+    """Return the stored pixels of a data window, with those inside the display window replaced by `plane`."""
     data, display = np.array(header["dataWindow"]), np.array(header["displayWindow"])
     size = window_size(header["displayWindow"])
     if plane.shape != size:
@@ -79,12 +80,12 @@ def _placed(
 
 
 def _keeps(kind: np.dtype[np.generic], plane: npt.NDArray[np.floating], dark_counts: bool) -> bool:
-    """Whether a type of OpenEXR's (half, float, 32-bit whole numbers) holds these values."""
+    """Tell whether one of OpenEXR's types (half, float, 32-bit whole numbers) can hold these values."""
     if kind == np.float16:
         return half_keeps(plane.astype(np.float32, copy=False), dark_counts)
     return kind == np.float32 or bool(((plane == np.floor(plane)) & (plane >= 0) & (plane < 2**32)).all())
 
 
 def _rectangle(low: npt.NDArray[np.generic], high: npt.NDArray[np.generic]) -> tuple[slice, slice]:
-    """Rows and columns between two corners, x first."""
+    """Rows and columns between two corners (x, y); `high` is exclusive."""
     return slice(low[1], high[1]), slice(low[0], high[0])

@@ -1,4 +1,4 @@
-"""One frame of a sequence: named channels, NumPy or PyTorch alike."""
+"""One frame of a sequence: named channels, all NumPy or all PyTorch."""
 
 from __future__ import annotations
 
@@ -13,19 +13,23 @@ from nte.errors import NteError, needs_extra
 if TYPE_CHECKING:
     import torch
 
-Array: TypeAlias = Any  # a NumPy array or a PyTorch tensor: base code uses only what both have
-About: TypeAlias = dict[str, Any]  # fields of a Frame, by name, that are known before it is made
+Array: TypeAlias = Any  # a NumPy array or a PyTorch tensor; base code uses only operations that both have
+About: TypeAlias = dict[str, Any]  # fields of a Frame, by name, that are known before the frame is made
 
 
 @dataclass(frozen=True)
 class Frame:
-    """Channels of one frame as (N, C, H, W) arrays, all NumPy or all PyTorch, with what belongs to them.
+    """Channels of one frame as (N, C, H, W) arrays, all NumPy or all PyTorch, with its scalars and camera.
 
-    exposure, depth_scale, shutter and reset are (N,); view and projection (N, 4, 4), column vectors, world → view →
-    [0, 1]² with y down. exposure and depth_scale belong to the sequence: None means «estimate them from the
-    first frame». shutter is the open share of the frame that `shutter_motion` spans, in (0, 1]; None means 1.
-    reset marks batch elements that start a new sequence. clean_guides: whether albedo and normal are free of noise
-    and antialiased, the mean over each pixel; None where nobody said so, and then they count as noisy.
+    exposure, depth_scale, shutter and reset are (N,). view and projection are (N, 4, 4) for column vectors, world →
+    view → [0, 1]² with y down. exposure and depth_scale belong to the whole sequence; None means that they are
+    estimated from the first frame. shutter is the open share of the frame that `shutter_motion` spans, in (0, 1];
+    None means 1. reset is above 0 for batch elements that start a new sequence. clean_guides tells whether albedo and
+    normal are free of noise and antialiased, each the mean over its pixel; None means unknown, and they count as
+    noisy.
+
+    Raises NteError if an array is not (N, C, H, W), if channels differ in batch or size, and if NumPy and PyTorch are
+    mixed. `frame[name]` raises NteError for a channel that is missing.
 
     >>> frame = nte.Frame({"color": np.zeros((1, 3, 24, 32), np.float32)}, index=7)
     >>> frame.size, "depth" in frame
@@ -65,7 +69,7 @@ class Frame:
         return name in self.channels
 
     def get(self, name: str) -> Array:
-        """The channel, or None where the frame does not have it."""
+        """Return the channel (N, C, H, W), or None if the frame does not have it."""
         return self.channels.get(name)
 
     @property
@@ -76,33 +80,36 @@ class Frame:
 
     @property
     def batch(self) -> int:
-        """N, the number of sequences side by side."""
+        """N, the number of sequences in the batch."""
         return int(self._any().shape[0])
 
     @property
     def hit(self) -> Array:
-        """(N, 1, H, W), true where a surface is seen; a miss (sky) has depth 0."""
+        """Bool mask (N, 1, H, W), true where a surface is seen; a miss (sky) has depth 0."""
         return self["depth"] > 0
 
     def with_channels(self, **channels: Array) -> Frame:
-        """The same frame with channels added or replaced."""
+        """Return a copy of the frame with channels added or replaced; arrays are shared."""
         return replace(self, channels={**self.channels, **channels})
 
     def numpy(self) -> Frame:
-        """The frame with NumPy arrays; itself if it has them already."""
+        """Return the frame with NumPy arrays; the frame itself if it has them already."""
         if isinstance(self._any(), np.ndarray):
             return self
         return self._map(lambda a: np.asarray(a.detach().cpu() if hasattr(a, "detach") else a))
 
     def torch(self, device: torch.device | str | None = None) -> Frame:
-        """The frame with float32 PyTorch tensors on `device` (None: where they are, or the CPU)."""
+        """Return the frame with float32 PyTorch tensors on `device`.
+
+        None leaves tensors on their device and puts NumPy arrays on the CPU. Raises NteError if PyTorch is missing.
+        """
         try:
             import torch
         except ImportError as error:
             raise needs_extra("train", "this denoiser", error) from error
 
         def convert(array: Array) -> Array:
-            # PyTorch takes no flipped views, no big-endian data, and warns of what it could not write to.
+            # PyTorch refuses flipped views and big-endian data, and warns about read-only arrays.
             plain = np.require(array, np.float32, ["C", "W"]) if isinstance(array, np.ndarray) else array
             return torch.as_tensor(plain, dtype=torch.float32, device=device)
 

@@ -1,4 +1,4 @@
-"""The order of a sequence's files: by the frame number in their names, without gaps."""
+"""The order of a sequence's files: by the frame numbers in their names, without gaps."""
 
 import re
 from collections.abc import Iterable, Mapping, Sequence
@@ -8,14 +8,14 @@ from typing import NamedTuple
 
 from nte.errors import NteError
 
-# A minus is a sign at the start of a name and after a separator; «shot-0005», «take2-0005», «(2)-0005» have none.
+# A minus is a sign at the start of a name and after a separator, but not in «shot-0005», «take2-0005», «(2)-0005».
 FRAME_NUMBER = r"(?:(?<![^\W_])(?<![)\]}])-)?\d+"
 _NUMBER = re.compile(FRAME_NUMBER)
-_VERSION = re.compile(r"(?<![A-Za-z])[vV]$")  # what comes before the digits of v002
+_VERSION = re.compile(r"(?<![A-Za-z])[vV]$")  # text before the digits of v002
 
 
 class _Name(NamedTuple):
-    """A file's name cut at its numbers: len(texts) = len(numbers) + 1."""
+    """A file's name, cut at its numbers: len(texts) = len(numbers) + 1."""
 
     path: Path
     texts: tuple[str, ...]
@@ -27,12 +27,12 @@ class _Name(NamedTuple):
 
 
 def by_number(paths: Iterable[Path]) -> dict[int, Path]:
-    """Frame number → file, in order. The frame number is the one that differs from name to name.
+    """Sort files by their frame numbers: frame number → file, in order.
 
-    A version (v002) is no frame number where the name has another one; a minus after a separator is a sign. A
-    single file needs no number; with several, the last one counts. Raises NteError for a number that is missing
-    or there twice, for a name without one among several files, for two sequences side by side, and where two
-    numbers of the names differ.
+    The frame number is the one that differs from name to name. A version (v002) is ignored if the name has another
+    number; a minus after a separator is a sign. A single file needs no number; if it has several, the last one
+    counts. Raises NteError for a frame that is missing or there twice, for a name without a number among several
+    files, for two sequences side by side, and if two numbers of the names change differently.
     """
     names = [_parse(path) for path in paths]
     if len(names) == 1:
@@ -46,7 +46,10 @@ def by_number(paths: Iterable[Path]) -> dict[int, Path]:
 
 
 def in_sequence(numbered: Iterable[tuple[int, Path]]) -> dict[int, Path]:
-    """Frame number → file, in order; raises NteError for a number that is missing or there twice."""
+    """Sort numbered files: frame number → file, in order.
+
+    Raises NteError for a number that is missing or there twice.
+    """
     found: dict[int, Path] = {}
     for number, path in numbered:
         if number in found:
@@ -88,7 +91,7 @@ def _example(shapes: Mapping[str, Sequence[Path]], shape: str) -> str:
 
 
 def _varying(names: Sequence[_Name]) -> int:
-    """Which of the numbers in the names differs; of several that are always equal, the last."""
+    """Find which of the numbers in the names differs from name to name; the last one if several do alike, or none."""
     columns = list(zip(*(name.numbers for name in names), strict=True))
     differing = [i for i, column in enumerate(columns) if len(set(column)) > 1]
     if len({columns[i] for i in differing}) > 1:

@@ -1,26 +1,29 @@
-"""Which pixels of a reference say something: those that are NaN, infinite or negative do not."""
+"""Usable pixels of a reference: those that are NaN, infinite or negative carry no information."""
 
 from pathlib import Path
 
 from nte.errors import NteError
 from nte.frames.frame import Array, Frame
 
-MOST_BAD = 0.1  # share of a frame's pixels: beyond, what is left is no picture of the scene
+MOST_BAD = 0.1  # largest share of bad pixels: with more, the rest is no picture of the scene
 
 
 class BadReferenceWarning(UserWarning):
-    """Some pixels of a reference say nothing, and are left out of losses and scores."""
+    """Warning that some pixels of a reference are unusable, and are left out of losses and scores."""
 
 
 def usable_pixels(reference: Array) -> Array:
-    """(N, 1, H, W) bool of a reference (N, C, H, W), NumPy or PyTorch: finite and not negative in all components."""
+    """Mark the usable pixels of a reference (N, C, H, W), NumPy or PyTorch, as a bool mask (N, 1, H, W).
+
+    A pixel is usable if all its components are finite and not negative.
+    """
     return ((reference >= 0) & (reference < float("inf"))).all(1)[:, None]
 
 
 def count_bad_pixels(frame: Frame, name: str, clip: Path | str) -> int:
-    """How many pixels of the reference `name` say nothing.
+    """Count the unusable pixels of the reference `name`: NaN, infinite or negative in any component.
 
-    Raises NteError, naming the clip, for more than MOST_BAD of the frame's.
+    Raises NteError, naming the clip, if they are more than MOST_BAD (a tenth) of the frame's pixels.
     """
     usable = usable_pixels(frame[name])
     height, width = frame.size
@@ -35,7 +38,7 @@ def count_bad_pixels(frame: Frame, name: str, clip: Path | str) -> int:
 
 
 def describe_bad_pixels(bad: int, name: str, clip: Path | str, index: int) -> str:
-    """Say in one line which frame of a clip was the first with such pixels."""
+    """Say in one line which frame of a clip was the first with unusable reference pixels, and how many it has."""
     return (
         f"{clip}, frame {index}: {bad} pixels of '{name}' are NaN, infinite or negative; such pixels are left out "
         "here and in later frames"

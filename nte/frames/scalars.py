@@ -1,7 +1,7 @@
 """The two numbers that belong to a whole sequence: exposure and depth scale.
 
-They are estimated once, from the first frame, and carried in the state. In NumPy, so that the runtime
-without PyTorch computes the same values as training.
+They are estimated once, from the first frame, and carried in the state. They are computed in NumPy, so that the
+runtime without PyTorch gets the same values as training.
 """
 
 import numpy as np
@@ -11,26 +11,31 @@ from nte.errors import NteError
 from nte.frames.frame import Array, Frame
 
 MIDDLE_GREY = 0.18
-# A pixel that is 10⁴ times as bright as a block than which a tenth is brighter: a firefly, a fault or the sun.
+# A spike is SPIKE times as bright as the TENTH quantile of the lit blocks: a firefly, a fault or the sun.
 SPIKE, TENTH = 1e4, 0.9
 _BLOCK = 8
-FARTHEST = 1e15  # scene units: beyond, a depth is a miss
-_BRIGHTEST = 1e30  # the sum of a block of such samples is still finite
+FARTHEST = 1e15  # scene units; a larger depth is a miss
+_BRIGHTEST = 1e30  # samples are clipped here, so that the sum over a block is finite
 _REC709 = np.array([0.2126, 0.7152, 0.0722], np.float32)
 
 
 def sequence_scalars(frame: Frame) -> tuple[npt.NDArray[np.float32], npt.NDArray[np.float32]]:
-    """(exposure (N,), depth_scale (N,)): the frame's own where it has them, else estimated from it.
+    """Return (exposure (N,), depth_scale (N,)) of a frame: its own if it has them, else estimated from its pixels.
 
-    Raises NteError where the frame's own are no positive numbers.
+    exposure: linear factor to middle grey, see `estimate_exposure`; 1 for a frame without light. depth_scale: median
+    depth in scene units; 1 for a frame without a surface or without depth. Raises NteError if the frame's own values
+    are not positive numbers.
     """
     exposure, depth_scale = (np.nan_to_num(scalar, nan=1.0) for scalar in known_scalars(frame))
     return exposure, depth_scale
 
 
 def known_scalars(frame: Frame) -> tuple[npt.NDArray[np.float32], npt.NDArray[np.float32]]:
-    """(exposure (N,), depth_scale (N,)) as `sequence_scalars`, but NaN where a frame without light or surface tells
-    nothing: the next one may."""
+    """Return (exposure (N,), depth_scale (N,)) of a frame, NaN where it has no light or no surface to tell.
+
+    Values are those of `sequence_scalars` otherwise; after a NaN the next frame may know more. Raises NteError if the
+    frame's own values are not positive numbers.
+    """
     exposure = given_exposure(frame)
     if exposure is None:
         exposure = known_exposure(_as_numpy(frame["color"]))
@@ -42,22 +47,26 @@ def known_scalars(frame: Frame) -> tuple[npt.NDArray[np.float32], npt.NDArray[np
 
 
 def given_exposure(frame: Frame) -> npt.NDArray[np.float32] | None:
-    """The frame's own exposure (N,), or None. Raises NteError where it is no positive number."""
+    """Return the frame's own exposure (N,), or None if it has none. Raises NteError if it is not positive."""
     return _given(frame, "exposure")
 
 
 def estimate_exposure(color: npt.NDArray[np.float32]) -> npt.NDArray[np.float32]:
-    """Linear factor (N,) that brings a noisy frame (N, 3, H, W) to middle grey: 0.18 / exp(mean log luminance).
+    """Estimate the linear factor (N,) that brings a noisy frame (N, 3, H, W) to middle grey.
 
-    The luminance is that of 8×8 blocks, and blocks without light are left out: at 1 spp many pixels are
-    black, and the logarithm would measure the noise instead of the light. Bad pixels count as 0, and so does
-    one that is 10⁴ times as bright as all but a tenth of the blocks. 1 for a frame without any light.
+    The factor is 0.18 / exp(mean log luminance). The luminance is the mean over 8×8 blocks, and blocks without light
+    are left out: at 1 spp many pixels are black, and the logarithm would measure the noise instead of the light. Bad
+    components count as 0, and so does a pixel that is more than 10⁴ times as bright as nine tenths of the lit blocks.
+    The factor is 1 for a frame without any light.
     """
     return np.nan_to_num(known_exposure(color), nan=1.0)
 
 
 def known_exposure(color: npt.NDArray[np.float32], lit: float = 0.0) -> npt.NDArray[np.float32]:
-    """As `estimate_exposure`, but NaN where not more than this share of the blocks has light."""
+    """Estimate the exposure (N,) of color (N, 3, H, W) as `estimate_exposure` does, NaN where it is unknown.
+
+    It is unknown unless more than the share `lit` of the 8×8 blocks has light.
+    """
     usable = np.where((color >= 0) & np.isfinite(color), color, 0).clip(max=_BRIGHTEST)
     luminance = np.einsum("nchw,c->nhw", usable, _REC709)
     height, width = (max(1, size // _BLOCK) * min(size, _BLOCK) for size in luminance.shape[1:])
@@ -66,9 +75,10 @@ def known_exposure(color: npt.NDArray[np.float32], lit: float = 0.0) -> npt.NDAr
 
 
 def sequence_exposure(frame: Frame, carried: Array | None) -> npt.NDArray[np.float32]:
-    """Exposure (N,) of a sequence: what is carried from the frame before, once it is known; NaN until then.
+    """Return the exposure (N,) of a sequence: the carried one if it is known, else that of this frame.
 
-    A sequence that starts with this frame (`reset`) carries nothing.
+    carried: the exposure (N,) that the previous frame returned, or None at the start. A sequence that starts with
+    this frame (`reset`) ignores it. NaN until a frame has light.
     """
     own = np.full(frame.batch, np.nan, np.float32) if carried is None else _as_numpy(carried)
     if frame.reset is not None:
@@ -77,7 +87,7 @@ def sequence_exposure(frame: Frame, carried: Array | None) -> npt.NDArray[np.flo
 
 
 def median_depth(depth: npt.NDArray[np.float32]) -> npt.NDArray[np.float32]:
-    """Median depth (N,) of the pixels of (N, 1, H, W) that hit a surface, in scene units; 1 where none does."""
+    """Return the median depth (N,), scene units, of the pixels of (N, 1, H, W) that hit a surface; 1 if none does."""
     return np.nan_to_num(_known_depth(depth), nan=1.0)
 
 
@@ -87,7 +97,7 @@ def _known_depth(depth: npt.NDArray[np.float32]) -> npt.NDArray[np.float32]:
 
 
 def _without_spikes(luminance: npt.NDArray[np.float32]) -> npt.NDArray[np.float32]:
-    """Luminance (H, W) with its spikes black."""
+    """Luminance (H, W) with its spikes set to 0."""
     blocks = _blocks(luminance)
     if not (blocks > 0).any():
         return luminance
@@ -104,7 +114,7 @@ def _exposure(luminance: npt.NDArray[np.float32], lit: float) -> np.float32:
 
 
 def _blocks(luminance: npt.NDArray[np.float32]) -> npt.NDArray[np.float32]:
-    """Means over 8×8 pixels of (H, W), which divides by 8 or is smaller."""
+    """Means over 8×8 pixels of (H, W); each side is a multiple of 8 or below 8."""
     height, width = luminance.shape
     bh, bw = min(height, _BLOCK), min(width, _BLOCK)
     return np.asarray(luminance.reshape(height // bh, bh, width // bw, bw).mean((1, 3)))

@@ -1,6 +1,6 @@
-"""Channels as pictures: what `nte check`, the report, `nte denoise --png` and the notebooks show.
+"""Channels as pictures, for `nte check`, the report, `nte denoise --png` and the notebooks.
 
-How a channel is shown stands in the table of channels. NumPy and Pillow only.
+The table of channels says how a channel is shown. Needs NumPy and Pillow only.
 """
 
 import io
@@ -21,13 +21,13 @@ RGB = npt.NDArray[np.uint8]  # (H, W, 3)
 Pixels = npt.NDArray[np.floating]  # (C, H, W)
 
 BAD = (255, 0, 255)  # magenta: NaN and infinite pixels
-_MARGIN, _LINE = 8, 15  # of a grid, in pixels
-_SMALLEST = 192  # narrower pictures are enlarged in a grid, so that they can be seen and captioned
+_MARGIN, _LINE = 8, 15  # margins and line height of a grid, in pixels
+_SMALLEST = 192  # pixels; a grid enlarges narrower pictures, so that they can be seen and captioned
 
 
 @dataclass(frozen=True)
 class Picture:
-    """Pixels (H, W, 3) uint8 in sRGB, what they show, and the scale they show it in."""
+    """Pixels (H, W, 3) uint8 in sRGB, with a title and a note that names the scale."""
 
     title: str
     pixels: RGB
@@ -35,7 +35,7 @@ class Picture:
 
 
 def show(name: str, values: npt.NDArray[np.generic], exposure: float = 1.0, scale: float | None = None) -> Picture:
-    """A picture of channel `name`, values (C, H, W), drawn as the table of channels says.
+    """Draw channel `name`, values (C, H, W), as the table of channels says.
 
     exposure: linear factor for radiance. scale: the value that gets the full colour, for motion (px), depth
     and other unbounded numbers; None takes it from the picture. Bad pixels (NaN, inf) are magenta.
@@ -72,27 +72,27 @@ def show(name: str, values: npt.NDArray[np.generic], exposure: float = 1.0, scal
 
 
 def display(radiance: Pixels, exposure: float = 1.0) -> Pixels:
-    """Display transform of radiance (C, H, W) to [0, 1]: exposure, x/(1+x), then the sRGB curve."""
+    """Transform radiance (C, H, W) to [0, 1] for display: exposure, x/(1+x), then the sRGB curve."""
     exposed = np.maximum(radiance, 0) * np.float32(exposure)
     tonemapped = exposed / (1 + exposed)
     return encode_srgb(tonemapped).astype(np.float32)
 
 
 def heat(values: Pixels, table: str = "viridis") -> Pixels:
-    """A perceptually uniform colour map of values (H, W), clamped to [0, 1] → (3, H, W): viridis or magma."""
+    """Colour values (H, W), clamped to [0, 1], as (3, H, W) with a perceptually uniform map: viridis or magma."""
     colours = _HEAT[table]
     at = np.linspace(0, 1, len(colours))
     return np.stack([np.interp(values, at, c) for c in colours.T]).astype(np.float32)
 
 
 def quantise(image: npt.NDArray[np.generic]) -> RGB:
-    """(3, H, W) in [0, 1], clamped, or one component for grey → (H, W, 3) uint8; NaN becomes 0."""
+    """Quantise an image (3, H, W), or grey (1, H, W), to (H, W, 3) uint8; clamps to [0, 1], NaN becomes 0."""
     levels = np.rint(np.clip(np.nan_to_num(image), 0, 1) * 255).astype(np.uint8).transpose(1, 2, 0)
     return np.broadcast_to(levels, (*levels.shape[:2], 3)).copy()
 
 
 def grid(pictures: Sequence[Picture], columns: int = 4) -> RGB:
-    """Pictures side by side, each under its title and note, in rows of `columns`; small ones are enlarged."""
+    """Lay pictures side by side, each below its title and note, in rows of `columns`; enlarge small ones."""
     cells = [np.asarray(_enlarged(picture.pixels)) for picture in pictures]
     columns = max(1, min(columns, len(cells)))
     width = max((c.shape[1] for c in cells), default=0) + _MARGIN
@@ -109,20 +109,20 @@ def grid(pictures: Sequence[Picture], columns: int = 4) -> RGB:
 
 
 def png_bytes(pixels: RGB) -> bytes:
-    """The pixels (H, W, 3) as a PNG file's content."""
+    """Encode pixels (H, W, 3) uint8 as the content of a PNG file."""
     buffer = io.BytesIO()
     Image.fromarray(pixels).save(buffer, "PNG", optimize=True)
     return buffer.getvalue()
 
 
 def write_png(path: Path, pixels: RGB) -> None:
-    """Write (H, W, 3) uint8 as a PNG file that is whole or absent. Raises NteError where it cannot be written."""
+    """Write (H, W, 3) uint8 as a PNG file that is whole or absent. Raises NteError if it cannot be written."""
     content = png_bytes(pixels)
     write_whole(path, lambda temporary: temporary.write_bytes(content) and None)
 
 
 def _scale_of(row: Channel, usable: Pixels) -> float:
-    """The value that gets the full colour: 1 where values are bounded by 1, else nearly the largest there is."""
+    """The value that gets the full colour: 1 if values are bounded by 1, else the 99th percentile of the lengths."""
     if row.kind in ("direction", "scalar") and (row.unit.startswith("1") or "[0, 1]" in row.unit):
         return 1.0
     lengths = _length(usable)
@@ -135,13 +135,13 @@ def _length(values: Pixels) -> Pixels:
 
 
 def _motion(values: Pixels) -> Pixels:
-    """Hue is the direction, saturation the length: white stands still, length 1 has the full colour."""
+    """Draw the direction as hue and the length as saturation: white stands still, length 1 has the full colour."""
     hue = np.arctan2(values[1], values[0]) / (2 * np.pi)
     return _from_hsv(hue, np.minimum(_length(values), 1), np.ones_like(hue))
 
 
 def _labels(ids: Pixels) -> Pixels:
-    """A hashed colour that an id keeps in every frame and run; 0, a miss, is black."""
+    """Draw each id in a hashed colour that it keeps in every frame and run; 0, a miss, is black."""
     hashed = ids.astype(np.int64).astype(np.uint64) * np.uint64(0x9E3779B97F4A7C15)  # Fibonacci hashing
     hue = (hashed >> np.uint64(40)).astype(np.float32) / (1 << 24)
     value = 0.6 + 0.4 * (hashed >> np.uint64(32) & np.uint64(255)).astype(np.float32) / 255
@@ -149,7 +149,7 @@ def _labels(ids: Pixels) -> Pixels:
 
 
 def _from_hsv(hue: Pixels, saturation: Pixels, value: Pixels) -> Pixels:
-    """Planes (H, W) → (3, H, W); the hue is a turn, of any sign."""
+    """Convert planes (H, W) to RGB (3, H, W); the hue is in turns, of any sign."""
     k = (np.array([5, 3, 1]).reshape(3, 1, 1) + hue * 6) % 6
     return np.asarray(value - value * saturation * np.clip(np.minimum(k, 4 - k), 0, 1))
 

@@ -1,18 +1,19 @@
-"""What a denoiser makes of values that no renderer can mean: the one sanitiser, driven by the table of channels.
+"""The sanitiser of input values that no renderer can mean, driven by the table of channels.
 
 radiance     [0, cap]. Negative components become 0, brighter ones the cap. A pixel that is NaN, infinite or
-             beyond FAULT caps becomes black, and a mask says that it tells nothing (`usable_frame`).
+             beyond FAULT caps becomes black, and a mask marks it as unusable (`usable_frame`).
 reflectance  [0, 1], clamped. A pixel that is not finite becomes 0, which nte.color.divisor does not divide by.
-depth        [1e-15, 1e15] scene units; anything else is 0, a miss.
-direction    Length up to 1.01; a longer one is made a unit vector; no number at all is 0: no normal, no sample.
-point        Up to 1e15; anything else is 0.
-motion       Up to 4 images along each axis, noisy ones 64; anything else is NaN: unknown, so there is no history.
-covariance   Up to the square of 64 images; anything else is NaN.
-scalar       Finite, a share (unit 1) in [0, 1]; else 0, mid-shutter for a time, NaN where NaN has a meaning.
+depth        [1e-15, 1e15] scene units; anything else becomes 0, a miss.
+direction    Length up to 1.01; a longer one becomes a unit vector; a broken one 0: no normal, no sample.
+point        Up to 1e15; anything else becomes 0.
+motion       Up to 4 images along each axis, 64 if noisy; anything else becomes NaN: unknown, so there is no history.
+covariance   Up to the squared diagonal of 64 images; anything else becomes NaN.
+scalar       [0, 1] if the unit is 1, clamped; a value that is not finite becomes 0, or mid-shutter for a time. If
+             NaN has a meaning, a value that is not finite, negative or too large becomes NaN.
 id           Finite, else 0.
 
-Arrays are (N, C, H, W), NumPy or PyTorch alike: the network calls the same functions, so training, inference and
-the exported graph agree. Usable values come out bit for bit.
+Arrays are (N, C, H, W), NumPy or PyTorch: the network calls the same functions, so training, inference and the
+exported graph agree. Usable values come out bit for bit.
 """
 
 from collections.abc import Callable, Iterable
@@ -25,65 +26,83 @@ from nte.frames.channels import CHANNELS, Channel, Kind
 from nte.frames.frame import Array, Frame
 from nte.frames.scalars import FARTHEST, given_exposure, known_exposure
 
-# Of exposed radiance. x/(1 + x) is within half a step of white in 16 bits, and half floats end here: a light that is
-# brighter looks the same, while one sample of it would outweigh a history of any length.
+# The cap of exposed radiance. Here x/(1 + x) is within half a 16-bit step of white, and half floats end: a brighter
+# light looks the same, while one sample of it would outweigh a history of any length.
 BRIGHTEST = 65504.0
-FAULT = 65504.0  # caps: beyond, it is no light but a fault
-ABSOLUTE = 1e15  # cap whatever the exposure: divided by an albedo of 1e-3 and squared it still is finite
-NEAREST = 1e-15
-UNIT, LONG = 1.01, 1e3  # longest unit vector, rounded, and largest component of one that has lost its length
-IMAGES, NOISY_IMAGES = 4.0, 64.0  # a shadow or a reflection may really have been that far away
-LIT = 1 / 16  # of the 8×8 blocks must have light, or the level of the light is unknown
+FAULT = 65504.0  # in caps; a value beyond is a fault, not light
+ABSOLUTE = 1e15  # radiance; the cap for any exposure: divided by an albedo of 1e-3 and squared it is still finite
+NEAREST = 1e-15  # scene units; a smaller depth is a miss
+UNIT, LONG = 1.01, 1e3  # longest rounded unit vector; largest component of a direction that can still be normalised
+IMAGES, NOISY_IMAGES = 4.0, 64.0  # longest motion, in images; a shadow or a reflection may come from far away
+LIT = 1 / 16  # the level of light is unknown unless more than this share of the 8×8 blocks has light
 
 
 def usable_radiance(values: Array, brightest: Array | float) -> Array:
-    """Light (N, C, H, W) in [0, brightest]; pixels that say nothing are black. brightest: (N, 1, 1, 1) or a number."""
+    """Sanitise light (N, C, H, W) to [0, brightest]; pixels that are a fault (`says_something`) become black.
+
+    brightest: the cap in the units of `values`, (N, 1, 1, 1) or a number.
+    """
     values = _where(says_something(values, brightest), values, 0.0)
     values = _where(values >= 0, values, 0.0)
     return _where(values <= brightest, values, brightest)
 
 
 def says_something(values: Array, brightest: Array | float) -> Array:
-    """(N, 1, H, W) bool: no component of the pixel's light is NaN, infinite or beyond any light."""
+    """Mark the pixels of light (N, C, H, W) that are no fault, as a bool mask (N, 1, H, W).
+
+    In a fault some component is NaN, infinite, or beyond 65504 times `brightest`, a number or (N, 1, 1, 1).
+    """
     return (abs(values) <= brightest * FAULT).all(1)[:, None]
 
 
 def usable_reflectance(values: Array) -> Array:
-    """Reflectance (N, C, H, W) in [0, 1]; 0 in all components where one is not finite."""
+    """Clamp reflectance (N, C, H, W) to [0, 1]; a pixel with a component that is not finite becomes 0."""
     return _where(_finite(values), values, 0.0).clip(0.0, 1.0)
 
 
 def usable_depth(values: Array) -> Array:
-    """Depth (N, 1, H, W), 0 = miss; so is what is no distance."""
+    """Sanitise depth (N, 1, H, W), scene units: a value outside [1e-15, 1e15] becomes 0, a miss."""
     return _where((values >= NEAREST) & (values <= FARTHEST), values, 0.0)
 
 
 def usable_direction(values: Array) -> Array:
-    """Vectors (N, 3, H, W) of length 1 at the most; 0 where they are broken."""
+    """Sanitise directions (N, 3, H, W): longer than 1.01 they become unit vectors, broken ones become 0.
+
+    A direction is broken if a component is NaN, infinite or beyond 1000.
+    """
     values = _where((abs(values) <= LONG).all(1)[:, None], values, 0.0)
     squared = (values * values).sum(1)[:, None]
     return values / _where(squared > UNIT * UNIT, squared, 1.0) ** 0.5
 
 
 def usable_vector(values: Array, images: float = IMAGES) -> Array:
-    """Vectors (N, 2, H, W) px; NaN in both components where one is not finite or longer than so many images."""
+    """Sanitise motion vectors (N, 2, H, W) in pixels: NaN in both components if one is not finite or too long.
+
+    images: the longest motion along an axis, in image widths or heights.
+    """
     height, width = values.shape[-2:]
     x, y = abs(values[:, :1]) <= images * width, abs(values[:, 1:]) <= images * height
     return _where(x & y, values, float("nan"))
 
 
 def usable(row: Channel, values: Array, brightest: Array | float = ABSOLUTE) -> Array:
-    """The channel's values (N, C, H, W) as the table above says."""
+    """Sanitise a channel's values (N, C, H, W) as this module's table says.
+
+    brightest: cap of radiance, a number or (N, 1, 1, 1).
+    """
     return _USABLE[row.kind](row, values, brightest)
 
 
 def mask_of(name: str) -> str:
-    """The channel (N, 1, H, W) of a usable frame that is 1 where light of this name tells something, else 0."""
+    """Name the mask (N, 1, H, W) that `usable_frame` adds for a noisy channel: 1 where it is usable, else 0."""
     return f"{name} usable"
 
 
 def usable_frame(frame: Frame, names: Iterable[str], cap: npt.NDArray[np.float32]) -> Frame:
-    """The frame with these channels usable, and `mask_of` those that are noisy light. cap: (N,), of radiance."""
+    """Sanitise the named channels of a frame, and add a mask (`mask_of`) for noisy light and noisy scalars.
+
+    names: channels that the frame or the table lacks are skipped. cap: radiance (N,) at which light is capped.
+    """
     found: dict[str, Array] = {}
     for row in (CHANNELS[name] for name in dict.fromkeys(names) if name in frame and name in CHANNELS):
         values, mask = frame[row.name], mask_of(row.name)
@@ -91,7 +110,7 @@ def usable_frame(frame: Frame, names: Iterable[str], cap: npt.NDArray[np.float32
         fine = all_usable(row, values, float(cap.min()))
         if not fine:
             found[row.name] = usable(row, values, brightest)
-        # A wrapper's frame has been looked at before: what told nothing then is black now.
+        # A wrapper passes on a frame that is sanitised already, where faults are black: its mask stays.
         if row.noisy and row.kind in ("radiance", "scalar") and mask not in frame:
             first = values[:, :1]
             found[mask] = first * 0 + 1 if fine else _like(says_something(values, brightest), values)
@@ -99,7 +118,10 @@ def usable_frame(frame: Frame, names: Iterable[str], cap: npt.NDArray[np.float32
 
 
 def all_usable(row: Channel, values: Array, brightest: float = ABSOLUTE) -> bool:
-    """Whether two numbers, the least and the greatest, show that nothing is to be done: the usual case, and cheap."""
+    """Tell cheaply, from the minimum and the maximum alone, whether all values are usable.
+
+    False means that the values must be looked at one by one.
+    """
     height, width = values.shape[-2:]
     reach = (NOISY_IMAGES if row.noisy else IMAGES) * min(height, width)
     ranges: dict[Kind, tuple[float, float]] = {
@@ -111,11 +133,12 @@ def all_usable(row: Channel, values: Array, brightest: float = ABSOLUTE) -> bool
 
 
 def light_cap(frame: Frame, carried: npt.NDArray[np.float32] | None) -> npt.NDArray[np.float32]:
-    """Radiance (N,) at which a sequence's light is capped, in the frame's units: BRIGHTEST over its exposure.
+    """Return the radiance (N,) at which a sequence's light is capped, in the frame's units: 65504 / exposure.
 
-    carried: that of the frame before; None starts. Where the frame does not give the exposure it is estimated from
-    the first frame that has light, and again only where something exceeds the cap. It rises if the scene has
-    become brighter and never falls, so it does not pump. NaN: unknown yet.
+    carried: the cap (N,) of the previous frame; None at the start. If the frame gives no exposure, the exposure is
+    estimated from the first frame that has light, and again only when something exceeds the cap. The cap rises if
+    the scene becomes brighter and never falls, so it does not pump. NaN: unknown yet. Raises NteError if the frame's
+    own exposure is not positive.
     """
     exposure = given_exposure(frame)
     if exposure is not None:
@@ -127,8 +150,8 @@ def light_cap(frame: Frame, carried: npt.NDArray[np.float32] | None) -> npt.NDAr
     light = _light(frame)
     if light is None:
         return carried
-    # Something is brighter than the cap, or NaN, or the cap unknown: comparisons with NaN are false. Each sequence by
-    # itself, or one of a batch would have another cap than alone.
+    # True where something is brighter than the cap, or NaN, or the cap is unknown: comparisons with NaN are false.
+    # Each sequence is judged by itself, or its cap in a batch would differ from its cap alone.
     beyond = ~np.array([bool(image.max() <= float(cap)) for image, cap in zip(light, carried, strict=True)])
     if not beyond.any():
         return carried
@@ -137,12 +160,12 @@ def light_cap(frame: Frame, carried: npt.NDArray[np.float32] | None) -> npt.NDAr
 
 
 def known_cap(cap: npt.NDArray[np.float32]) -> npt.NDArray[np.float32]:
-    """The cap (N,) to use: ABSOLUTE where none is known, and at the most."""
+    """Return the cap (N,) to use: at most 1e15 (ABSOLUTE), and 1e15 where the cap is unknown (NaN)."""
     return np.fmin(cap, np.float32(ABSOLUTE))
 
 
 def _light(frame: Frame) -> Array | None:
-    """All light (N, 3, H, W) that the frame has: `color`, or the sum of what it is made of; None without any."""
+    """All light (N, 3, H, W) that the frame has: `color`, or the sum of its components; None without any."""
     for names in (("color",), ("emission", "direct", "indirect", "glossy"), ("indirect_radiance",)):
         parts = [frame[name] for name in names if name in frame]
         if parts:
@@ -151,7 +174,10 @@ def _light(frame: Frame) -> Array | None:
 
 
 def _scalar(row: Channel, values: Array, brightest: Array | float) -> Array:
-    """A share is clamped, any other number left as it is; what is not finite is NaN where that has a meaning."""
+    """Clamp a share (unit 1) to [0, 1] and keep other numbers; a value that is not finite becomes 0, or 0.5 for a time.
+
+    In channels where NaN has a meaning, a pixel with a component that is negative, too large or not finite is NaN.
+    """
     share = row.unit == "1"
     if row.nan_means:
         high = 1.0 if share else brightest * FAULT
@@ -188,14 +214,14 @@ _USABLE: dict[Kind, Callable[[Channel, Array, Array | float], Array]] = {
 
 
 def _where(keep: Array, values: Array, other: Array | float) -> Array:
-    """values where `keep`, else `other`: NumPy has it as a function, PyTorch as a method."""
+    """Select values where `keep`, else `other`: a function in NumPy, a method in PyTorch."""
     if isinstance(values, np.ndarray):
         return np.where(keep, values, other)
     return values.where(keep, other)
 
 
 def _like(array: Array, like: Array) -> Array:
-    """An array as float32 of the kind, and on the device, of another."""
+    """Convert an array to float32 of the kind, and on the device, of another."""
     if isinstance(like, np.ndarray):
         return np.asarray(array, np.float32)
     if isinstance(array, np.ndarray):

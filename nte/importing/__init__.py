@@ -1,1 +1,1 @@
-"""Clips from other producers: EXR sequences of any engine, Blender, noisebase (datasets/IMPORT.md)."""
+"""Import of clips from other producers: EXR sequences of any engine, Blender, noisebase."""

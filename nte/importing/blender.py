@@ -1,4 +1,4 @@
-"""`nte import blender`: multi-layer EXR files of Cycles, by the channel map that ships (maps/blender.yaml)."""
+"""`nte import blender`: multi-layer EXR files of Cycles, read by the channel map maps/blender.yaml."""
 
 from collections.abc import Sequence
 from pathlib import Path
@@ -11,8 +11,9 @@ def import_blender(
 ) -> Imported:
     """Import multi-layer EXR frames of Cycles as the clip `out`; returns when the clip is whole.
 
-    source, reference: folders, files or glob patterns; of the reference only the image is used. Every pass but that
-    may be missing from all frames. overrides: `key=value` for the map, such as `view=left` or `prefix=ViewLayer`.
-    Raises NteError as nte.importing.exr.import_exr does.
+    source, reference: a folder, a file or a glob pattern each; only the image of the reference is used. Any other pass
+    than the image may be missing, if it is missing from all frames. overrides: `key=value` for the map, such as
+    `view=left` or `prefix=ViewLayer`. force: replace a clip that exists at `out`. Raises NteError, with nothing left
+    behind, for layers that are missing, sequences that do not match, and an `out` that exists without `force`.
     """
     return import_exr(source, "blender", out, reference, force, overrides)

@@ -1,4 +1,4 @@
-"""Cameras of an imported sequence: read from JSON, or made of a field of view."""
+"""Cameras of an imported sequence: read from JSON, or made from a field of view."""
 
 import json
 from pathlib import Path
@@ -9,22 +9,26 @@ import numpy.typing as npt
 
 from nte.errors import NteError
 
-_LARGEST = 1e38  # what float32 holds, which frames have
+_LARGEST = 1e38  # the largest number that a frame's float32 matrices can hold, roughly
 
 
 class Camera(NamedTuple):
-    """Matrices (4, 4) for column vectors: world → view, view → homogeneous [0, 1]² with y down."""
+    """A camera's matrices (4, 4) for column vectors: world → view, and view → homogeneous [0, 1]² with y down."""
 
     view: npt.NDArray[np.float64]
     projection: npt.NDArray[np.float64]
 
     def to_pixels(self, size: tuple[int, ...]) -> npt.NDArray[np.float64]:
-        """(3, 4): world points to homogeneous pixels of an image of `size` (height, width)."""
+        """Return the matrix (3, 4) from world points to homogeneous pixels of an image of `size` (height, width)."""
         return np.asarray(np.diag([size[1], size[0], 1.0]) @ (self.projection @ self.view)[[0, 1, 3]])
 
 
 def load_cameras(path: Path, frames: int) -> list[Camera]:
-    """The cameras of a JSON file, one per frame; raises NteError for anything else in it."""
+    """Read the cameras of a JSON file: a list of {"view", "projection"}, one entry per frame.
+
+    Raises NteError if the file cannot be read or holds anything else, if the number of cameras is not `frames`, and
+    for a matrix that is not 4×4, finite and invertible, or orthographic.
+    """
     try:
         listed = json.loads(path.read_text(encoding="utf-8"))
         found = [Camera(*(np.array(c[key], np.float64) for key in Camera._fields)) for c in listed]
@@ -44,7 +48,10 @@ def load_cameras(path: Path, frames: int) -> list[Camera]:
 
 
 def camera_of_fov(vertical_fov: float, size: tuple[int, ...]) -> Camera:
-    """A centred perspective camera at the origin that looks along +z; degrees; size (height, width)."""
+    """Make a centred perspective camera at the origin that looks along +z.
+
+    vertical_fov: in degrees. size: (height, width) in pixels.
+    """
     near, far = 0.1, 100.0
     focal = 0.5 / np.tan(np.radians(vertical_fov) / 2)
     projection = np.array(

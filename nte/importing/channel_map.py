@@ -1,6 +1,6 @@
-"""Channel maps: a YAML file that says which layers of foreign EXR files are which channel, and how they are meant.
+"""Channel maps: YAML files that say which layers of foreign EXR files are which channel, in which conventions.
 
-`channels` says where values are and how they are stored; the other groups, what they mean (datasets/IMPORT.md).
+The group `channels` says where values are and how they are stored; the other groups say what the values mean.
 """
 
 from collections.abc import Sequence
@@ -18,41 +18,41 @@ from nte.errors import NteError
 from nte.frames.channels import CHANNELS, Channel
 from nte.motion.conventions import UNITS, Convention
 
-MAPS = Path(__file__).parent / "maps"  # those that ship, by name
-SKY = "sky"  # in `unknown`: the vectors of misses
+MAPS = Path(__file__).parent / "maps"  # the maps that ship with nte, NAME.yaml each
+SKY = "sky"  # an entry of `unknown` that stands for the vectors of misses
 _CHOICES = {
     "points": ("to", "from"), "axes": ("xy", "yx"), "y_axis": ("down", "up"), "unit": ("pixels", "uv", "ndc"),
     "space": ("world", "camera"), "along": ("axis", "ray"), "over": ("shutter", "frame"),
 }  # fmt: skip
-_LISTS = ("layer", "plus", "where_dark", "scale", "offset", "unknown")  # keys of Source that may be a single value
+_LISTS = ("layer", "plus", "where_dark", "scale", "offset", "unknown")  # keys of Source that accept a single value
 
 
 @dataclass
 class Source:
-    """Where a channel's values are in the files, and how they are stored. A layer alone stands for {layer: …}."""
+    """The place of a channel's values in the files, and how they are stored. A layer alone stands for {layer: …}."""
 
-    layer: list[str] = field(default_factory=list)  # a layer or its components, one by one; nothing: those of no layer
-    plus: list[str] = field(default_factory=list)  # layers that are added where the file has them
-    where_dark: list[str] = field(default_factory=list)  # the same, only in pixels where there is nothing so far
-    file: str = ""  # of this channel's own files below SOURCE: # is the frame number, * anything
-    part: str = ""  # of a multi-part file, by name or number
-    view: str = ""  # of a stereo file
-    scale: list[float] = field(default_factory=lambda: [1.0])  # value = stored · scale + offset,
-    offset: list[float] = field(default_factory=lambda: [0.0])  # each one number or one for each component
-    unknown: list[str] = field(default_factory=list)  # vectors: stored values that say nothing; `sky`: those of misses
+    layer: list[str] = field(default_factory=list)  # a layer, or its components one by one; empty: R, G, B of no layer
+    plus: list[str] = field(default_factory=list)  # layers that are added if the file has them
+    where_dark: list[str] = field(default_factory=list)  # layers that are added only in pixels that are still dark
+    file: str = ""  # pattern of this channel's own files below SOURCE: # is the frame number, * anything
+    part: str = ""  # name or number of a part of a multi-part file
+    view: str = ""  # view of a stereo file
+    scale: list[float] = field(default_factory=lambda: [1.0])  # value = stored · scale + offset;
+    offset: list[float] = field(default_factory=lambda: [0.0])  # each is one number, or one for each component
+    unknown: list[str] = field(default_factory=list)  # stored values of unknown vectors; `sky`: the vectors of misses
 
 
 @dataclass
 class Vectors:
-    """How motion vectors are meant. The defaults are nte's own convention."""
+    """The convention of motion vectors. The defaults are nte's own convention."""
 
-    points: str = "to"  # the other frame (motion: previous, forward_motion: next); or from it: the opposite sign
+    points: str = "to"  # to the other frame (motion: previous, forward_motion: next); or from it: the opposite sign
     axes: str = "xy"  # or yx: the first component is y
     y_axis: str = "down"  # or up
     unit: str = "pixels"  # or uv: [0, 1] over the image; or ndc: [−1, 1]
 
     def convention(self) -> Convention:
-        """The same in the words of nte.motion.conventions, which knows how to convert."""
+        """Return these values as a `Convention` of nte.motion.conventions, which can convert vectors."""
         x = 1 if self.points == "to" else -1
         y = x if self.y_axis == "down" else -x
         unit = next(name for name in UNITS if name.lower().startswith(self.unit))
@@ -60,7 +60,7 @@ class Vectors:
 
     @classmethod
     def of(cls, convention: Convention) -> "Vectors":
-        """The map's values for a convention, whose direction is not `forward`."""
+        """Return a map's values for a convention, whose direction must not be `forward`."""
         x, y = convention.signs
         return cls(
             points="to" if x > 0 else "from",
@@ -72,54 +72,57 @@ class Vectors:
 
 @dataclass
 class ShutterVectors(Vectors):
-    """How motion over the shutter is meant; `points: to` is forward in time."""
+    """The convention of motion over the shutter; `points: to` is forward in time."""
 
-    over: str = "shutter"  # the open shutter; or frame: the whole frame, of which `shutter` is open
+    over: str = "shutter"  # motion over the open shutter; or frame: over the whole frame, of which `shutter` is open
 
 
 @dataclass
 class Normals:
-    """How normals are meant."""
+    """The convention of normals."""
 
     space: str = "world"  # or camera: the view space of `cameras`
-    encoded: bool = False  # stored as n/2 + 1/2
+    encoded: bool = False  # true if n is stored as n/2 + 1/2
 
 
 @dataclass
 class Depths:
-    """How depth is meant."""
+    """The convention of depth."""
 
-    along: str = "axis"  # of the view; or ray: the distance from the camera
-    scale: float = 1.0  # scene units per stored unit; negative where depth counts downwards
-    sky: float = 1e9  # stored sizes from here on are misses; so are 0, values of the other sign and non-finite ones
+    along: str = "axis"  # depth along the view axis; or ray: the distance from the camera
+    scale: float = 1.0  # scene units per stored unit; negative if stored depths are negative
+    sky: float = 1e9  # stored depths of this size or more are misses; so are 0, the other sign and non-finite values
 
 
 @dataclass
 class ChannelMap:
-    """A channel map; `channels` is required, the rest says where the files differ from nte's conventions."""
+    """A channel map: `channels` is required; the rest says where the files differ from nte's conventions."""
 
-    channels: dict[str, Any] = field(default_factory=lambda: MISSING)  # ours → a layer, components or a Source
-    prefix: str = ""  # what stands before every layer's name; * for whatever it is called, if there is only one
-    prefix_not: list[str] = field(default_factory=list)  # what * does not stand for, where there is another
+    channels: dict[str, Any] = field(default_factory=lambda: MISSING)  # nte's channel → a layer, components or a Source
+    prefix: str = ""  # text before every layer's name; * stands for any, if there is only one
+    prefix_not: list[str] = field(default_factory=list)  # prefixes that * does not stand for, if there is another
     file: str = ""  # file, part and view of the channels that name none themselves
     part: str = ""
     view: str = ""
-    result: str = ""  # the layer that a denoised image takes the place of; nothing: that of color
-    optional: bool = False  # channels but color may be missing, if they are missing from every frame
-    still: bool = False  # nothing moves but the camera: motion and depth that are missing are made from position
+    result: str = ""  # the layer that a denoised image replaces; empty: that of color
+    optional: bool = False  # true if channels other than color may be missing, each from every frame
+    still: bool = False  # true if only the camera moves: missing motion and depth are then made from position
     motion: Vectors = field(default_factory=Vectors)
     forward_motion: Vectors = field(default_factory=Vectors)
     shutter_motion: ShutterVectors = field(default_factory=ShutterVectors)
     normal: Normals = field(default_factory=Normals)
     depth: Depths = field(default_factory=Depths)
     cameras: str = ""  # JSON beside the map: a list of {"view", "projection"} per frame, as in clip.json
-    vertical_fov: float = 0.0  # degrees; instead of cameras where depth is along the ray
-    shutter: float = 1.0  # its open share of the frame, for clip.json
-    producer: str = "OpenEXR files"  # for clip.json
+    vertical_fov: float = 0.0  # degrees; enough instead of cameras if depth is along the ray
+    shutter: float = 1.0  # open share of the frame, in (0, 1], for clip.json
+    producer: str = "OpenEXR files"  # name of the renderer, for clip.json
 
 
 def find_map(name: str | Path) -> Path:
-    """The file of a channel map: a path, or the name of one that ships; raises NteError that lists those."""
+    """Return the file of a channel map, given by its path or by the name of one that ships with nte.
+
+    Raises NteError, which lists the maps that ship, for a name that is neither. A path need not exist.
+    """
     path = Path(name)
     shipped = MAPS / f"{name}.yaml"
     if path.suffix or path.is_file() or path.parent != Path():
@@ -131,9 +134,10 @@ def find_map(name: str | Path) -> Path:
 
 
 def load_channel_map(path: Path, overrides: Sequence[str] = ()) -> ChannelMap:
-    """Read and check a channel map, with `key=value` overrides; raises NteError that names the file and the key.
+    """Read and check a channel map, with `key=value` overrides.
 
-    `channels.depth=Z` replaces what the map says of a channel, `channels.depth.file=z.#.exr` changes one key of it.
+    The override `channels.depth=Z` replaces the map's entry of a channel; `channels.depth.file=z.#.exr` changes one
+    key of the entry. Raises NteError, naming the file and the key, for a map that is not valid.
     """
     of_channels = [item for item in overrides if item.startswith("channels.")]
     found = load_config(ChannelMap, path, [item for item in overrides if item not in of_channels])
@@ -160,7 +164,7 @@ def load_channel_map(path: Path, overrides: Sequence[str] = ()) -> ChannelMap:
 
 
 def needs_camera(how: ChannelMap, name: str) -> str:
-    """What a channel cannot be read without, in words for the user; empty where nothing is missing."""
+    """Say in words for the user what camera a channel of the map lacks; return an empty text if it lacks none."""
     if name == "normal" and how.normal.space == "camera" and not how.cameras:
         return "'normal.space' is camera: 'cameras' must name the JSON file of the cameras"
     if name == "depth" and how.depth.along == "ray" and not (how.cameras or how.vertical_fov):
@@ -169,7 +173,7 @@ def needs_camera(how: ChannelMap, name: str) -> str:
 
 
 def _override(channels: dict[str, Any], overrides: Sequence[str]) -> dict[str, Any]:
-    """The entries of `channels` with some of their keys replaced; a layer alone counts as the key `layer`."""
+    """The entries of `channels` with the overrides applied; a layer alone counts as the key `layer`."""
     found = dict(channels)
     for item in overrides:
         key, equals, text = item.removeprefix("channels.").partition("=")
@@ -188,7 +192,7 @@ def _override(channels: dict[str, Any], overrides: Sequence[str]) -> dict[str, A
 
 
 def _source(path: Path, name: str, given: Any, how: ChannelMap) -> Source:
-    """The Source of an entry of `channels`, checked, with what the map says for all channels."""
+    """The checked Source of an entry of `channels`, completed by the map's own file, part and view."""
     where = f"{path}: 'channels.{name}'"
     row = CHANNELS.get(name)
     if row is None or row.storage == "derived":
@@ -196,7 +200,7 @@ def _source(path: Path, name: str, given: Any, how: ChannelMap) -> Source:
         raise NteError(f"{where}: no such channel; expected one of {stored}")
     keys = given if isinstance(given, dict) else {"layer": given}
     listed = {key: [value] if key in _LISTS and not isinstance(value, list) else value for key, value in keys.items()}
-    # Once more: what is read here was resolved, and two halves may have met.
+    # Checked once more: these values are resolved, and two halves may have met to form a resolver.
     refuse_resolvers(str(path), [listed, how.file, how.part, how.view], f"channels.{name}")
     try:
         merged = OmegaConf.merge(OmegaConf.structured(Source(file=how.file, part=how.part, view=how.view)), listed)
@@ -212,7 +216,7 @@ def _source(path: Path, name: str, given: Any, how: ChannelMap) -> Source:
 
 def _check_source(where: str, row: Channel, given: Any, source: Source) -> None:
     count = len(row.components)
-    # OmegaConf takes containers in a list of strings or numbers.
+    # OmegaConf accepts containers in a list of strings or numbers.
     nested = [key for key in _LISTS if any(isinstance(value, dict | list) for value in getattr(source, key))]
     unnamed = any(not part.strip() for name in source.layer if isinstance(name, str) for part in name.split("|"))
     if nested or unnamed or len(source.layer) not in (0, 1, count):

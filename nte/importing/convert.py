@@ -1,4 +1,4 @@
-"""From a producer's conventions to nte's (docs/conventions.md), one frame at a time."""
+"""Conversion from a producer's conventions to nte's, one frame at a time."""
 
 from collections.abc import Iterable, Iterator, Mapping
 from itertools import product
@@ -16,15 +16,14 @@ from nte.motion.camera import points_from_depth
 from nte.motion.conventions import Convention
 from nte.motion.geometric import scatter_forward_motion
 
-_RINGS = 8  # px from the known ones within which unknown vectors follow depth
+_RINGS = 8  # px; unknown vectors this close to known ones are filled by depth
 
 
 def to_ours(given: Mapping[str, Pixels], how: ChannelMap, camera: Camera | None = None) -> dict[str, Pixels]:
-    """Channels (C, H, W), decoded, in a producer's conventions → nte's channels of the same names.
+    """Convert decoded channels (C, H, W) from the conventions of the map `how` to nte's, under the same names.
 
-    camera: needed for normals in camera space, and for depth along the ray where the map has no field of
-    view. Misses get depth, normal, position and instance 0. Radiance is left as it is; vectors that are unknown
-    are NaN.
+    camera: needed for normals in camera space, and for depth along the ray if the map has no field of view. Misses
+    get depth, normal, position and instance 0. Radiance is left as it is. Unknown vectors are NaN.
     """
     ours = {name: np.asarray(values, np.float32) for name, values in given.items()}
     if "albedo" in ours:
@@ -41,7 +40,7 @@ def to_ours(given: Mapping[str, Pixels], how: ChannelMap, camera: Camera | None 
     for name in ("depth", "shutter_depth"):
         if name in ours:
             ours[name] = _depth(ours[name], how, camera)
-    if "position" in ours and "depth" not in ours:  # infinite or NaN: how some write a miss
+    if "position" in ours and "depth" not in ours:  # some producers write infinity or NaN for a miss
         ours["position"] = np.where(np.isfinite(ours["position"]).all(0), ours["position"], 0)
     if "depth" in ours:
         hit = ours["depth"] > 0
@@ -55,7 +54,7 @@ def to_ours(given: Mapping[str, Pixels], how: ChannelMap, camera: Camera | None 
 
 
 def _depth(stored: Pixels, how: ChannelMap, camera: Camera | None) -> Pixels:
-    """Depth (1, H, W) along the view axis in scene units, 0 for misses."""
+    """Convert stored depth to depth (1, H, W) along the view axis in scene units, 0 for misses."""
     counted = stored * np.float32(np.sign(how.depth.scale))
     hit = (counted > 0) & (counted < how.depth.sky)  # false for NaN
     if how.depth.along == "ray":
@@ -64,32 +63,35 @@ def _depth(stored: Pixels, how: ChannelMap, camera: Camera | None) -> Pixels:
 
 
 def convert_vectors(vectors: Pixels, convention: Convention) -> Pixels:
-    """Vectors (2, H, W) that follow `convention` → ours: pixels, x right, y down, to the other frame."""
+    """Convert vectors (2, H, W) that follow `convention`, not a forward one, to nte's.
+
+    Nte's vectors are in pixels, x to the right, y down, from this frame to the other one.
+    """
     given = torch.from_numpy(np.ascontiguousarray(vectors))[None]
-    unused = torch.empty(0)  # what only a convention of another direction looks at
+    unused = torch.empty(0)  # stands for arguments that only a forward convention reads
     return np.asarray(convention.convert(given, unused, unused)[0].numpy())
 
 
 def revert_vectors(vectors: Pixels, convention: Convention) -> Pixels:
-    """The opposite of `convert_vectors`: ours (2, H, W) → as the producer has stored them."""
+    """Convert nte's vectors (2, H, W) to those that the producer stored: the inverse of `convert_vectors`."""
     given = vectors / convert_vectors(np.ones_like(vectors), convention)
     return np.ascontiguousarray(given[::-1] if convention.swapped else given)
 
 
 def decoded(stored: Pixels) -> Pixels:
-    """Directions (3, H, W) of n/2 + 1/2; 0, which no unit vector is stored as, stays: there is no surface."""
+    """Decode directions (3, H, W) stored as n/2 + 1/2; 0 stays 0 (no surface), as no unit vector is stored as 0."""
     return np.where(stored.any(0), 2 * stored - 1, 0)
 
 
 def unit(vectors: npt.NDArray[np.floating]) -> npt.NDArray[np.float64]:
-    """Vectors (3, …) at length 1; zero and non-finite ones become 0."""
+    """Normalise vectors (3, …) to length 1; zero and non-finite ones become 0."""
     length = np.linalg.norm(vectors, axis=0, keepdims=True)
     usable = (length > 0) & np.isfinite(length)
     return np.where(usable, vectors / np.where(usable, length, 1), 0)
 
 
 def cosine_to_axis(camera: Camera, like: Pixels) -> Pixels:
-    """(1, H, W): the cosine between every pixel's ray and the view axis, for the size of `like` (…, H, W)."""
+    """Return the cosine (1, H, W) between every pixel's ray and the view axis, for the size of `like` (…, H, W)."""
     view, projection = (torch.from_numpy(np.asarray(matrix, np.float32))[None] for matrix in camera)
     rays = points_from_depth(torch.zeros(1, 1, *like.shape[-2:]), view, projection)[0].numpy()
     along = np.einsum("j,jhw->hw", camera.view[2, :3] / np.linalg.norm(camera.view[2, :3]), rays)
@@ -97,11 +99,11 @@ def cosine_to_axis(camera: Camera, like: Pixels) -> Pixels:
 
 
 def with_motion(frames: Iterable[dict[str, Pixels]]) -> Iterator[dict[str, Pixels]]:
-    """Frames that have only forward_motion, with `motion` made from it; other frames as they are.
+    """Make the `motion` of frames that have only `forward_motion`; yield other frames as they are.
 
-    The vectors of the frame before are followed to this one, where the nearest surface wins. A pixel that
-    nobody reaches was hidden: it moves like the neighbour that is nearest to it in depth. The first frame has
-    no history, so its motion is 0.
+    The forward vectors of the previous frame are followed to this one; where several arrive, the nearest surface wins.
+    A pixel where none arrives was hidden: it gets the motion of the neighbour that is nearest in depth. The first
+    frame has no history, so its motion is 0. Arrays are (C, H, W).
     """
     before: dict[str, Pixels] | None = None
     for frame in frames:
@@ -120,10 +122,10 @@ def with_motion(frames: Iterable[dict[str, Pixels]]) -> Iterator[dict[str, Pixel
 
 
 def fill_unknown(frame: Mapping[str, Pixels]) -> dict[str, Pixels]:
-    """A frame whose unknown (NaN) vectors are those of neighbours, the nearest in depth first; 0 where none is known.
+    """Fill a frame's unknown (NaN) vectors from neighbours, the nearest in depth first; with 0 if none is known.
 
-    The sky counts as behind everything, so that it moves as sky does, or else as what is furthest away. Positions that
-    are no number become 0.
+    The sky counts as behind everything, so it takes the motion of other sky, or else of the furthest surface.
+    Positions that are not finite become 0. Arrays are (C, H, W).
     """
     filled = dict(frame)
     if "position" in frame:
@@ -137,9 +139,9 @@ def fill_unknown(frame: Mapping[str, Pixels]) -> dict[str, Pixels]:
 
 
 def _fill(motion: Pixels, depth: Pixels) -> Pixels:
-    """Motion (2, H, W) without NaN: rings of unknown pixels take that of a neighbour, nearest in depth (1, H, W) first.
+    """Fill the NaN pixels of motion (2, H, W), ring by ring, from the neighbour that is nearest in depth (1, H, W).
 
-    What is further than some rings from anything known takes the mean of what is around it.
+    Pixels further than _RINGS from anything known take the mean of the known pixels around them.
     """
     filled = motion.copy()
     for _ in range(_RINGS):
@@ -164,7 +166,7 @@ def _fill_ring(motion: Pixels, depth: Pixels) -> None:
 
 
 def _fill_from_coarser(motion: Pixels) -> Pixels:
-    """Motion (2, H, W) whose NaN pixels are those of the image at half the size, filled likewise; 0 if all are NaN."""
+    """Fill the NaN pixels of motion (2, H, W) from the image at half the size, filled likewise; 0 if all are NaN."""
     known = ~np.isnan(motion[:1])
     if known.all() or not known.any():
         return np.nan_to_num(motion, nan=0)

@@ -12,16 +12,16 @@ from nte.importing.write import refuse_existing, write_imported
 
 @dataclass(frozen=True)
 class Imported:
-    """A finished clip, and what is worth saying about how it came about."""
+    """A finished clip, with notes on how it was read."""
 
     folder: Path
-    vectors: Vectors  # how `motion` was read, or the forward motion that it was made from
-    map: Path | None = None  # the channel map, where there is one to correct
+    vectors: Vectors  # the convention in which `motion` was read, or the forward motion that it was made from
+    map: Path | None = None  # the user's own channel map, which may be corrected; None for one that ships
     called: Mapping[str, str] = field(
         default_factory=dict
-    )  # channel → what its source is called there, or what it lacks
-    notes: Sequence[str] = ()  # which layer was taken for what, and what had to be done with the values
-    group: str = "motion"  # of the map, where `vectors` stand
+    )  # channel → the name of its source in the map, or why it was left out
+    notes: Sequence[str] = ()  # which layer became which channel, and how values were repaired
+    group: str = "motion"  # the group of the map that `vectors` come from
 
 
 def import_exr(
@@ -34,10 +34,11 @@ def import_exr(
 ) -> Imported:
     """Import numbered EXR frames as the clip `out`; returns when the clip is whole.
 
-    source, reference: a folder, a file or a glob pattern. map_name: a channel map, or the name of one that ships;
-    overrides: `key=value` for it. The reference image is the `reference` of the map, or its `color`, in the files of
-    `reference`. Raises NteError, with nothing left behind, for a faulty map, layers that are missing, sequences that
-    do not match, and an `out` that exists (see refuse_existing).
+    source, reference: a folder, a file or a glob pattern each. map_name: a channel map, or the name of one that ships;
+    overrides: `key=value` for it. The reference image is what the map calls `reference`, or else `color`, in the
+    files of `reference`. force: replace a clip that exists at `out`. Raises NteError, with nothing left behind, for a
+    faulty map, layers that are missing, sequences that do not match, and an `out` that exists without `force` or that
+    is not a clip.
     """
     refuse_existing(out, force)
     sequence = ForeignSequence(source, map_name, reference, overrides)

@@ -1,4 +1,4 @@
-"""Finding the files of a sequence, in the order of their numbers."""
+"""Search for the files of a sequence, in the order of their numbers."""
 
 import glob
 import re
@@ -9,14 +9,15 @@ from nte.frames.numbering import FRAME_NUMBER, by_number, in_sequence
 
 
 def numbered_files(source: Path, suffix: str) -> dict[int, Path]:
-    """Frame number → file, in order, for a folder, a glob pattern or one file; suffix is ".exr" or ".zip".
+    """Find the files of a folder, a glob pattern or one file: frame number → file, in order.
 
-    Raises NteError where nothing is found, and where the numbering has a gap or is not that of one sequence.
+    suffix: ".exr" or ".zip", for a folder. Raises NteError if nothing is found, if the numbering has a gap, and if the
+    files are more than one sequence.
     """
     if source.is_dir():
         shown = (path for path in source.iterdir() if path.name[0] != "." and path.is_file())
         paths = sorted(path for path in shown if path.suffix.lower() == suffix)
-    elif source.exists():  # its name may have characters that mean something in a pattern
+    elif source.exists():  # its name may contain characters that are special in a pattern
         paths = [source]
     else:
         folder = glob.escape(str(source.parent)) if source.parent.is_dir() else str(source.parent)
@@ -28,11 +29,11 @@ def numbered_files(source: Path, suffix: str) -> dict[int, Path]:
 
 
 def files_of_pattern(folder: Path, pattern: str) -> dict[int, Path]:
-    """Frame number → file below `folder`, in order, for the names that fit a pattern; nothing where none does.
+    """Find the files below `folder` whose names fit a pattern: frame number → file, in order; empty if none fits.
 
-    In a pattern # (or ####) is the frame number, with as many digits as there are, and * any part of a name; all
-    else stands for itself. Hidden files and folders are left out. Raises NteError for a gap, and where more than one
-    sequence fits.
+    In a pattern # (or ####) is the frame number with any number of digits, * is any part of a name, and everything
+    else stands for itself. Hidden files and folders are left out. Raises NteError for a gap in the numbers, for more
+    than one sequence that fits, and for a pattern with two frame numbers.
     """
     parts = re.split(r"(#+|\*)", Path(pattern).as_posix())
     kinds = {"#": f"({FRAME_NUMBER})", "*": "[^/]*"}

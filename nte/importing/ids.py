@@ -6,24 +6,24 @@ import numpy.typing as npt
 from nte.errors import NteError
 from nte.frames.clip import Pixels
 
-UNNAMED = 2.0**24 - 1  # instance of a surface without an id of its own (0), since 0 means a miss
+UNNAMED = 2.0**24 - 1  # the instance of a surface whose stored id is 0, since 0 means a miss
 _FIRST_NEW = 2**23  # whole numbers below this stay as they are
 _ROOM = int(UNNAMED) - _FIRST_NEW
 
 
 class Ids:
-    """Ids of a sequence. Small whole numbers stay; all others get a new one in the order in which they come.
+    """The ids of a sequence: small whole numbers stay, all others get new numbers in the order in which they come.
 
-    Others are numbers of 32 bits that float32 would round together, negative ones, and hashes (Cryptomatte).
+    The others are 32-bit numbers that float32 would round together, negative numbers, and hashes (Cryptomatte).
     """
 
     def __init__(self) -> None:
         self.renumbered: dict[float, int] = {}
 
     def keep(self, ids: npt.NDArray[np.generic]) -> Pixels:
-        """Ids as stored, of any type → the sequence's float32 numbers, same shape; non-finite ones become 0.
+        """Convert stored ids of any type to the sequence's float32 numbers, same shape; non-finite ones become 0.
 
-        Raises NteError where there are more than eight million to renumber.
+        Raises NteError if more than eight million ids need a new number.
         """
         values = np.nan_to_num(ids.astype(np.float64), nan=0, posinf=0, neginf=0)
         odd = (values < 0) | (values >= _FIRST_NEW) | (values != np.floor(values))

@@ -1,4 +1,4 @@
-"""Finding a channel's layers in a file of somebody else, and decoding what is stored there."""
+"""Search for a channel's layers in a foreign EXR file, and decoding of the stored values."""
 
 import re
 from collections.abc import Mapping, Sequence
@@ -18,27 +18,31 @@ from nte.importing.channel_map import SKY, Source
 
 Stored = Mapping[str, npt.NDArray[np.generic]]  # full layered name → (H, W), float16, float32 or uint32
 _OWN = "."  # stands for the components that belong to no layer: R, G, B
-_SUFFIXES = {2: ("xy", "rg", "uv"), 3: ("rgb", "xyz")}  # of a layer's components, in their order
-_CHROMA = {"r", "g", "b", "x", "ry", "by"}  # with any of these beside it, Y is not a grey image
-_DARK = 1e-3  # a colour below this is that of a surface without such a lobe
-_LISTED = 40  # channels of a file that an error names
+_SUFFIXES = {2: ("xy", "rg", "uv"), 3: ("rgb", "xyz")}  # names of a layer's components, in order, by their number
+_CHROMA = {"r", "g", "b", "x", "ry", "by"}  # beside any of these, Y is not a grey image
+_DARK = 1e-3  # a surface with a colour below this has no such lobe
+_LISTED = 40  # largest number of a file's channels that an error names
 
 
 @dataclass(frozen=True)
 class Found:
-    """Where a channel is in a file: for each component the full names whose values are summed."""
+    """The place of a channel in a file: the full names of the layers whose values are summed."""
 
-    names: tuple[tuple[str, ...], ...]  # of the channel itself, then of `plus`, then of `where_dark`
-    dark_from: int  # those from here on are only added in dark pixels
+    names: tuple[tuple[str, ...], ...]  # components of the channel itself, then of `plus`, then of `where_dark`
+    dark_from: int  # index of the first entry that is only added in dark pixels
 
     @property
     def called(self) -> str:
-        """What a user would call it: the layers, or the channel names where there is no layer."""
+        """Name for the user: the layers, or the channel names if there is no layer."""
         return " + ".join(map(_common_layer, self.names))
 
 
 def choose(path: Path, parts: Sequence[Part], source: Source) -> Stored:
-    """The channels of the part and view that `source` names, of all without; raises NteError where that is not one."""
+    """Choose the channels of the part and view that `source` names: full layered name → (H, W).
+
+    Without a name all parts, or all views, are merged. Raises NteError for a part or view that the file does not have,
+    and for a name that two of the merged parts have.
+    """
     chosen = split_views(parts) if source.view else list(parts)
     if source.view:
         views = sorted({part.view for part in chosen} - {""})
@@ -62,7 +66,10 @@ def choose(path: Path, parts: Sequence[Part], source: Source) -> Stored:
 
 
 def places(path: Path, parts: Sequence[Part], source: Source) -> Mapping[str, Place]:
-    """Where in the file each channel of `choose` is: full layered name → number of its part, and its name there."""
+    """Locate each channel that `choose` returns: full layered name → number of its part, and its name in that part.
+
+    Raises NteError as `choose` does.
+    """
     numbered: list[Any] = [
         (part.name, part.view, {n: (i, n) for n in part.layers}, part.views) for i, part in enumerate(parts)
     ]
@@ -70,9 +77,9 @@ def places(path: Path, parts: Sequence[Part], source: Source) -> Mapping[str, Pl
 
 
 def prefixes(stored: Stored, name: str, source: Source, ignored: Sequence[str]) -> list[str]:
-    """What may stand before every layer's name in this file, by where `source` is found; nothing where it is nowhere.
+    """List the prefixes under which a file has channel `name`, found by its `source`; empty if there is none.
 
-    ignored: names that count only if there is no other.
+    ignored: prefixes that count only if there is no other.
     """
     candidates = {""} | {key[: match.start()] for key in stored for match in re.finditer(r"\.", key)}
     fitting = sorted(prefix for prefix in candidates if find(stored, name, source, prefix))
@@ -80,7 +87,10 @@ def prefixes(stored: Stored, name: str, source: Source, ignored: Sequence[str]) 
 
 
 def find_prefix(path: Path, stored: Stored, name: str, source: Source, ignored: Sequence[str]) -> str:
-    """The one of `prefixes`, empty where there is none; raises NteError where there are several."""
+    """Return the one prefix under which a file has channel `name`, or "" if there is none.
+
+    ignored: prefixes that count only if there is no other. Raises NteError if several fit.
+    """
     chosen = prefixes(stored, name, source, ignored)
     if len(chosen) > 1:
         raise NteError(f"{path}: has the layers {', '.join(chosen)}: choose one with prefix=NAME")
@@ -88,7 +98,7 @@ def find_prefix(path: Path, stored: Stored, name: str, source: Source, ignored: 
 
 
 def find(stored: Stored, name: str, source: Source, prefix: str = "") -> Found | None:
-    """Where channel `name` is among the channels of a file, None where it is not."""
+    """Find channel `name` among a file's channels; return None if it is not there."""
     row = CHANNELS[name]
     own = _of_layers(stored, row, source.layer or [_OWN], prefix)
     plus = [_of_layers(stored, row, [layer], prefix) for layer in source.plus]
@@ -100,14 +110,17 @@ def find(stored: Stored, name: str, source: Source, prefix: str = "") -> Found |
 
 
 def partly_there(stored: Stored, source: Source, prefix: str) -> bool:
-    """Whether a file has some of what `source` names, so that a channel that is not found is a fault."""
+    """Tell whether a file has some of the layers that `source` names, so that a channel not found is a fault."""
     names = [n.strip() for layer in (*source.layer, *source.plus) for n in layer.split(" | ") if n.strip() != _OWN]
     full = [f"{prefix}.{name}" if prefix else name for name in names]
     return any(name in stored or _below(stored, name) for name in full)
 
 
 def read(stored: Stored, name: str, source: Source, found: Found) -> npt.NDArray[np.generic]:
-    """Channel `name` (C, H, W), decoded: summed, scaled and shifted; unknown vectors are NaN. Ids stay as stored."""
+    """Read and decode channel `name` (C, H, W) float32: layers are summed, then value = stored · scale + offset.
+
+    Unknown vectors become NaN. Ids are returned as stored, in their own type.
+    """
     if CHANNELS[name].kind == "id":
         return np.stack([stored[n] for n in found.names[0]])
     layers = [np.stack([np.asarray(stored[n], np.float32) for n in names]) for names in found.names]
@@ -124,7 +137,7 @@ def read(stored: Stored, name: str, source: Source, found: Found) -> npt.NDArray
 
 
 def missing(path: Path, stored: Stored, name: str, source: Source) -> NteError:
-    """The error for a channel that `find` did not find."""
+    """Make the error for a channel that `find` did not find; it lists what the file has."""
     count = len(CHANNELS[name].components)
     wanted = " ".join(source.layer) if source.layer not in ([], [_OWN]) else "components without a layer"
     have = sorted(stored)
@@ -138,7 +151,7 @@ def missing(path: Path, stored: Stored, name: str, source: Source) -> NteError:
 
 
 def _of_layers(stored: Stored, row: Channel, layer: Sequence[str], prefix: str) -> tuple[str, ...]:
-    """Full names of a channel's components: as listed one by one, or of the first of the alternatives «A | B»."""
+    """Full names of a channel's components: listed one by one, or those of the first alternative of «A | B» found."""
     count = len(row.components)
 
     def full(name: str) -> str:
@@ -172,7 +185,7 @@ def _components(stored: Stored, row: Channel, layer: str) -> tuple[str, ...]:
 
 
 def _below(stored: Stored, layer: str) -> dict[str, str]:
-    """Component in small letters → full name, of a layer, or of no layer."""
+    """Component in lower case → full name, for one layer or for channels without a layer."""
     if layer == _OWN:
         return {key.lower(): key for key in stored if "." not in key}
     return {key[len(layer) + 1 :].lower(): key for key in stored if key.startswith(f"{layer}.")}

@@ -1,8 +1,8 @@
-"""`nte import noisebase`: per-sample data, zarr in a zip file, from which pixels are made.
+"""`nte import noisebase`: per-sample data, zarr in a zip file, which is reduced to pixels.
 
-Positions, motion (to the previous frame's position) and normals are those of the S samples of each pixel, in
-world space. `view_proj_mat` is for row vectors, with normalised device coordinates in [−1, 1] and y up, of
-the whole rendering; the images may be crops of it, whose offset changes from frame to frame.
+Each pixel has S samples, with positions, motion (to the previous frame's position) and normals in world space.
+`view_proj_mat` is for row vectors, with normalised device coordinates in [−1, 1] and y up over the whole rendering;
+the images may be crops of the rendering, whose offset changes from frame to frame.
 """
 
 from collections.abc import Iterator
@@ -25,26 +25,27 @@ from nte.importing.write import refuse_existing, write_imported
 
 Floats = npt.NDArray[np.float64]
 _PER_SAMPLE = ("position", "motion", "normal", "diffuse")
-_CHUNK = 4  # samples read at a time: how the files are chunked, and a 1080p frame of 32 stays within memory
-_OWN_PIXEL = 1.0  # px from the pixel's centre within which a sample's position must be seen
-_ENOUGH = 100  # pixels, to measure the rendering's size and the crop's place with
+_CHUNK = 4  # samples read at a time: the files' own chunks; a 1080p frame of 32 samples then fits into memory
+_OWN_PIXEL = 1.0  # px: largest distance between a sample's projected position and its pixel's centre
+_ENOUGH = 100  # least number of pixels that can measure the rendering's size and the crop's place
 
 
 class Surface(NamedTuple):
-    """What a pixel shows: its most central sample for geometry, the mean of all for the rest."""
+    """The visible surface of each pixel: position from its most central sample, the rest as means over samples."""
 
     hit: npt.NDArray[np.bool_]  # (H, W)
     position: Floats  # (3, H, W), world
-    before: Floats  # (3, H, W), where that point was in the previous frame
-    normal: Pixels  # (3, H, W), world, unit
-    albedo: Pixels  # (3, H, W)
+    before: Floats  # (3, H, W), world: the same point in the previous frame
+    normal: Pixels  # (3, H, W), world, unit length; 0 without a hit
+    albedo: Pixels  # (3, H, W), in [0, 1]
 
 
 def import_noisebase(source: Path, out: Path, spp: int = 1, force: bool = False) -> Imported:
     """Import a sequence (a zip file, or a folder with a zip per frame) as the clip `out`.
 
-    spp: how many of the stored samples `color` is the mean of. Raises NteError for faulty files, and for an
-    `out` that exists (see refuse_existing).
+    spp: the number of stored samples per pixel that `color` averages. force: replace a clip that exists at `out`.
+    Raises NteError for faulty files, for more spp than are stored, and for an `out` that exists without `force` or
+    that is not a clip.
     """
     refuse_existing(out, force)
     sequence = NoisebaseSequence(source)
@@ -58,7 +59,10 @@ def import_noisebase(source: Path, out: Path, spp: int = 1, force: bool = False)
 
 
 def decode_rgbe(color: npt.NDArray[np.uint8], exposure: Pixels) -> Pixels:
-    """Radiance (3, …) from (4, …): mantissas over 255, and the exponent's place in the range `exposure` (2,)."""
+    """Decode radiance (3, …) from color (4, …) uint8: three mantissas in units of 1/255, and an exponent.
+
+    The exponent (e + 1)/256 interpolates the logarithm of the scale in the range `exposure` (2,).
+    """
     low, high = (float(e) for e in exposure)
     scale = np.exp((color[3].astype(np.float32) + 1) / 256 * (high - low) + low)
     return np.asarray(color[:3] / np.float32(255) * scale, np.float32)
@@ -86,10 +90,9 @@ def _frames(
 
 
 def _surface(sequence: NoisebaseSequence, frame: int, camera: Camera) -> Surface:
-    """Reduce the samples of every pixel. A pixel is hit where at least half of its samples are.
+    """Reduce the samples of every pixel to one surface. A pixel is hit if at least half of its samples are.
 
-    A sample hits where it has a normal and where its position is seen in its own pixel: what a renderer
-    writes for a miss is neither.
+    A sample is a hit if it has a normal and its position projects into its own pixel; a renderer's miss does neither.
     """
     size = sequence.height, sequence.width
     centres = pixel_centres(size)
@@ -113,10 +116,10 @@ def _surface(sequence: NoisebaseSequence, frame: int, camera: Camera) -> Surface
 
 
 def _motion(surface: Surface, camera: Camera, previous: Camera | None) -> Pixels:
-    """Pixel vectors (2, H, W) to the previous frame: of the surface point, or of the ray where nothing is hit.
+    """Pixel vectors (2, H, W), current → previous: of the surface point, or of the ray where nothing is hit.
 
-    Of the sample's own place in the pixel, so that its jitter is not in the vector. The first frame has no
-    history: 0.
+    A vector starts at the sample's own place in the pixel, so it contains no jitter. The first frame has no history,
+    so its vectors are 0.
     """
     size = surface.hit.shape
     if previous is None:
@@ -128,18 +131,21 @@ def _motion(surface: Surface, camera: Camera, previous: Camera | None) -> Pixels
 
 
 def project(points: Floats, camera: Camera, size: tuple[int, ...]) -> Floats:
-    """Pixel positions (2, H, W), x first, of world points (3, H, W); NaN behind the camera."""
+    """Project world points (3, H, W) to pixel positions (2, H, W), x first; NaN behind the camera.
+
+    size: (height, width) of the image in pixels.
+    """
     matrix = camera.to_pixels(size)
-    with np.errstate(invalid="ignore", over="ignore"):  # a miss may be anything, infinity included
+    with np.errstate(invalid="ignore", over="ignore"):  # a miss may hold any value, even infinity
         x, y, w = np.tensordot(matrix[:, :3], points, 1) + matrix[:, 3].reshape(3, 1, 1)
         return np.stack([x, y]) / np.where(w > 0, w, np.nan)
 
 
 def _cameras(sequence: NoisebaseSequence) -> list[Camera]:
-    """The camera of every frame's crop, for column vectors.
+    """Measure the camera of every frame's crop, for column vectors.
 
-    Neither the rendering's size nor, reliably, the crop's place in it is stored (the authors' own loader of
-    test data replaces `crop_offset`). But every sample is seen in its own pixel, which says both.
+    The files do not store the rendering's size, nor reliably the crop's place in it (the authors' own loader of test
+    data replaces `crop_offset`). Both follow from the samples, each of which projects into its own pixel.
     """
     size = sequence.height, sequence.width
     views = [_view(sequence, frame) for frame in range(sequence.frames)]
@@ -189,7 +195,7 @@ def _view(sequence: NoisebaseSequence, frame: int) -> Floats:
 
 
 def _screen(sequence: NoisebaseSequence, frame: int) -> tuple[Floats, Floats]:
-    """Where first samples are seen, [0, 1] over the whole rendering with y down, and their pixels' centres: (2, K)."""
+    """First samples in [0, 1] over the whole rendering, y down, and their pixels' centres, both (2, K)."""
     points, normals = (sequence.read(frame, name, slice(0, 1))[..., 0] for name in ("position", "normal"))
     to_uv = np.diag([0.5, -0.5, 1, 1])
     to_uv[:2, 3] = 0.5
@@ -200,7 +206,7 @@ def _screen(sequence: NoisebaseSequence, frame: int) -> tuple[Floats, Floats]:
 
 
 def _slope(u: Floats, at: Floats) -> float:
-    """The whole number of pixels over which u runs from 0 to 1: a line fitted twice, without what lies off it."""
+    """The whole number of pixels over which u runs from 0 to 1: a line, fitted again without its outliers."""
     line = np.polyfit(u, at, 1)
     off = np.abs(np.polyval(line, u) - at)
     near = off <= 2 * np.median(off) + _OWN_PIXEL

@@ -1,4 +1,4 @@
-"""Reading noisebase's zip files: zarr arrays of one sequence, or of one frame each."""
+"""Reader of noisebase's zip files: zarr arrays of one sequence, or of one frame each."""
 
 import zipfile
 from pathlib import Path
@@ -10,7 +10,7 @@ import numpy.typing as npt
 from nte.errors import NteError, needs_extra
 from nte.importing.files import numbered_files
 
-# array → its shape within a frame; a sequence has the frames in front
+# array → its shape within a frame; the arrays of a sequence have a leading axis of frames
 ARRAYS: dict[str, tuple[int | str, ...]] = {
     "color": (4, "H", "W", "S"), "exposure": (2,), "reference": (3, "H", "W"), "position": (3, "H", "W", "S"),
     "motion": (3, "H", "W", "S"), "normal": (3, "H", "W", "S"), "diffuse": (3, "H", "W", "S"),
@@ -21,7 +21,7 @@ _Arrays: TypeAlias = Any  # a dictionary of zarr arrays, which need not be insta
 
 
 class NoisebaseSequence:
-    """Random access to the frames of a sequence: one zip that holds them all, or a folder of one zip a frame.
+    """Random access to the frames of a sequence: one zip file with all frames, or a folder with one zip file a frame.
 
     Raises NteError for files that cannot be read, arrays that are missing and shapes that do not fit.
     """
@@ -37,11 +37,14 @@ class NoisebaseSequence:
         self.height, self.width, self.samples = map(int, color.shape[-3:])
 
     def path(self, frame: int) -> Path:
-        """The file that holds a frame."""
+        """Return the file that holds a frame."""
         return self._files[0] if self.in_one_file else self._files[frame]
 
     def read(self, frame: int, name: str, samples: slice | None = None) -> npt.NDArray[Any]:
-        """One frame of an array, without the frame axis; `samples` chooses along the last axis."""
+        """Read one frame of an array, without the frame axis; `samples` chooses along the last axis.
+
+        Raises NteError for an array that is missing, has another shape or is damaged.
+        """
         path = self.path(frame)
         arrays = self._arrays(path)
         sizes: dict[int | str, int] = {"H": self.height, "W": self.width, "S": self.samples}
@@ -55,11 +58,11 @@ class NoisebaseSequence:
         index = [*([frame] if lead else []), ..., *([samples] if samples else [])]
         try:
             return np.asarray(array[tuple(index)])
-        except Exception as error:  # zarr and its codecs raise whatever they like for damaged chunks
+        except Exception as error:  # zarr and its codecs raise many kinds of errors for damaged chunks
             raise NteError(f"{path}: '{name}' is damaged in frame {frame}: copy the file again") from error
 
     def _arrays(self, path: Path) -> _Arrays:
-        """The file's zarr arrays by name; the file that was asked for last stays open."""
+        """The zarr arrays of a file, by name; the last file stays open."""
         if self._open and self._open[0] == path:
             return self._open[1]
         try:

@@ -1,4 +1,4 @@
-"""What a user should hear of the values of an imported sequence."""
+"""Notes for the user about the values of an imported sequence."""
 
 from collections import Counter
 from collections.abc import Iterator, Mapping
@@ -9,19 +9,19 @@ import numpy as np
 from nte.frames.channels import CHANNELS
 from nte.frames.clip import Pixels
 
-_CUT = -0.1, 2.1  # albedo beyond is in another scale; a specular and a transmitted colour add up to 2
-_MANY = 0.01  # share of the pixels
+_CUT = -0.1, 2.1  # albedo beyond this range has another scale; a specular and a transmitted colour add up to 2
+_MANY = 0.01  # share of the pixels beyond that range from which on the user is told
 
 
 class OddValues:
-    """Counts unusable values, frame by frame: NaN and infinite ones, negative radiance, unknown (NaN) vectors."""
+    """Counter of unusable pixels, frame by frame: NaN or infinite values, negative radiance, unknown (NaN) vectors."""
 
     def __init__(self) -> None:
         self._pixels: Counter[str] = Counter()
         self._first: dict[str, Path] = {}
 
     def look(self, channels: Mapping[str, Pixels], files: Mapping[str, Path]) -> None:
-        """Add a frame of channels (C, H, W); files: where each of them was read."""
+        """Add a frame of channels (C, H, W). files: channel → the file that it was read from."""
         for name, values in channels.items():
             usable = np.isfinite(values)
             if CHANNELS[name].kind in ("radiance", "reflectance"):
@@ -31,7 +31,7 @@ class OddValues:
                 self._first.setdefault(name, files[name])
 
     def notes(self) -> Iterator[str]:
-        """A line for each channel that has some, with the file of the first."""
+        """Write a line for each channel that has unusable pixels, naming the first file with some."""
         for name, number in self._pixels.items():
             where = f"{number} pixels of {name}, first in {self._first[name]}"
             if CHANNELS[name].kind == "motion":
@@ -41,14 +41,14 @@ class OddValues:
 
 
 class LostValues:
-    """What is lost where a map does not say how values are stored: albedo in another scale, depth of another sign."""
+    """Counter of values that are lost because a map is wrong: albedo of another scale, depth of another sign."""
 
     def __init__(self) -> None:
         self._pixels = self._cut = self._hits = 0
         self._albedo, self._depth = Range(), Range()
 
     def look(self, stored: Mapping[str, Pixels], ours: Mapping[str, Pixels], sky: float) -> None:
-        """Add a frame of channels (C, H, W), before and after conversion. sky: stored depth of what is no surface."""
+        """Add a frame of channels (C, H, W), before and after conversion. sky: larger stored depths are misses."""
         if "albedo" in stored:
             values = stored["albedo"]
             self._albedo.add(values)
@@ -60,7 +60,7 @@ class LostValues:
             self._hits += int((ours["depth"] > 0).sum())
 
     def notes(self) -> Iterator[str]:
-        """A line for each channel that is hardly what was meant."""
+        """Write a line for albedo if over 1 % of its pixels are cut, and for depth if no pixel shows a surface."""
         if self._cut > _MANY * self._pixels:
             share = f"{self._cut / self._pixels:.0%} of the pixels of albedo, which is stored as {self._albedo}"
             yield f"cut to [0, 1]: {share}: if that is another scale, say it with channels.albedo.scale"
@@ -70,7 +70,7 @@ class LostValues:
 
 
 class Range:
-    """Of the finite values that were added."""
+    """The range of the finite values that were added."""
 
     def __init__(self) -> None:
         self._low, self._high = np.inf, -np.inf

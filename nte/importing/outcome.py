@@ -1,4 +1,4 @@
-"""What an import says at its end: what is missing, whether `nte check` believes the clip, what to change if not."""
+"""The closing report of an import: missing channels, the verdict of `nte check`, and what to change in the map."""
 
 from dataclasses import asdict
 from typing import Any
@@ -19,7 +19,11 @@ WITHOUT = {
 
 
 def tell(imported: Imported) -> int:
-    """Print what an import has brought and what `nte check` says of it; the exit status: 2 if implausible."""
+    """Print a new clip's channels, what it lacks, and what `nte check` says; return the exit status.
+
+    The status is 2 if the clip is implausible, else 0. For vectors of another convention the map's values that would
+    fit are printed as well. Raises NteError for files that cannot be read.
+    """
     clip = Clip(imported.folder)
     print(f"{imported.folder}: {len(clip)} frames, {clip.width}x{clip.height}: {', '.join(clip.channels)}")
     for name, what in WITHOUT.items():
@@ -36,7 +40,7 @@ def tell(imported: Imported) -> int:
 
 
 def _advice(clip: Clip, imported: Imported) -> str:
-    """Which values of the map would make the vectors fit; empty where none does."""
+    """Advice on which values of the map would make the vectors fit; empty if none would."""
     if "motion" not in clip.channels:
         return ""
     fits = check(_AsStored(clip, imported)).convention
@@ -56,7 +60,7 @@ def _advice(clip: Clip, imported: Imported) -> str:
 
 
 class _AsStored(Clip):
-    """The clip with the vectors as the producer's files have them, before the map was applied."""
+    """The clip with its vectors as the producer stored them, before the map was applied."""
 
     def __init__(self, clip: Clip, imported: Imported) -> None:
         super().__init__(clip.folder)

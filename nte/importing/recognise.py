@@ -1,4 +1,4 @@
-"""Which of the channel maps that ship fits a file of another renderer?"""
+"""Choice of the shipped channel map that fits a file of another renderer."""
 
 from pathlib import Path
 
@@ -7,13 +7,14 @@ from nte.frames.exr import merge_parts, read_parts, split_views
 from nte.importing.channel_map import MAPS, load_channel_map
 from nte.importing.layers import Stored, find, prefixes
 
-_TELLING = 2  # channels besides color, at least, that a map must find: `R G B` alone is every picture
+_TELLING = 2  # least number of channels besides color that a map must find: every picture has `R G B`
 
 
 def recognise(path: Path) -> str:
-    """The name of the map that finds most channels in a file; raises NteError where none does, or several do alike.
+    """Name the shipped channel map that finds most channels in a file.
 
-    Of several views or view layers the first one is looked at: which of them is meant is another question.
+    Of several views or view layers only the first is looked at. Raises NteError for a file that cannot be read, that
+    no map fits, or that several maps fit equally well.
     """
     fitting: dict[str, int] = {}
     stored = _first_view(path)
@@ -24,7 +25,7 @@ def recognise(path: Path) -> str:
             prefix = next(iter(prefixes(stored, "color", how.channels["color"], how.prefix_not)), "")
         sources = {name: source for name, source in how.channels.items() if not source.file}
         found = [name for name, source in sources.items() if find(stored, name, source, prefix)]
-        # A layer below a layer, as in ViewLayer.Combined.R, tells enough by itself.
+        # A layer below a layer, as in ViewLayer.Combined.R, is evidence enough.
         if "color" in found and (prefix or len(found) > _TELLING):
             fitting[file.stem] = len(found)
     best = [name for name, count in fitting.items() if count == max(fitting.values())]

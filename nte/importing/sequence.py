@@ -1,4 +1,4 @@
-"""A sequence of another renderer's EXR files, read by a channel map as frames in nte's conventions."""
+"""Sequences of another renderer's EXR files, read by a channel map as frames in nte's conventions."""
 
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
@@ -26,19 +26,20 @@ from nte.importing.still import with_still_geometry
 
 @dataclass(frozen=True)
 class Input:
-    """A channel that is read: what the map says of it, and the file of each frame."""
+    """A channel that is read: its entry in the map, and the file of each frame."""
 
     name: str
     source: Source
     files: Sequence[Path]
-    needed: bool  # or every frame may lack it
+    needed: bool  # false if the channel may be missing from every frame
 
 
 class ForeignSequence:
-    """Numbered EXR frames of another renderer, read by a channel map; what is read of the first is read of all.
+    """Numbered EXR frames of another renderer, read by a channel map; all frames must have the first one's channels.
 
-    source, reference: a folder, a file, a glob pattern, or the files. map_name: a channel map, or the name of one that
-    ships; overrides: `key=value` for it. Raises NteError for a faulty map and for sequences that do not match.
+    source: a folder, a file, a glob pattern, or a list of files. reference: the same, without a list. map_name: a
+    channel map, or the name of one that ships; overrides: `key=value` for it. Raises NteError for a faulty map and
+    for sequences that do not match.
     """
 
     def __init__(
@@ -65,9 +66,10 @@ class ForeignSequence:
         return self.inputs[0].files
 
     def frames(self) -> Iterator[dict[str, Pixels]]:
-        """The channels (C, H, W) of every frame in nte's conventions, with motion made where it can be.
+        """Read the channels (C, H, W) of every frame in nte's conventions, and make missing motion where possible.
 
-        Raises NteError for a size that differs from the first frame's, and for a channel that not every frame has.
+        Raises NteError for a size that differs from the first frame's, for a channel that only some frames have, and
+        for files that cannot be read.
         """
         frames = self._stored()
         if self.how.still:
@@ -76,16 +78,19 @@ class ForeignSequence:
         return with_motion(map(fill_unknown, with_sky_motion(frames, self.cameras)))
 
     def about(self, index: int) -> About:
-        """What a Frame has besides channels: the shutter's open share, and the camera where the map names them."""
+        """Return a frame's values besides channels: the shutter's open share (1,), and the camera if the map names any.
+
+        The camera's view and projection are (1, 4, 4).
+        """
         found: About = {"shutter": np.array([self.how.shutter], np.float32)}
         if self.cameras:
             found |= {key: np.array([matrix], np.float32) for key, matrix in self.cameras[index]._asdict().items()}
         return found
 
     def replacing(self, index: int, image: Pixels) -> dict[Place, Pixels]:
-        """Place in the file of frame `index` → (H, W): what `image` (3, H, W), in nte's units, is stored as there.
+        """Encode `image` (3, H, W), in nte's units, as the file of frame `index` stores it: Place → (H, W).
 
-        It takes the place of the noisy image, or of the layer that the map calls `result`. Raises NteError where the
+        The places are those of the noisy image, or of the layer that the map calls `result`. Raises NteError if the
         noisy image is a sum of layers.
         """
         color = self.inputs[0]
@@ -104,7 +109,7 @@ class ForeignSequence:
         return {place[name]: plane for name, plane in zip(found.names[0], planes, strict=True)}
 
     def _stored(self) -> Iterator[dict[str, Pixels]]:
-        """The channels of every frame that its files have; unknown vectors are NaN."""
+        """Read the channels that every frame's files have; unknown vectors are NaN."""
         size: tuple[int, ...] | None = None
         for index in range(len(self.inputs[0].files)):
             parts: dict[Path, list[Part]] = {}
@@ -143,9 +148,9 @@ class ForeignSequence:
         return self.ids.keep(values) if CHANNELS[name].kind == "id" else values
 
     def _prefix(self, channel: Input, index: int, stored: Stored) -> str:
-        """What stands before the layers' names in the file of frame `index` that holds `channel`.
+        """The prefix of the layers' names in the file of frame `index` that holds `channel`.
 
-        Where the map leaves that open, the file's noisy image tells, or the channel itself in a file of its own.
+        If the map leaves it open, the file's noisy image decides, or the channel itself in a file of its own.
         """
         if self.how.prefix != "*":
             return self.how.prefix
@@ -154,7 +159,7 @@ class ForeignSequence:
         return find_prefix(path, stored, lead.name, lead.source, self.how.prefix_not)
 
     def _refuse_change(self, name: str, *ends: tuple[Path, Found | None]) -> None:
-        """Raise NteError for a channel that the first file (ends[0]) and another one have in different places."""
+        """Raise NteError for a channel that the first file (ends[0]) has in another place than a later one."""
         (has, found), (lacks, instead) = ends if ends[0][1] else ends[::-1]
         called = found.called if found else ""
         there = f"there is {instead.called} instead" if instead else "there is none"
@@ -162,15 +167,18 @@ class ForeignSequence:
 
     @property
     def left_out(self) -> dict[str, str]:
-        """Channels of the map that are not read → what they lack."""
+        """Channels of the map that are not read → the camera that they lack, in words."""
         return {name: lacks for name in self.how.channels if (lacks := needs_camera(self.how, name))}
 
     def has(self, name: str) -> bool:
-        """Whether the files have a channel; known when they have been read."""
+        """Tell whether the files have a channel; known only after frames have been read."""
         return self.first.get(name, (None, None))[1] is not None
 
     def notes(self) -> Iterable[str]:
-        """What a user should hear of: which layer became what, odd values, what was made, renumbered ids."""
+        """List what a user should know: which layer became which channel, odd values, channels made, renumbered ids.
+
+        Complete only after all frames have been read.
+        """
         own_files = {channel.name for channel in self.inputs if channel.source.file}
         taken = (
             f"{name} from {found.called}{f' of {path.name}' if name in own_files or name == 'reference' else ''}"
@@ -190,9 +198,10 @@ class ForeignSequence:
 
 
 def plan(source: Path | Sequence[Path], reference: Path | None, how: ChannelMap) -> list[Input]:
-    """The channels to read, color first, with their files; raises NteError where sequences do not match.
+    """List the channels to read, color first, with their files.
 
-    Of an optional map, channels whose pattern fits no file are left out, as are those that lack a camera.
+    Channels that lack a camera are left out; so are those whose pattern fits no file, if the map is optional. Raises
+    NteError if the frame numbers of two channels differ, and if a channel that is needed has no file.
     """
     folder = source if isinstance(source, Path) else source[0].parent
     wanted = {name: (folder, s) for name, s in how.channels.items() if not needs_camera(how, name)}
@@ -233,6 +242,6 @@ def _files(where: Path, pattern: str) -> dict[int, Path]:
 
 
 def _beside(map_path: Path, name: str) -> Path:
-    """A file that the map names: beside the map or, as the command line says it, where the user is."""
+    """The path of a file that the map names: beside the map, else in the current folder."""
     beside = map_path.parent / name
     return beside if beside.is_file() or not Path(name).is_file() else Path(name)

@@ -1,6 +1,6 @@
 """Motion of the sky: a point at infinity, which only the camera's rotation moves.
 
-A camera is (3, 4) here: world points to homogeneous pixels, x and y and the depth that divides them.
+A camera is a matrix (3, 4) here, from world points to homogeneous pixels: x, y and the depth that divides them.
 """
 
 from collections.abc import Iterable, Iterator, Sequence
@@ -12,15 +12,18 @@ from nte.frames.clip import Pixels
 from nte.importing.cameras import Camera
 
 Floats = npt.NDArray[np.float64]
-OUTSIDE = -2.0  # image sizes: where a point behind the camera counts as seen, so that vectors are finite
-_ENOUGH = 100  # surface points
-_AT_MOST = 50_000  # of them: more cost memory and tell no more
-_FLAT = 1e-3  # relative extent below which points lie in a plane, and relative change of depth without perspective
-_OWN_PIXEL = 1.0  # px: what the recovered camera may be off by
+OUTSIDE = -2.0  # image sizes: the place of a point behind the camera, so that its vector is finite
+_ENOUGH = 100  # least number of surface points
+_AT_MOST = 50_000  # surface points that are used, up to twice as many: more cost memory and add nothing
+_FLAT = 1e-3  # smaller relative extents mean points in a plane; smaller relative changes of depth, no perspective
+_OWN_PIXEL = 1.0  # px: largest error of the recovered camera
 
 
 def motion_at_infinity(camera: Floats, other: Floats, size: tuple[int, ...]) -> Pixels:
-    """Vectors (2, H, W) from each pixel's centre to where its ray is seen by the `other` frame's camera."""
+    """Compute vectors (2, H, W), in pixels, from each pixel's centre to where the `other` camera sees the same ray.
+
+    size: (height, width). A ray behind the other camera gets a vector out of the image.
+    """
     centres = pixel_centres(size)
     ray = np.linalg.inv(camera[:, :3]) @ np.stack([*centres, np.ones(size)]).reshape(3, -1)
     x, y, w = (other[:, :3] @ ray).reshape(3, *size)
@@ -29,10 +32,11 @@ def motion_at_infinity(camera: Floats, other: Floats, size: tuple[int, ...]) -> 
 
 
 def recover_camera(position: Pixels, hit: npt.NDArray[np.bool_]) -> Floats | None:
-    """The camera that sees the world points `position` (3, H, W) at their own pixels, where `hit` (H, W).
+    """Recover the camera (3, 4) that sees the world points `position` (3, H, W) at their own pixels.
 
-    Direct linear transformation: least squares over all points that are finite. None where they do not say it: too
-    few, all in one plane, or no perspective camera (orthographic, panoramic).
+    hit: bool mask (H, W) of the pixels whose points count. Uses the direct linear transformation: least squares over
+    the finite points, fewer than 100 000 of them. Returns None if the points do not determine a camera: too few, all
+    in one plane, or not seen in perspective (orthographic, panoramic).
     """
     hit = hit & np.isfinite(position).all(0)
     some = slice(None, None, max(1, int(hit.sum()) // _AT_MOST))
@@ -43,7 +47,7 @@ def recover_camera(position: Pixels, hit: npt.NDArray[np.bool_]) -> Floats | Non
     extent = np.sqrt(np.linalg.eigvalsh(np.cov(points)))
     if not extent[0] > _FLAT * extent[-1]:
         return None
-    # Points and pixels of unit size, or the squares below lose all digits.
+    # Points and pixels are scaled to unit size, or the squares below would lose all digits.
     near = np.concatenate([(points - centre) / extent[-1], np.ones((1, points.shape[1]))])
     u, v = seen / size
     rows = np.block([[near.T, 0 * near.T, -u[:, None] * near.T], [0 * near.T, near.T, -v[:, None] * near.T]])
@@ -60,10 +64,10 @@ def recover_camera(position: Pixels, hit: npt.NDArray[np.bool_]) -> Floats | Non
 
 
 def with_sky_motion(frames: Iterable[dict[str, Pixels]], cameras: Sequence[Camera] = ()) -> Iterator[dict[str, Pixels]]:
-    """Frames whose unknown (NaN) `motion` and `forward_motion` at misses are those of the camera's rotation.
+    """Set the unknown (NaN) `motion` and `forward_motion` of misses to that of the camera's rotation; yield the frames.
 
-    cameras: one per frame; without, they are recovered from `position`. Frames without either, and those at a loose
-    end, stay as they are.
+    cameras: one per frame; if there are none, they are recovered from `position` and `depth`. Vectors stay NaN if
+    this frame or the other one has no camera: `motion` of the first frame, `forward_motion` of the last one.
     """
     before: Floats | None = None
     waiting: dict[str, Pixels] | None = None
@@ -90,6 +94,6 @@ def _set_sky(frame: dict[str, Pixels], name: str, camera: Floats | None, other: 
 
 
 def pixel_centres(size: tuple[int, ...]) -> Floats:
-    """(2, H, W): x and y of every pixel's centre."""
+    """Return the centres (2, H, W) of all pixels, x first; the upper left one is at (0.5, 0.5)."""
     y, x = np.mgrid[: size[0], : size[1]] + 0.5
     return np.stack([x, y])

@@ -1,4 +1,4 @@
-"""Motion and depth of scenes in which nothing moves but the camera, from the world position of every pixel."""
+"""Motion and depth of scenes in which only the camera moves, from the world position of every pixel."""
 
 from collections.abc import Iterable, Iterator, Sequence
 from pathlib import Path
@@ -17,12 +17,13 @@ Mask = npt.NDArray[np.bool_]
 def with_still_geometry(
     frames: Iterable[dict[str, Pixels]], files: Sequence[Path], cameras: Sequence[Camera] = ()
 ) -> Iterator[dict[str, Pixels]]:
-    """Frames that have `position` with the `motion` and `depth` that they lack; others as they are.
+    """Make the `motion` and `depth` that frames with `position` lack; yield other frames as they are.
 
-    files: those that hold `position`, for errors. cameras: one per frame; without, they are recovered from the
-    positions, and NteError is raised where that cannot be done. A pixel without a position and a normal is
-    a miss, whose motion is unknown (NaN). The first frame has no history, so its motion is 0. Motion is measured from
-    where the position is seen now, not from the pixel's centre: a sample's jitter is not in it.
+    files: the files that hold `position`, named in errors. cameras: one per frame; if there are none, they are
+    recovered from the positions, and NteError is raised if that fails. Without `depth`, a pixel is a miss if its
+    position is not finite or 0, or its normal is 0; the motion of a miss is unknown (NaN). The first frame has no
+    history, so its motion is 0. Motion starts where the position is seen now, not at the pixel's centre, so it
+    contains no jitter. Arrays are (C, H, W).
     """
     before: Floats | None = None
     for index, frame in enumerate(frames):
@@ -34,7 +35,7 @@ def with_still_geometry(
                     f"{files[index]}: 'position' does not say where the camera is (few points, one plane, or no "
                     "perspective): give 'cameras'"
                 )
-            now = now / np.linalg.norm(now[2, :3])  # so that what divides is the depth
+            now = now / np.linalg.norm(now[2, :3])  # so that the divisor is the depth
             if "depth" not in frame:
                 seen = np.tensordot(now[2, :3], frame["position"], 1) + now[2, 3]
                 frame = {**frame, "depth": np.where(hit, seen[None], 0).astype(np.float32)}
@@ -45,7 +46,7 @@ def with_still_geometry(
 
 
 def _hit(frame: dict[str, Pixels]) -> Mask:
-    """(1, H, W): where a surface is seen."""
+    """Bool mask (1, H, W) of the pixels that show a surface."""
     if "depth" in frame:
         return np.asarray(frame["depth"] > 0)
     there = np.isfinite(frame["position"]).all(0) & frame["position"].any(0)
@@ -62,6 +63,6 @@ def _motion(position: Pixels, hit: Mask, now: Floats, before: Floats | None) -> 
 
 
 def _seen(position: Pixels, camera: Floats) -> Floats:
-    with np.errstate(divide="ignore", invalid="ignore"):  # a position may be anything, infinite included
+    with np.errstate(divide="ignore", invalid="ignore"):  # a position may hold any value, even infinity
         x, y, w = np.tensordot(camera[:, :3], position.astype(np.float64), 1) + camera[:, 3].reshape(3, 1, 1)
         return np.asarray(np.stack([x, y]) / np.where(w > 0, w, np.nan))

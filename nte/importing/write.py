@@ -1,4 +1,4 @@
-"""Writing an imported clip: it appears under its name when it is finished, never before."""
+"""Writer of imported clips: a clip appears under its name only when it is finished."""
 
 import shutil
 from collections.abc import Iterable, Mapping, Sequence
@@ -15,7 +15,7 @@ from nte.version import __version__
 
 
 def refuse_existing(out: Path, force: bool) -> None:
-    """Raise NteError where `out` may not be written: it exists; or, with `force`, it is not a clip of ours."""
+    """Raise NteError if `out` exists, unless it is an empty folder or, with `force`, a clip."""
     if not out.exists() or (out.is_dir() and not any(out.iterdir())):
         return
     if not force:
@@ -35,12 +35,12 @@ def write_imported(
     force: bool = False,
     **info: Any,
 ) -> None:
-    """Write `count` frames of channels (C, H, W) as the clip `out`; with `force` it replaces a clip that is there.
+    """Write `count` frames of channels (C, H, W) as the clip `out`; `force` lets it replace what is there.
 
-    Everything goes into a hidden folder beside it, which is renamed at the end and removed on any error, so
-    what is at `out` is always a whole clip. generator and info go into clip.json, and whether the guides are clean, as
-    far as the pixels tell. Raises NteError where the disk is full, the folder cannot be written, or another process
-    imports to the same place.
+    Everything goes into a hidden folder beside `out`, which is renamed at the end and removed on any error, so `out`
+    is always a whole clip. clip.json gets generator, info, cameras, and whether albedo and normal are free of noise,
+    as far as the pixels tell. Raises NteError if the disk is full, if the folder cannot be written to, if frames
+    differ in their channels, and if another process imports to the same place.
     """
     out = out.resolve()
     sweep(out.parent, out.name)
@@ -76,7 +76,7 @@ def write_imported(
 
 
 def _put_in_place(working: Path, out: Path) -> None:
-    """Rename `working` to `out`; a clip that is there leaves only now."""
+    """Rename `working` to `out`; an old clip is removed only now."""
     if not out.exists():
         working.rename(out)
         return

@@ -1,4 +1,4 @@
-"""What an exported model says of itself: JSON in its metadata, checked once on loading, and the file's checksum."""
+"""The description of an exported model: JSON in its metadata, checked once on loading, and the file's checksum."""
 
 import json
 import re
@@ -12,22 +12,22 @@ from nte.frames.channels import CHANNELS, TARGETS
 from nte.recurrence import FORWARD, SCALARS, Recurrent
 
 Description: TypeAlias = dict[str, Any]  # the JSON in a model's metadata, by its keys
-Shapes: TypeAlias = Mapping[str, Sequence[Any]]  # of a graph's inputs: sizes, or names of those that are free
+Shapes: TypeAlias = Mapping[str, Sequence[Any]]  # input of a graph → its shape: sizes, or names of free ones
 
 FORMAT = "nte-onnx/1"
 METADATA_KEY = "nte"
-UNSEALED = "0" * 64  # stands in the metadata where the checksum is to be
+UNSEALED = "0" * 64  # placeholder of the checksum in the metadata
 _SEAL = re.compile(rb'"sha256": "([0-9a-f]{64})"')
 
 
 def seal(path: Path) -> None:
-    """Write the checksum of a model's file into its metadata, which says UNSEALED as `sha256`."""
+    """Write the checksum of a model's file into its metadata, in place of UNSEALED as `sha256`."""
     content = path.read_bytes()
     path.write_bytes(_with(content, sha256(content).hexdigest()))
 
 
 def check_seal(path: Path) -> None:
-    """Raise NteError for a model whose checksum does not fit; one without a checksum passes here."""
+    """Raise NteError for a model whose checksum does not fit; a model without a checksum passes."""
     content = path.read_bytes()
     found = _SEAL.search(content)
     if found and sha256(_with(content, UNSEALED)).hexdigest() != found[1].decode():
@@ -35,10 +35,11 @@ def check_seal(path: Path) -> None:
 
 
 def read_description(path: Path, text: str | None, inputs: Shapes, outputs: Sequence[str]) -> Description:
-    """Return the description of the model at `path`, whose graph has these inputs, with their shapes, and outputs.
-    (Inputs may be fewer than it says: the exporter drops those that a network does not use.)
+    """Read and check the description of the model at `path`.
 
-    Raises NteError where it is missing, of another format, or says what cannot be.
+    text: the JSON in the model's metadata, or None. inputs, outputs: those of the model's graph; the exporter drops
+    inputs that a network does not use, so the graph may have fewer than the description. Raises NteError if the
+    description is missing, of another format, or contradicts itself or the graph.
     """
     try:
         info = json.loads(text) if text else {}
@@ -75,7 +76,10 @@ def read_description(path: Path, text: str | None, inputs: Shapes, outputs: Sequ
 
 
 def recurrent_of(info: Description, inputs: Shapes) -> dict[str, Recurrent]:
-    """The recurrent tensors of a graph with these inputs and their shapes."""
+    """Return the recurrent tensors of a model, by the names of the graph's inputs.
+
+    info: the model's description. inputs: name → shape.
+    """
     scales = info.get("scales", {})
     return {
         name: Recurrent(source, inputs[name][1], scales.get(name, 1))

@@ -1,4 +1,4 @@
-"""A trained network → one ONNX graph with the conventions inside, checked before it is written."""
+"""The export of a trained network as one ONNX graph with its conventions, checked before it is written."""
 
 import json
 import tempfile
@@ -27,7 +27,7 @@ OPSET = 18
 SMALLEST = 16
 
 LAYOUT = "float32 (N, C, H, W); x to the right, y down, pixel centres at +0.5"
-CONVENTIONS_OF_KINDS: dict[Kind, str] = {  # for the others, the unit in the table of channels says it
+CONVENTIONS_OF_KINDS: dict[Kind, str] = {  # other kinds are described by their unit in the table of channels
     "radiance": "linear radiance, scene-referred; bad pixels are sanitised, exposed light capped at 65504",
     "reflectance": "[0, 1]",
     "direction": "unit, world space",
@@ -45,15 +45,15 @@ OF_SEQUENCES = {
 
 CHECK_SIZES = ((64, 96), (45, 77), (16, 16))
 CHECK_FRAMES = 20
-TYPICAL, WORST = 1e-4, 0.05  # of |a − b| / (|b| + 0.01): the 99.9th percentile, and the maximum
+TYPICAL, WORST = 1e-4, 0.05  # limits of |a − b| / (|b| + 0.01): of its 99.9th percentile, and of its maximum
 
 
 def export(run: Path | str, out: Path | str, force: bool = False, progress: Callable[[str], None] = print) -> Path:
     """Export a trained run as one ONNX file, checked against PyTorch, and return its path.
 
     run: a run folder, which stands for its last checkpoint, or a .safetensors file in one. out: the file to write.
-    progress: called with a line for each size at which both agree. Raises NteError where the results differ, and where
-    `out` exists, unless `force`.
+    progress: called with a line of text for each size at which both agree. Raises NteError if the results differ, and
+    if `out` exists without `force`.
 
     >>> model = nte.export("runs/mine", "mine.onnx", progress=lambda line: None)
     >>> nte.load_denoiser("mine.onnx").target
@@ -68,10 +68,11 @@ def export(run: Path | str, out: Path | str, force: bool = False, progress: Call
 
 
 def export_onnx(denoiser: TrainableDenoiser, path: Path, progress: Callable[[str], None] = print) -> None:
-    """Export to `path` after checking ONNX Runtime against PyTorch over recurrent frames at several sizes.
+    """Export a network to `path` after checking ONNX Runtime against PyTorch over 20 recurrent frames at several sizes.
 
-    The graph takes what export/README.md lists; height, width and batch are free (sizes from 16).
-    Raises NteError if the results differ, and then writes nothing.
+    The graph takes the network's channels, `reset`, `exposure`, `depth_scale` and its recurrent tensors; batch, height
+    and width are free (sizes from 16). progress: called with a line of text for each size. The denoiser is moved to the
+    CPU. Raises NteError if the results differ, and then writes nothing.
     """
     denoiser = denoiser.cpu().eval()
     model = _graph(denoiser)
@@ -94,7 +95,10 @@ def export_onnx(denoiser: TrainableDenoiser, path: Path, progress: Callable[[str
 def compare_with_torch(
     denoiser: TrainableDenoiser, exported: OnnxDenoiser, size: tuple[int, int]
 ) -> tuple[float, float]:
-    """(99.9th percentile, maximum) of |a − b| / (|b| + 0.01), b PyTorch's output, over a recurrent sequence."""
+    """Compare an exported model with PyTorch over a recurrent sequence of random frames of `size` (height, width).
+
+    Returns the 99.9th percentile and the maximum of |a − b| / (|b| + 0.01), where b is PyTorch's output.
+    """
     ours, theirs = None, None
     errors = []
     with torch.no_grad():
@@ -107,11 +111,13 @@ def compare_with_torch(
 
 
 def _test_sequence(names: Iterable[str], size: tuple[int, int], frames: int, seed: int = 0) -> Iterator[Frame]:
-    """Frames of these channels, and of what exposure and scattering look at, with everything that a graph must cope
-    with: motion across borders, disocclusions, sky, bad pixels."""
+    """Random frames with these channels, and with those from which exposure and scattered motion are computed.
+
+    They have all that a graph must cope with: motion across borders, disocclusions, sky, bad pixels.
+    """
     rng = np.random.default_rng(seed)
     rows = [CHANNELS[name] for name in dict.fromkeys(("color", "depth", "motion", *names))]
-    first: list[Kind] = ["radiance", "motion"]  # depth and ids stay: what is seen moves only by its vectors
+    first: list[Kind] = ["radiance", "motion"]  # depth and ids stay the same: the scene moves only by its vectors
     rows.sort(key=lambda row: (row.kind not in first, row.storage == "derived"))
     still = {row.name: _values(row, rng, size) for row in rows if row.kind in ("depth", "id")}
     for index in range(frames):
@@ -125,7 +131,7 @@ def _test_sequence(names: Iterable[str], size: tuple[int, int], frames: int, see
 
 
 def _values(row: Channel, rng: np.random.Generator, size: tuple[int, int]) -> Numbers:
-    """Values (2, C, H, W) of a channel, without structure; light and vectors have some that are none."""
+    """Random values (2, C, H, W) of a channel, without structure; light and vectors have some bad values."""
     shape = 2, width_of(row.name), *size
     match row.kind:
         case "radiance":
@@ -147,7 +153,7 @@ def _values(row: Channel, rng: np.random.Generator, size: tuple[int, int]) -> Nu
 
 
 def _against(motion: Numbers, rng: np.random.Generator) -> Numbers:
-    """previous_forward_motion for a motion: a tenth of the pixels is hidden by others, some are unknown."""
+    """A previous_forward_motion that fits a motion: a tenth of the pixels is hidden by others, some are unknown."""
     batch, _, *size = motion.shape
     forward = -motion + np.where(rng.random((batch, 1, *size)) < 0.1, 6.0, 0.0)
     forward[rng.random((batch, *size))[:, None].repeat(2, 1) < 0.02] = np.nan
@@ -155,10 +161,10 @@ def _against(motion: Numbers, rng: np.random.Generator) -> Numbers:
 
 
 def _graph(denoiser: TrainableDenoiser) -> onnx.ModelProto:
-    """Trace the denoiser with free batch, height and width; channels that it can do without are inputs too.
+    """Trace the denoiser with free batch, height and width; its optional channels are inputs too.
 
-    By the tracing exporter: measured on two cores it takes 2 s, where torch.export needs 150 s to reason about
-    the sizes of 75 shifted images. What tracing could silently freeze, the check at several sizes would find.
+    Uses the tracing exporter: on two cores it takes 2 s, where torch.export needs 150 s to reason about the sizes of 75
+    shifted images. If tracing silently froze a size, the check at several sizes would find it.
     """
     shapes = {name: tensor.shape(2, 64, 96) for name, tensor in denoiser.recurrent.items()}
     shapes |= {name: (2, width_of(name), 64, 96) for name in denoiser.inputs if name in CHANNELS}
@@ -170,7 +176,7 @@ def _graph(denoiser: TrainableDenoiser) -> onnx.ModelProto:
             smaller = {0: "batch", 2: f"height_{tensor.scale}", 3: f"width_{tensor.scale}"}
             axes |= {name: smaller, tensor.source: smaller}
     with tempfile.TemporaryDirectory() as folder, warnings.catch_warnings(), torch.no_grad():
-        warnings.simplefilter("ignore")  # of the tracer, about what the check looks at
+        warnings.simplefilter("ignore")  # the tracer warns about frozen sizes, which the check would find
         torch.onnx.export(
             denoiser, example, f"{folder}/graph.onnx", dynamo=False, input_names=list(denoiser.inputs),
             output_names=list(denoiser.outputs), dynamic_axes=axes, opset_version=OPSET,
@@ -182,7 +188,7 @@ def _graph(denoiser: TrainableDenoiser) -> onnx.ModelProto:
 
 
 def _description(denoiser: TrainableDenoiser) -> dict[str, object]:
-    """What a runtime must know, as JSON in the model's metadata (export/README.md explains it)."""
+    """The content of the model's metadata, from which a runtime learns how to call the graph."""
     used = dict.fromkeys((*denoiser.needs, *denoiser.optional))
     conventions = {"layout": LAYOUT} | {name: _convention(CHANNELS[name]) for name in used}
     image = f"the denoised target in the units of {denoiser.target}"
@@ -190,11 +196,11 @@ def _description(denoiser: TrainableDenoiser) -> dict[str, object]:
     return {
         "format": FORMAT,
         "version": __version__,
-        "sha256": UNSEALED,  # of the whole file, with zeros here
-        "needs": [name for name in used if name != FORWARD],  # a graph has no optional input; only this one can be made
+        "sha256": UNSEALED,  # later the checksum of the whole file with zeros here
+        "needs": [name for name in used if name != FORWARD],  # a graph has no optional input, but FORWARD can be made
         "optional": [FORWARD] if FORWARD in used else [],
         "target": denoiser.target,
-        # recurrent input ← output or input of the frame before
+        # recurrent input ← output or input of the previous frame
         "state": {name: tensor.source for name, tensor in denoiser.recurrent.items()},
         **({"scales": scales} if scales else {}),
         "smallest": SMALLEST,
@@ -203,6 +209,6 @@ def _description(denoiser: TrainableDenoiser) -> dict[str, object]:
 
 
 def _convention(row: Channel) -> str:
-    """What the values of a channel mean: in short what datasets/README.md says."""
+    """The meaning of a channel's values, in short."""
     said = CONVENTIONS.get(row.name) or CONVENTIONS_OF_KINDS.get(row.kind) or row.unit
     return said if "NaN" in said or not row.nan_means else f"{said}; NaN = {row.nan_means}"

@@ -1,4 +1,4 @@
-"""Running an exported model without PyTorch: OnnxDenoiser("model.onnx") is a denoiser like any other."""
+"""The runtime of exported models, without PyTorch: OnnxDenoiser("model.onnx") is a denoiser like any other."""
 
 from collections.abc import Sequence
 from pathlib import Path
@@ -19,11 +19,11 @@ Provider = str | tuple[str, dict[str, str]]
 
 
 class OnnxDenoiser(Denoiser):
-    """An exported model with its state handling. Takes and returns NumPy (or what the frame has).
+    """An exported model as a denoiser: takes frames of NumPy arrays or PyTorch tensors, and returns the same kind.
 
-    providers: ONNX Runtime execution providers, best first, by name or as (name, options); None: the CPU. threads: 0
-    lets ONNX Runtime choose. Raises NteError for a file that is missing, no ONNX model, damaged, or not
-    exported by nte.
+    providers: ONNX Runtime execution providers, best first, by name or as (name, options); None takes the CPU. threads:
+    number of CPU threads; 0 lets ONNX Runtime choose. Raises NteError for a file that is missing, no ONNX model,
+    damaged or not exported by nte, and for a provider that is not available.
     """
 
     def __init__(self, path: Path | str, providers: Sequence[Provider] | None = None, threads: int = 0) -> None:
@@ -33,7 +33,7 @@ class OnnxDenoiser(Denoiser):
         check_seal(self.path)
         options = onnxruntime.SessionOptions()
         options.intra_op_num_threads = threads
-        options.log_severity_level = 3  # warnings of the runtime about its own graph rewriting
+        options.log_severity_level = 3  # errors only: the runtime warns about its own graph rewriting
         chosen = list(providers or ["CPUExecutionProvider"])
         available = onnxruntime.get_available_providers()
         names = [provider if isinstance(provider, str) else provider[0] for provider in chosen]
@@ -58,10 +58,12 @@ class OnnxDenoiser(Denoiser):
     def step(
         self, frame: Frame, state: NetworkState | None, extras: tuple[str, ...] = ()
     ) -> tuple[Result, NetworkState]:
-        """Denoise one frame; None starts a sequence. extras: further outputs of the graph.
+        """Denoise one frame; return the result and the state for the next frame.
 
-        Raises NteError for a channel that is missing or has the wrong type or shape, and for a size that
-        changes within a sequence.
+        state: the state that the previous step returned; None starts a sequence. extras: names of further outputs of
+        the graph. A missing previous_forward_motion is scattered from motion and depth. Raises NteError for a channel
+        that is missing or has the wrong type or shape, for unknown extras, and for a size that changes within a
+        sequence.
         """
         check_extras(self, extras, self.path)
         arrays = frame.numpy()
@@ -93,10 +95,11 @@ class OnnxDenoiser(Denoiser):
 
 
 def scatter_forward_motion(motion: Pixels, depth: Pixels) -> Pixels:
-    """previous_forward_motion (N, 2, H, W) from −motion scattered to x + motion; NaN where nobody arrives.
+    """Make previous_forward_motion (N, 2, H, W), in pixels, by scattering −motion to x + motion.
 
-    depth (N, 1, H, W), 0 = infinitely far: the nearest surface wins, of equally near ones the last pixel.
-    The same as nte.motion.geometric.scatter_forward_motion, which needs PyTorch.
+    motion: (N, 2, H, W), pixels, current → previous. depth: (N, 1, H, W), 0 = infinitely far. Where several vectors
+    arrive, the nearest surface wins, and of equally near ones the last pixel; where none arrives, the result is NaN.
+    nte.motion.geometric.scatter_forward_motion computes the same with PyTorch.
     """
     batch, _, height, width = motion.shape
     y, x = np.indices((height, width), np.float32) + np.float32(0.5)

@@ -1,8 +1,8 @@
 """Flips, transposes and colour permutations that keep every channel consistent with the others.
 
-A mirrored image is an image of a mirrored world. The table of channels says how each channel takes part:
-image vectors follow the image's axes, and world vectors are mirrored with the world, once for every
-mirroring of the image (which of the world's axes is mirrored is free: a scene has no preferred rotation).
+A mirrored image shows a mirrored world. The table of channels says how each channel changes: image vectors follow the
+image's axes, and world vectors are mirrored with the world, once for every mirroring of the image. Which of the
+world's axes is mirrored is free, as a scene has no preferred rotation; here it is x.
 """
 
 from collections.abc import Mapping
@@ -26,13 +26,13 @@ class Augmentation:
 
     @classmethod
     def draw(cls, rng: np.random.Generator) -> "Augmentation":
-        """A random one, each as likely as the others."""
+        """Draw a random augmentation, all equally likely."""
         transpose, flip_x, flip_y = (bool(bit) for bit in rng.integers(2, size=3))
         red, green, blue = (int(c) for c in rng.permutation(3))
         return cls(transpose, flip_x, flip_y, (red, green, blue))
 
     def __call__(self, channels: Mapping[str, Tensor]) -> dict[str, Tensor]:
-        """Apply to channels (..., C, H, W) of the table; a transpose swaps H and W."""
+        """Apply the augmentation to channels (..., C, H, W) by name; a transpose swaps H and W."""
         return {name: self._channel(name, values) for name, values in channels.items()}
 
     def _channel(self, name: str, values: Tensor) -> Tensor:

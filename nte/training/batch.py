@@ -1,4 +1,4 @@
-"""A training batch: sequences side by side, frame by frame, in plain tensors."""
+"""Training batches: several sequences, frame by frame, in plain tensors."""
 
 from collections.abc import Iterator, Sequence
 
@@ -12,7 +12,10 @@ Batch = list[dict[str, Tensor]]  # per frame: channels (N, C, H, W), and exposur
 
 
 def collate(sequences: Sequence[dict[str, Tensor]]) -> Batch:
-    """Sequences side by side, frame by frame."""
+    """Join sequences to a batch: a list of frames, with channels (N, C, H, W) and scalars (N,).
+
+    sequences: channels (F, C, H, W) and scalars (1,) by name, the same in each.
+    """
     scalars = {k: torch.cat([s[k] for s in sequences]) for k, v in sequences[0].items() if v.ndim == 1}
     images = {k: torch.stack([s[k] for s in sequences], 1) for k, v in sequences[0].items() if v.ndim == 4}
     count = len(next(iter(images.values())))
@@ -20,7 +23,7 @@ def collate(sequences: Sequence[dict[str, Tensor]]) -> Batch:
 
 
 def as_frames(batch: Batch) -> Iterator[Frame]:
-    """The batch as frames that a denoiser steps through."""
+    """Yield the frames of a batch, for a denoiser to step through."""
     for index, values in enumerate(batch):
         channels = {name: value for name, value in values.items() if name in CHANNELS}
         exposure, depth_scale, shutter = (values.get(name) for name in ("exposure", "depth_scale", "shutter"))

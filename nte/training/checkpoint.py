@@ -1,4 +1,4 @@
-"""Checkpoints: named tensors with a step and a checksum, in safetensors; nothing in them is pickled."""
+"""Checkpoints: named tensors with a step and a checksum, in safetensors; nothing is pickled."""
 
 from collections.abc import Mapping
 from hashlib import sha256
@@ -12,12 +12,15 @@ from torch.optim import Optimizer
 from nte.errors import NteError
 from nte.files import write_whole
 
-CHECKPOINT = "checkpoint.safetensors"  # the last one, which a run goes on from
-BEST = "best.safetensors"  # weights alone, of the step whose validation was best
+CHECKPOINT = "checkpoint.safetensors"  # the last checkpoint, from which a run is resumed
+BEST = "best.safetensors"  # the weights alone, at the step with the best validation
 
 
 def write_checkpoint(folder: Path, step: int, state: Mapping[str, Tensor], name: str = CHECKPOINT) -> None:
-    """Replace a run's checkpoint by the state after `step` steps."""
+    """Replace a run's checkpoint `name` by the state after `step` steps; the file is whole or absent.
+
+    Raises NteError if it cannot be written.
+    """
     tensors = {name: tensor.detach().cpu().contiguous() for name, tensor in state.items()}
 
     def write(path: Path) -> None:
@@ -30,9 +33,9 @@ def write_checkpoint(folder: Path, step: int, state: Mapping[str, Tensor], name:
 
 
 def read_checkpoint(folder: Path, name: str = CHECKPOINT) -> tuple[int, dict[str, Tensor]]:
-    """(step, tensors) of a run's checkpoint; raises NteError if it is missing or damaged.
+    """Read a run's checkpoint as (step, tensors by name).
 
-    Damaged is also a file of which a bit was flipped: its checksum does not fit.
+    Raises NteError if it is missing or damaged; a checksum also finds a single flipped bit.
     """
     path = folder / name
     if not path.is_file():
@@ -51,7 +54,7 @@ def read_checkpoint(folder: Path, name: str = CHECKPOINT) -> tuple[int, dict[str
 
 
 def checksum_of(step: int, tensors: Mapping[str, Tensor]) -> str:
-    """SHA-256 of a step and of tensors: names, types, shapes and bytes."""
+    """Compute the SHA-256 of a step and of tensors on the CPU: their names, types, shapes and bytes."""
     digest = sha256(str(step).encode())
     for name, tensor in sorted(tensors.items()):
         digest.update(f"{name} {_kind(tensor)}".encode())
@@ -60,12 +63,16 @@ def checksum_of(step: int, tensors: Mapping[str, Tensor]) -> str:
 
 
 def module_state(prefix: str, module: nn.Module) -> dict[str, Tensor]:
-    """A module's parameters and buffers under a prefix."""
+    """Collect a module's parameters and buffers, with a prefix before their names."""
     return {prefix + name: tensor for name, tensor in module.state_dict().items()}
 
 
 def load_module(module: nn.Module, state: Mapping[str, Tensor], prefix: str, source: Path) -> None:
-    """Fill a module from prefixed tensors; raises NteError for the first that is missing, unfit or not finite."""
+    """Fill a module from the tensors in `state` whose names have the prefix.
+
+    Raises NteError, naming `source`, for the first tensor that is missing, of another shape or type, not finite, or
+    that the module does not have.
+    """
     own = {name[len(prefix) :]: tensor for name, tensor in state.items() if name.startswith(prefix)}
     for name, tensor in module.state_dict().items():
         found, expected = (_kind(t) for t in (own.get(name), tensor))
@@ -80,13 +87,16 @@ def load_module(module: nn.Module, state: Mapping[str, Tensor], prefix: str, sou
 
 
 def optimiser_state(optimiser: Optimizer) -> dict[str, Tensor]:
-    """The optimiser's tensors, named by parameter index and quantity."""
+    """Collect the optimiser's tensors, named optimiser.INDEX.QUANTITY by the parameter's index."""
     states = optimiser.state_dict()["state"]
     return {f"optimiser.{i}.{key}": value for i, state in states.items() for key, value in state.items()}
 
 
 def load_optimiser(optimiser: Optimizer, state: Mapping[str, Tensor], source: Path) -> None:
-    """Fill an optimiser from `optimiser_state`'s tensors; raises NteError for one whose state is missing."""
+    """Fill an optimiser from the tensors of `optimiser_state`.
+
+    Raises NteError, naming `source`, if a parameter's state is missing, of another shape or type, or not finite.
+    """
     states: dict[int, dict[str, Tensor]] = {}
     for name, tensor in state.items():
         if name.startswith("optimiser."):

@@ -1,4 +1,4 @@
-"""The schema of configs/*.yaml: every choice of a training run."""
+"""The schema of a training configuration: every choice of a run."""
 
 import math
 from collections.abc import Callable, Sequence
@@ -18,71 +18,74 @@ from nte.training.losses import LossConfig
 
 @dataclass
 class DataConfig:
-    """Which clips, and what of them one training sample is."""
+    """The training clips, and how samples are taken from them."""
 
     clips: list[str] = field(default_factory=lambda: MISSING)  # clip folders, or folders that hold clips
-    frames: int = 9  # of a sequence
-    crop: int = 0  # pixels, square; 0 takes whole frames
-    batch: int = 1  # sequences a step
+    frames: int = 9  # length of a sequence
+    crop: int = 0  # side of a square crop, in pixels; 0 takes whole frames
+    batch: int = 1  # sequences per step, in each process
     warmup: int = 0  # first frames of a sequence that are denoised but not counted in the loss
-    any_start: bool = False  # sequences start at any frame; false: at the clip's first
+    any_start: bool = False  # true: sequences start at any frame; false: at the clip's first
     holdout: int = 1  # last frames of every clip that are never trained on, for validation
-    augment: bool = False  # flips, transposes, colour permutations
-    workers: int = 0  # processes that load; 0 loads between steps, best where everything fits the cache
-    cache_gb: float = 4.0  # decoded clips are kept in memory if all of them fit, once per worker; else in files
-    cache_dir: str = ""  # folder of these files, kept and shared between runs; empty: in the run's, until it ends
+    augment: bool = False  # true for flips, transposes and colour permutations
+    workers: int = 0  # loading processes; 0 loads between steps, which is best if everything fits the cache
+    cache_gb: float = 4.0  # GiB: decoded clips are kept in memory if all of them fit, once per worker; else in files
+    cache_dir: str = ""  # folder of these files, kept and shared between runs; empty: in the run folder, until it ends
     scatter: float = 0.0  # share of sequences whose previous_forward_motion is made from motion, as in most engines
-    validation: list[str] = field(default_factory=list)  # clips of their own; none: held-out frames of training clips
+    validation: list[str] = field(default_factory=list)  # validation clips; none: held-out frames of training clips
 
 
 @dataclass
 class OptimiserConfig:
-    """Adam or AdamW with a learning rate that is a function of the step alone."""
+    """The optimiser, Adam or AdamW, with a learning rate that depends on the step alone."""
 
     name: str = "adam"  # adam or adamw
     learning_rate: float = 1e-4
     weight_decay: float = 0.0
     schedule: str = "constant"  # constant or cosine (to zero at the last step)
-    warmup_steps: int = 0
-    clip_norm: float = 0.0  # of the gradient; 0 does not clip
-    ema: float = 0.0  # decay of the moving average of the weights that is used after training; 0: none
+    warmup_steps: int = 0  # steps in which the learning rate rises linearly
+    clip_norm: float = 0.0  # largest norm of the gradient; 0 does not clip
+    ema: float = 0.0  # decay of the moving average of the weights that is used after training; 0: no average
 
 
 @dataclass
 class PhaseConfig:
-    """A stretch of training: in epochs or in steps, with its weight of the occlusion loss."""
+    """A phase of training, in epochs or in steps, with its weight of the occlusion loss."""
 
     epochs: int = 0
     steps: int = 0
-    occlusion: float = 0.0
+    occlusion: float = 0.0  # multiplied by loss.occlusion
 
     def length(self, epoch: int) -> int:
-        """Steps of the phase, for an epoch of that many steps."""
+        """Return the number of steps of the phase. epoch: number of steps of an epoch."""
         return self.steps or self.epochs * epoch
 
 
 @dataclass
 class TrainConfig:
-    """A training run."""
+    """All choices of a training run."""
 
-    name: str = MISSING
+    name: str = MISSING  # name of the run folder
     seed: int = 1
     data: DataConfig = field(default_factory=DataConfig)
-    network: NetworkConfig = MISSING  # of the kind that it names: read_train_config
+    network: NetworkConfig = MISSING  # the configuration class of the network that its `kind` names
     loss: LossConfig = field(default_factory=LossConfig)
     optimiser: OptimiserConfig = field(default_factory=OptimiserConfig)
     phases: list[PhaseConfig] = field(default_factory=lambda: MISSING)
     precision: str = "32-true"  # or bf16-mixed
     checkpoint_every: int = 500  # steps
     validate_every: int = 500  # steps
-    validate_clips: int = 8  # clips that are looked at, spread over their families
+    validate_clips: int = 8  # largest number of validation clips, spread over their families
     log_every: int = 20  # steps
     runs: str = "runs"  # folder that holds the run folders
-    resume: bool = False
+    resume: bool = False  # true to continue the run from its checkpoint
 
 
 def load_train_config(path: Path, overrides: list[str]) -> TrainConfig:
-    """Read and check a training configuration; raises NteError naming the key."""
+    """Read and check a training configuration, with `key=value` overrides.
+
+    Raises NteError, naming the file and the key, for a value that is not allowed.
+    """
     config = read_train_config(path, overrides)
     try:
         _check(config)
@@ -92,12 +95,15 @@ def load_train_config(path: Path, overrides: list[str]) -> TrainConfig:
 
 
 def read_train_config(path: Path, overrides: Sequence[str] = ()) -> TrainConfig:
-    """Read a training configuration, such as a run folder's, whose choices have been checked before."""
+    """Read a training configuration without checking its values, such as that of a run folder.
+
+    overrides: `key=value`. Raises NteError, naming the file and the key, for unknown keys and wrong types.
+    """
     return load_config(TrainConfig, path, overrides, _of_its_network)
 
 
 def _of_its_network(said: Callable[[str], Any]) -> TrainConfig:
-    """The defaults of a configuration with the kind of network that it names; where it names none, DEFAULT."""
+    """The default configuration with the kind of network that `network.kind` names, or with DEFAULT."""
     kind = said("network.kind")
     kind = DEFAULT if kind is None else kind
     return TrainConfig(network=network_type(kind).Config(kind=kind))
@@ -124,7 +130,7 @@ def _check(config: TrainConfig) -> None:
     _within("optimiser.ema", config.optimiser.ema, 0, 1)
     _within("data.scatter", config.data.scatter, 0, 1)
     _within("data.cache_gb", config.data.cache_gb, 0)
-    _within("seed", config.seed, 0, 2**32 - 1)  # what NumPy's and PyTorch's generators both take
+    _within("seed", config.seed, 0, 2**32 - 1)  # the range that NumPy's and PyTorch's generators share
     if config.data.warmup >= config.data.frames:
         raise NteError(f"'data.warmup' is {config.data.warmup}, expected less than data.frames")
     if not config.phases:
@@ -142,6 +148,6 @@ def _one_of(key: str, value: str, allowed: tuple[str, ...]) -> None:
 
 
 def _within(key: str, value: float, low: float, high: float = math.inf) -> None:
-    """Finite, and within [low, high]; NaN is neither."""
+    """Raise NteError unless a value is finite and within [low, high], which NaN is not."""
     if not (low <= value <= high and value < math.inf):
         raise NteError(f"'{key}' is {value}, expected {f'at least {low}' if high == math.inf else f'{low} to {high}'}")

@@ -1,4 +1,4 @@
-"""Clips → training batches. What a step trains on depends on (seed, step) alone, so a run can be resumed."""
+"""Training batches from clips. The batch of a step depends on (seed, step) alone, so a run can be resumed."""
 
 from collections.abc import Generator, Sequence
 from pathlib import Path
@@ -19,7 +19,7 @@ from nte.training.tiles import SCATTERED, ClipStore
 
 
 class Sample(NamedTuple):
-    """One sequence of a batch: which part of which clip, and how it is changed."""
+    """One sequence of a batch: a part of a clip, by its index and noise seed, and how it is augmented."""
 
     clip: int
     seed: int
@@ -31,17 +31,18 @@ class Sample(NamedTuple):
 
 
 class TrainingSteps(Dataset[Batch | NteError]):
-    """Step number → batch: sequences cropped and augmented by a generator keyed by (seed, step).
+    """The batches of a run by step number: sequences cropped and augmented by a generator keyed by (seed, step, rank).
 
-    An epoch visits every clip once, in an order keyed by (seed, epoch). Of `world` processes, the one with
-    this rank gets its share of every step.
+    An epoch visits every clip once, in an order keyed by (seed, epoch). rank, world: the number of this process, and of
+    all processes; each gets its share of every step. channels: names that a clip must have. Raises NteError for clips
+    that do not fit the configuration.
     """
 
     def __init__(
         self, clips: Sequence[Clip], channels: Sequence[str], config: DataConfig, seed: int, rank: int, world: int,
         cache: Path | None = None,
     ) -> None:  # fmt: skip
-        """Check the clips. cache: the folder of decoded clips where memory cannot hold them, if config names none."""
+        """Check the clips. cache: folder for decoded clips if memory cannot hold them and config names no folder."""
         self.clips, self.config, self.seed, self.rank, self.world = clips, config, seed, rank, world
         for clip in clips:
             _check_clip(clip, channels, config)
@@ -55,18 +56,18 @@ class TrainingSteps(Dataset[Batch | NteError]):
 
     @property
     def epoch(self) -> int:
-        """Steps of an epoch."""
+        """Number of steps of an epoch."""
         return -(-len(self.clips) // (self.config.batch * self.world))
 
     def __getitem__(self, step: int) -> Batch | NteError:
-        """The batch of a step; what is wrong with a file is returned, as a worker would raise it with its traceback."""
+        """Return the batch of a step, or the NteError of a faulty file: a worker would raise it with its traceback."""
         try:
             return self._batch(step)
         except NteError as error:
             return error
 
     def samples(self, step: int) -> list[Sample]:
-        """What the batch of a step consists of."""
+        """List the samples of the batch of a step."""
         rng = np.random.default_rng([self.seed, step, self.rank])
         epoch, place = divmod(step, self.epoch)
         order = np.random.default_rng([self.seed, epoch]).permutation(len(self.clips))
@@ -76,7 +77,7 @@ class TrainingSteps(Dataset[Batch | NteError]):
         return [self._draw(int(index), rng) for index in chosen]
 
     def describe(self, step: int) -> str:
-        """The clips and frames of a step, to look at where it went wrong."""
+        """Name the clips and frames of a step, for an error message."""
         return ", ".join(
             f"{self.clips[s.clip].folder} frames {s.frames.start} to {s.frames.stop - 1}" for s in self.samples(step)
         )
@@ -95,7 +96,7 @@ class TrainingSteps(Dataset[Batch | NteError]):
         return Sample(index, seed, slice(start, start + config.frames), rows, columns, augmentation, scattered)
 
     def _sequence(self, sample: Sample) -> dict[str, Tensor]:
-        """One sample's channels (F, C, crop, crop), and its scalars (1,)."""
+        """One sample's channels (F, C, H, W), cropped and augmented, and its scalars (1,)."""
         clip = self.store.get(sample.clip, sample.seed)
         images = clip.crop(sample.frames, sample.rows, sample.columns)
         if (scattered := images.pop(SCATTERED, None)) is not None and sample.scattered:
@@ -104,12 +105,15 @@ class TrainingSteps(Dataset[Batch | NteError]):
 
 
 def training_loader(steps: TrainingSteps, first: int, last: int) -> Generator[Batch]:
-    """Batches of the steps [first, last), in order, from the configured number of worker processes."""
+    """Yield the batches of the steps [first, last), in order, from the configured number of worker processes.
+
+    Closing the generator ends the processes. Raises NteError for a faulty file.
+    """
     workers = steps.config.workers
     loader = DataLoader(
         steps, batch_size=None, sampler=range(first, last), num_workers=workers,
         prefetch_factor=2 if workers else None, persistent_workers=False,
-        generator=torch.Generator(),  # of its own: it would take a number from everybody's each time it starts
+        generator=torch.Generator(),  # its own, or each start would draw a number from the global generator
     )  # fmt: skip
     for batch in loader:  # a generator that is closed ends its worker processes
         if isinstance(batch, NteError):
@@ -118,7 +122,7 @@ def training_loader(steps: TrainingSteps, first: int, last: int) -> Generator[Ba
 
 
 def open_clips(folders: Sequence[str]) -> list[Clip]:
-    """The clips in these folders, or in the folders below them, in order; raises NteError if there is none."""
+    """Open the clips in these folders, or in the folders below them, in order. Raises NteError if there is none."""
     return [Clip(path) for path in find_clips([Path(folder) for folder in folders])]
 
 
@@ -128,7 +132,7 @@ def _crop(size: int, crop: int, rng: np.random.Generator) -> slice:
 
 
 def _check_clip(clip: Clip, channels: Sequence[str], config: DataConfig) -> None:
-    missing = [name for name in channels if name not in clip.channels and name != FORWARD]  # that is scattered
+    missing = [name for name in channels if name not in clip.channels and name != FORWARD]  # FORWARD can be scattered
     if missing:
         have = ", ".join(clip.channels)
         raise NteError(f"{clip.folder}: training needs the channel '{missing[0]}'; the clip has {have}")
@@ -140,7 +144,7 @@ def _check_clip(clip: Clip, channels: Sequence[str], config: DataConfig) -> None
 
 
 def _check_whole_frames(clips: Sequence[Clip], config: DataConfig) -> None:
-    """Whole frames share a batch only if they have one size, and keep it when they are transposed."""
+    """Raise NteError for whole frames that cannot share a batch: of other sizes, or not square but transposed."""
     if config.batch == 1:
         return
     for clip in clips:

@@ -37,10 +37,11 @@ def train(
 ) -> Path:
     """Train as configured and return the run folder.
 
-    config: the configuration, or the YAML file that has it. force: replace a run that exists. overrides: `key=value`
-    for the file, such as `resume=true`. Ends after the steps that the phases have, never by the clock; stops after the
-    current step on Ctrl-C. Raises NteError for wrong data or configuration, where another process trains in the run's
-    folder, and where the loss is no longer finite.
+    config: the configuration, or its YAML file. force: replace a run that exists. device: auto, cpu, cuda, cuda:1, …
+    overrides: `key=value` for the file, such as `resume=true`. Training ends after the steps of its phases, never by
+    the clock; Ctrl-C stops it after the current step. Raises NteError for wrong data or configuration, for a run that
+    exists without `force`, if another process trains in the run's folder, and if the loss or its gradient is not
+    finite.
 
     >>> run = nte.train("config.yaml", device="cpu", overrides=["name=mine"])
     step 1: loss ...
@@ -72,7 +73,7 @@ def train(
         try:
             _run(config, fabric, denoiser, data, chosen, plan, run)
         finally:
-            if fabric.local_rank == 0:  # of every machine: its disk may be its own
+            if fabric.local_rank == 0:  # on every machine, as each may have its own disk
                 run.forget_decoded()
     return run.folder
 
@@ -81,7 +82,7 @@ def _run(
     config: TrainConfig, fabric: Fabric, denoiser: TrainableDenoiser, data: TrainingSteps, chosen: ValidationSet,
     plan: Plan, run: RunFolder,
 ) -> None:  # fmt: skip
-    """Train, from the run's checkpoint where there is one."""
+    """Train, from the run's checkpoint if there is one."""
     sequence = SequenceLoss(denoiser, config.loss, config.precision)
     optimiser = make_optimiser(denoiser, config.optimiser)
     model, optimiser = fabric.setup(sequence, optimiser)
@@ -110,7 +111,7 @@ def _run(
             norm = fabric.clip_gradients(
                 model, optimiser, max_norm=config.optimiser.clip_norm or math.inf, error_if_nonfinite=False
             )
-            _check_finite(norm, "gradient", step, data)  # before it gets into the weights, and into a checkpoint
+            _check_finite(norm, "gradient", step, data)  # before it reaches the weights and a checkpoint
             optimiser.step()
             optimiser.zero_grad()
             average.update_parameters(denoiser)
@@ -118,7 +119,7 @@ def _run(
 
             done = step + 1
             bar.update()
-            # All processes stop after the same step, or one would wait for the others for ever.
+            # All processes stop after the same step, or one would wait for the others forever.
             stop = done == last or fabric.strategy.reduce_boolean_decision(interrupted(), all=False)
             if not fabric.is_global_zero:
                 if stop:
@@ -146,7 +147,7 @@ def _run(
 
 
 def _channels(denoiser: TrainableDenoiser, config: TrainConfig) -> tuple[str, ...]:
-    """What of the clips is trained on. Raises NteError for losses that the network does not give what they need."""
+    """The clips' channels that training reads; raises NteError for a loss that this network cannot have."""
     for i, phase in enumerate(config.phases):
         if phase.occlusion * config.loss.occlusion > 0 and HIDDEN not in denoiser.extras:
             what = f"network '{config.network.kind}' gives no '{HIDDEN}'"
@@ -156,7 +157,7 @@ def _channels(denoiser: TrainableDenoiser, config: TrainConfig) -> tuple[str, ..
 
 
 def _validation_set(config: TrainConfig, clips: Sequence[Clip], channels: Sequence[str]) -> ValidationSet:
-    """Clips that the configuration names for it, or the last frames of some that are trained on."""
+    """The validation clips of the configuration, or else the held-out last frames of some training clips."""
     own = open_clips(config.data.validation) if config.data.validation else []
     for clip in own:
         if missing := [name for name in channels if name not in clip.channels]:
@@ -167,7 +168,7 @@ def _validation_set(config: TrainConfig, clips: Sequence[Clip], channels: Sequen
 
 
 def _check_finite(value: Tensor | None, name: str, step: int, data: TrainingSteps) -> None:
-    """Raise NteError for a loss or a gradient that is not finite; bad pixels of a reference are never the cause."""
+    """Raise NteError for a loss or a gradient that is not finite; bad reference pixels are never the cause."""
     if value is None or not value.isfinite():
         found = "is not finite" if value is None or name == "gradient" else f"is {value.item()}"
         raise NteError(
@@ -176,13 +177,13 @@ def _check_finite(value: Tensor | None, name: str, step: int, data: TrainingStep
 
 
 class TrainingState:
-    """Everything that changes during training, as named tensors."""
+    """The state of training as named tensors: weights, their moving average, optimiser and random state."""
 
     def __init__(self, denoiser: nn.Module, optimiser: Any, average: AveragedModel | None) -> None:
         self.denoiser, self.optimiser, self.average = denoiser, optimiser, average
 
     def tensors(self) -> dict[str, Tensor]:
-        """Weights, moving average, optimiser and random state."""
+        """Collect weights, moving average, optimiser and random state, by name."""
         state = module_state("denoiser.", self.denoiser) | optimiser_state(self.optimiser)
         if self.average is not None:
             state |= module_state("average.", self.average)
@@ -190,15 +191,15 @@ class TrainingState:
         return state | {"random.torch": torch.get_rng_state()}
 
     def trained(self) -> dict[str, Tensor]:
-        """The weights that are used after training: their moving average where there is one."""
+        """Return the weights that are used after training: their moving average if there is one."""
         if self.average is None:
             return module_state("denoiser.", self.denoiser)
         return module_state("average.", self.average)
 
     def resume(self, run: RunFolder, last: int) -> int:
-        """Take over the run's checkpoint; returns the step to go on with, 0 without a checkpoint.
+        """Load the run's checkpoint and return the number of steps done; 0 without a checkpoint.
 
-        Raises NteError for one that does not fit, or that is of a step after the last.
+        Raises NteError for a checkpoint that does not fit, or of a step after the last.
         """
         loaded = run.load()
         if loaded is None:
@@ -217,13 +218,13 @@ class TrainingState:
 
 
 def make_optimiser(module: nn.Module, config: OptimiserConfig) -> torch.optim.Optimizer:
-    """The configured optimiser over all parameters."""
+    """Make the configured optimiser over all parameters."""
     kind = torch.optim.AdamW if config.name == "adamw" else torch.optim.Adam
     return kind(module.parameters(), lr=config.learning_rate, weight_decay=config.weight_decay)
 
 
 def learning_rate(config: OptimiserConfig, step: int, steps: int) -> float:
-    """The rate at a step: linear warm-up, then constant or half a cosine down to zero."""
+    """Compute the learning rate of a step, 0 to steps − 1: linear warm-up, then constant or half a cosine down to 0."""
     warm = min(1.0, (step + 1) / config.warmup_steps) if config.warmup_steps else 1.0
     cosine = 0.5 * (1 + math.cos(math.pi * step / steps)) if config.schedule == "cosine" else 1.0
     return config.learning_rate * warm * cosine
@@ -244,15 +245,15 @@ def _log(
 
 
 def _launch(device: str) -> Fabric:
-    """One process on one device; under torchrun one of its processes, on the device of its local rank.
+    """Start one process on one device; under torchrun one of its processes, on the device of its local rank.
 
-    Raises NteError for a device that is not there.
+    Raises NteError for a device that does not exist.
     """
     kind, _, index = device.partition(":")
     processes = int(os.environ.get("LOCAL_WORLD_SIZE", 1)) if "TORCHELASTIC_RUN_ID" in os.environ else 0
     devices: Any = processes or ([int(index)] if index.isdigit() else 1)
     try:
-        # Fabric's own mixed precision would round the inputs to bfloat16, and with them every motion vector.
+        # Fabric's own mixed precision would round the inputs to bfloat16, including every motion vector.
         fabric = Fabric(
             accelerator=kind, devices=devices, num_nodes=int(os.environ.get("GROUP_WORLD_SIZE", 1)),
             strategy="ddp" if processes else "auto", precision="32-true",

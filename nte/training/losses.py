@@ -1,7 +1,7 @@
 """Training losses over an unrolled sequence: spatial, temporal and motion occlusion loss.
 
-Zeng et al., «Neural Temporal Denoising for Indirect Illumination», Eqs. 5 and 6. What they leave open (the
-space the losses live in, normalising the masked one) is a setting.
+Source: Zeng et al., «Neural Temporal Denoising for Indirect Illumination», Eqs. 5 and 6. Settings cover what the paper
+leaves open: the space in which losses are measured, and the normalisation of the masked loss.
 """
 
 from collections.abc import Sequence
@@ -16,32 +16,32 @@ from nte.errors import NteError
 from nte.training.batch import Batch, as_frames
 from nte.training.target import Target
 
-LEAST_HIDDEN = 0.01  # share of the pixels
+LEAST_HIDDEN = 0.01  # least share of hidden pixels by which the occlusion loss is normalised
 HIDDEN = "disoccluded"  # extra of a network (N, 1, H, W): 1 where the previous frame did not see the surface
-BRIGHTEST = 65504.0  # of an exposed reference: beyond, nobody sees a difference
+BRIGHTEST = 65504.0  # cap of an exposed reference; nobody sees a difference beyond
 
 
 @dataclass
 class LossConfig:
-    """Weights of the parts and the space they are measured in."""
+    """The weights of the losses, and the space in which they are measured."""
 
     spatial: float = 1.0
     temporal: float = 1.0
-    occlusion: float = 1.0  # times that of the phase
-    irradiance: float = 0.0  # the spatial loss once more, on the light without the albedo (ours)
+    occlusion: float = 1.0  # multiplied by the weight of the phase
+    irradiance: float = 0.0  # weight of the spatial loss on light divided by its texture (not in the paper)
     space: str = "log"  # linear, log (log(1 + exposed)) or display
     mask_weights: list[float] = field(default_factory=lambda: [1.0, 0.8, 0.6])  # w_k of frames i, i−1, i−2
-    normalise_occlusion: bool = False  # by the batch's masked weight instead of all pixels (ours)
+    normalise_occlusion: bool = False  # true: by the batch's masked weight instead of all pixels (not in the paper)
 
     def check(self) -> None:
-        """Raise NteError for an unknown space and for no mask weights."""
+        """Raise NteError for an unknown space, or if there are no mask weights."""
         if not self.mask_weights:
             raise NteError("loss.mask_weights is empty, expected a weight for this frame's mask at least")
         if self.space not in ("linear", "log", "display"):
             raise NteError(f"loss.space is '{self.space}', expected linear, log or display")
 
     def channels(self, target: Target) -> tuple[str, ...]:
-        """Channels that the loss of a target needs. Raises NteError where it cannot be measured."""
+        """List the channels that the loss of a target needs. Raises NteError for irradiance without a texture."""
         if not self.irradiance:
             return (target.reference,)
         if target.texture is None:
@@ -50,19 +50,19 @@ class LossConfig:
 
 
 def masked_mean(values: Tensor, usable: Tensor) -> Tensor:
-    """Mean of values (N, C, H, W) over the usable pixels (N, 1, H, W), bool; 0 where there are none.
+    """Average values (N, C, H, W) over the usable pixels, bool (N, 1, H, W); 0 if there are none.
 
-    Values elsewhere must be finite. The plain mean, bit for bit, where every pixel is usable.
+    Values elsewhere must be finite. If every pixel is usable, the result is the plain mean, bit for bit.
     """
     share = usable.to(values.dtype).mean()
     return (values * usable).mean() / torch.where(share > 0, share, 1.0)
 
 
 def usable_reference(reference: Tensor, exposure: Tensor) -> tuple[Tensor, Tensor]:
-    """A reference (N, 3, H, W) that losses can compare with, and where it says something: (N, 1, H, W), bool.
+    """Prepare a reference (N, C, H, W) for losses; return it with the bool mask (N, 1, H, W) of its usable pixels.
 
-    A pixel that is NaN, infinite or negative in any component says nothing, and is 0. What is brighter than BRIGHTEST
-    when exposed counts as that bright.
+    A pixel that is NaN, infinite or negative in any component is not usable, and becomes 0. Exposed values are capped
+    at 65504. exposure: (N,).
     """
     scale = per_sequence(exposure)
     usable = ((reference >= 0) & (reference * scale < float("inf"))).all(1, keepdim=True)
@@ -70,21 +70,22 @@ def usable_reference(reference: Tensor, exposure: Tensor) -> tuple[Tensor, Tenso
 
 
 def occlusion_loss(image: Tensor, reference: Tensor, weights: Tensor, normalise: bool) -> Tensor:
-    """Eq. 5: L1 of weights ⊙ (I, R), weights Σ w_k M_k (N, 1, H, W); 0 where nothing is hidden.
+    """Compute Eq. 5: the L1 loss of weights ⊙ (image, reference), weights Σ w_k M_k (N, 1, H, W); 0 if none is hidden.
 
-    The paper's mean is over all pixels, so that the size of the loss depends on how many are hidden. normalise: by the
-    weight of the whole batch, so that every hidden pixel of it counts alike, and by that of LEAST_HIDDEN of the pixels
-    at least: a single hidden pixel would get the gradient of all.
+    The paper averages over all pixels, so that the loss depends on how many are hidden. normalise: divide by the mean
+    weight of the batch instead, so that every hidden pixel counts alike; but by 0.01 at least, or a single hidden pixel
+    would get the gradient of all.
     """
     error = (weights * (image - reference).abs()).mean()
     return error / weights.mean().clamp(min=LEAST_HIDDEN) if normalise else error
 
 
 class SequenceLoss(nn.Module):
-    """Unrolls the denoiser over a clip; the loss is the mean of its frames' losses.
+    """The loss of a denoiser unrolled over a sequence: the mean of its frames' losses.
 
-    The paper sums them, which Adam does not see. One module, so that DistributedDataParallel sees the whole
-    recurrence as one forward pass.
+    The paper sums them, which makes no difference to Adam. All is one module, so that DistributedDataParallel sees the
+    whole recurrence as one forward pass. precision: 32-true, or bf16-mixed for the denoiser's steps. Raises NteError
+    for a configuration that is not valid.
     """
 
     def __init__(self, denoiser: Denoiser, config: LossConfig, precision: str = "32-true") -> None:
@@ -94,9 +95,9 @@ class SequenceLoss(nn.Module):
         self.target = Target(denoiser.target)
 
     def forward(self, batch: Batch, occlusion: float, warmup: int = 0) -> tuple[Tensor, dict[str, Tensor]]:
-        """(loss, its parts as means per frame); the first `warmup` frames are denoised but not counted.
+        """Return the loss, and its parts as means per frame; the first `warmup` frames are denoised but not counted.
 
-        occlusion: weight of the occlusion loss in this phase of training, times the configured one.
+        occlusion: weight of the occlusion loss in this phase of training, multiplied by the configured one.
         """
         weights = replace(self.config, occlusion=occlusion * self.config.occlusion)
         parts: dict[str, list[Tensor]] = {}
@@ -107,7 +108,7 @@ class SequenceLoss(nn.Module):
         before: tuple[Tensor, Tensor, Tensor] | None = None
         for i, frame in enumerate(as_frames(batch)):
             clean, exposure = frame[target.reference], frame.exposure
-            assert exposure is not None  # batches have it
+            assert exposure is not None  # every batch has one
             with torch.autocast(clean.device.type, torch.bfloat16, enabled=self.mixed):
                 result, state = self.denoiser.step(frame, state, asked)
             clean, usable = usable_reference(clean, exposure)
@@ -134,6 +135,6 @@ class SequenceLoss(nn.Module):
         return torch.stack(weighted).sum() / (len(batch) - warmup), means
 
     def _mask(self, masks: Sequence[Tensor]) -> Tensor:
-        """Σ w_k M_k over this frame's mask and those before it; a missing earlier one is this frame's."""
+        """Σ w_k M_k over this frame's mask and the earlier ones, newest first; this frame's replaces a missing one."""
         chosen = [masks[k] if k < len(masks) else masks[0] for k in range(len(self.config.mask_weights))]
         return torch.stack([w * m for w, m in zip(self.config.mask_weights, chosen, strict=True)]).sum(0)

@@ -1,4 +1,4 @@
-"""What training costs: frames a second, waiting for data, memory."""
+"""The cost of training: frames per second, time spent waiting for data, memory."""
 
 import resource
 import time
@@ -7,7 +7,10 @@ import torch
 
 
 class Meter:
-    """Throughput, share of time spent waiting for data, and peak memory since the last reading."""
+    """A meter of throughput and of the share of time spent waiting for data, since the last reading.
+
+    frames: number of frames per step, of all processes.
+    """
 
     def __init__(self, frames: int) -> None:
         self.frames = frames
@@ -17,20 +20,23 @@ class Meter:
         self.steps, self.waited, self.total = 0, 0.0, 0.0
 
     def begin(self) -> None:
-        """A step begins: the loader is asked."""
+        """Begin a step, before the loader is asked."""
         self._start = time.perf_counter()
 
     def loaded(self) -> None:
-        """The loader has answered."""
+        """Note that the loader has answered."""
         self.waited += time.perf_counter() - self._start
 
     def end(self) -> None:
-        """The step is done."""
+        """End the step."""
         self.total += time.perf_counter() - self._start
         self.steps += 1
 
     def read(self) -> dict[str, float]:
-        """frames_per_second, seconds_per_step, loader_wait (share of a step), peak_memory_mb; starts anew."""
+        """Return frames_per_second, seconds_per_step, loader_wait (share of a step) and peak_memory_mb; start anew.
+
+        The peak (2²⁰ bytes) is since the start of the process: allocated CUDA memory if there is CUDA, else resident.
+        """
         peak = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024
         if torch.cuda.is_available():
             peak = torch.cuda.max_memory_allocated() / 2**20

@@ -1,7 +1,7 @@
-"""What a run is made of, resolved: its steps, processes and clips, kept in plan.json and compared on resuming.
+"""The plan of a run: its steps, processes and clips, kept in plan.json and compared on resuming.
 
-Steps of an epoch follow from the number of clips and of sequences a step; a run that went on with others would end
-elsewhere, or learn from other data, without a word.
+The steps of an epoch follow from the number of clips and of sequences per step. A run resumed with other numbers would
+silently end at another step, or learn from other data.
 """
 
 import json
@@ -21,16 +21,16 @@ _AGAIN = "restore it, or give the run another name"
 
 @dataclass(frozen=True)
 class Plan:
-    """The numbers and clips that a configuration led to."""
+    """The numbers and clips that follow from a configuration."""
 
-    processes: int  # that share a step: `data.batch` sequences each
-    steps: list[int]  # of every phase
-    clips: list[list[str]]  # [name, digest], in order
-    validation: list[list[str]]
+    processes: int  # number of processes that share a step, `data.batch` sequences each
+    steps: list[int]  # number of steps of every phase
+    clips: list[list[str]]  # [name, digest] of each training clip, in order
+    validation: list[list[str]]  # the same for validation clips
 
     @property
     def last(self) -> int:
-        """Steps in all."""
+        """Number of steps in all."""
         return sum(self.steps)
 
     def write(self, folder: Path) -> None:
@@ -39,7 +39,7 @@ class Plan:
         write_whole(folder / PLAN, lambda path: path.write_text(text, encoding="utf-8"))
 
     def check_same(self, folder: Path) -> None:
-        """Raise NteError, with the first difference, unless the run in `folder` was made by this plan."""
+        """Raise NteError, naming the first difference, unless the run in `folder` has the same plan."""
         saved = _read(folder / PLAN)
         if saved.processes != self.processes:
             raise NteError(
@@ -54,17 +54,17 @@ class Plan:
 
 
 def digests(clips: Sequence[Clip]) -> list[list[str]]:
-    """[name, digest of what clip.json says] of each clip; it says the number of frames too."""
+    """List [name, digest of clip.json] of each clip; clip.json includes the number of frames."""
     return [[clip.name, digest_of(clip)] for clip in clips]
 
 
 def digest_of(clip: Clip, *more: object) -> str:
-    """16 hexadecimal digits of what clip.json says, and of whatever else."""
+    """Compute a digest, 16 hexadecimal digits, of a clip's clip.json and of any further objects (by their repr)."""
     return sha256(repr((json.dumps(clip.info, sort_keys=True), *more)).encode()).hexdigest()[:16]
 
 
 def _difference(saved: list[list[str]], now: list[list[str]]) -> str:
-    """The first difference in words; nothing where there is none."""
+    """The first difference in words; empty if there is none."""
     before, after = [{name for name, _ in clips} for clips in (saved, now)]
     if missing := sorted(before - after):
         return f"'{missing[0]}' is missing"

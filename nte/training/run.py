@@ -1,10 +1,10 @@
-"""A run folder: the sole identity of a run. Its files are whole or absent, and none of them is pickled.
+"""The run folder, the sole identity of a run. Its files are whole or absent, and none of them is pickled.
 
 config.yaml             every choice, resolved
-plan.json               what they led to: steps of each phase, processes, clips
-versions.json           of everything that took part
-checkpoint.safetensors  weights, their moving average, optimiser and random states, and the step they belong to
-best.safetensors        the weights, or their moving average, whose validation was best
+plan.json               steps of each phase, processes and clips, which follow from the choices
+versions.json           versions of Python and of the packages that took part
+checkpoint.safetensors  weights, their moving average, optimiser and random states, and their step
+best.safetensors        the weights, or their moving average, with the best validation
 decoded/                clips that memory cannot hold, until the run ends
 metrics.jsonl           a line per logged step and per validation
 events.out.tfevents.*   the same for TensorBoard, with pictures
@@ -32,7 +32,7 @@ from nte.training.config import TrainConfig, read_train_config
 from nte.training.plan import PLAN, Plan
 
 DECODED = "decoded"
-_LEFTOVERS = ".*.tmp"  # of files that a killed process was writing
+_LEFTOVERS = ".*.tmp"  # files that a killed process was writing
 _OURS = (
     "config.yaml", PLAN, "versions.json", CHECKPOINT, BEST, DECODED, "metrics.jsonl", "events.out.tfevents.*",
     _LEFTOVERS,
@@ -44,17 +44,17 @@ _HOW_IT_RUNS = (
 
 
 class RunFolder:
-    """Files of one run: made, continued, or refused. Its methods are for the folder's only writer."""
+    """The files of one run. Its methods are for the folder's only writer (`nte.files.only_writer`)."""
 
     def __init__(self, folder: Path) -> None:
         self.folder = folder
 
     @classmethod
     def begin(cls, config: TrainConfig, plan: Plan, force: bool) -> "RunFolder":
-        """A new run folder, or the one to resume.
+        """Begin a new run folder, or open the one to resume.
 
-        Raises NteError where one exists and neither `resume` nor force is given, or where the run to resume
-        was made by another configuration, another number of processes or from other clips.
+        force: replace a run that exists. Raises NteError if one exists and neither `resume` nor force is given, and if
+        the run to resume has another configuration, another number of processes or other clips.
         """
         run = cls(Path(config.runs) / config.name)
         if config.resume and (run.folder / "config.yaml").is_file():
@@ -64,7 +64,7 @@ class RunFolder:
                 path.unlink()
             return run
         if run.folder.is_dir() and any(run.folder.iterdir()):
-            # Without its configuration, a run was killed before it began.
+            # A run without config.yaml was killed before it began.
             if not force and not config.resume:
                 raise NteError(f"{run.folder}: exists: continue it with resume=true, or overwrite it with --force")
             run._delete()
@@ -80,11 +80,11 @@ class RunFolder:
             file.write(json.dumps(dict(values)) + "\n")
 
     def save(self, step: int, state: Mapping[str, Tensor]) -> None:
-        """Replace the checkpoint by the state after `step` steps."""
+        """Replace the checkpoint by the state after `step` steps. Raises NteError if it cannot be written."""
         write_checkpoint(self.folder, step, state)
 
     def save_best(self, step: int, psnr: float, weights: Mapping[str, Tensor]) -> None:
-        """Keep the weights after `step` steps if no validation was better so far."""
+        """Keep the weights after `step` steps if their validation PSNR, in dB, is the best so far."""
         best = -math.inf
         if (self.folder / BEST).is_file():
             best = read_checkpoint(self.folder, BEST)[1]["psnr"].item()
@@ -96,20 +96,20 @@ class RunFolder:
         shutil.rmtree(self.folder / DECODED, ignore_errors=True)
 
     def load(self) -> tuple[int, dict[str, Tensor]] | None:
-        """(step, state) of the checkpoint, or None where there is none yet."""
+        """Read (step, state) of the checkpoint; None if there is none yet. Raises NteError if it is damaged."""
         return read_checkpoint(self.folder) if (self.folder / CHECKPOINT).is_file() else None
 
     def forget_after(self, step: int) -> None:
-        """Remove from metrics.jsonl what was logged after a step that is taken up again."""
+        """Remove from metrics.jsonl the lines of steps after `step`, from which the run is resumed."""
         log = self.folder / "metrics.jsonl"
         if log.is_file():
-            # The last line may be half-written: the process was killed.
+            # The last line may be half-written if the process was killed.
             lines = log.read_text(encoding="utf-8", errors="replace").splitlines(keepends=True)
             kept = "".join(line for line in lines if _step_of(line) <= step)
             write_whole(log, lambda path: path.write_text(kept, encoding="utf-8"))
 
     def _check_same(self, config: TrainConfig) -> None:
-        """Raise NteError naming the first key whose value differs; where the folder lies may differ."""
+        """Raise NteError for the first key whose value differs and that changes what is learned."""
         saved = _choices(read_train_config(self.folder / "config.yaml"))
         for key, now in _choices(config).items():
             if saved.get(key) != now:  # another kind of network has other keys; its kind is the first that differs
@@ -119,21 +119,23 @@ class RunFolder:
                 )
 
     def _delete(self) -> None:
-        """Delete the run; raises NteError, and deletes nothing, where there is a file that is not ours."""
+        """Delete the run; raises NteError, and deletes nothing, if the folder has a file that no run writes."""
         files = [path for pattern in _OURS for path in self.folder.glob(pattern)]
         strangers = sorted(set(self.folder.iterdir()) - set(files))
         if strangers:
             raise NteError(f"{strangers[0]}: not a file of a run: move it away; nothing was overwritten")
-        self.forget_decoded()  # the folder itself stays: it is locked
+        self.forget_decoded()  # the folder itself stays, as it is locked
         for path in files:
             if path.name != DECODED:
                 path.unlink()
 
 
 def load_run(folder: Path, device: str = "cpu") -> TrainableDenoiser:
-    """The denoiser that a run has trained so far: the moving average of its weights where it keeps one.
+    """Load the denoiser that a run has trained so far, with the moving average of its weights if the run keeps one.
 
-    folder: a run folder, or a checkpoint in it: RUN/best.safetensors is the one whose validation was best.
+    folder: a run folder, or a checkpoint in it: RUN/best.safetensors has the weights with the best validation. The
+    denoiser is on `device`, in evaluation mode and without gradients. Raises NteError if the folder is no run, and if
+    the checkpoint is missing, damaged or does not fit.
     """
     folder, name = (folder, CHECKPOINT) if folder.suffix != ".safetensors" else (folder.parent, folder.name)
     if not (folder / "config.yaml").is_file():
@@ -147,7 +149,7 @@ def load_run(folder: Path, device: str = "cpu") -> TrainableDenoiser:
 
 
 def _step_of(line: str) -> float:
-    """The step that a line of metrics.jsonl belongs to; infinite for one that is torn."""
+    """The step of a line of metrics.jsonl; infinite for a torn line."""
     try:
         step = json.loads(line)["step"] if line.endswith("\n") else math.inf
     except (ValueError, TypeError, KeyError, RecursionError):
@@ -156,7 +158,7 @@ def _step_of(line: str) -> float:
 
 
 def _choices(config: TrainConfig) -> dict[str, object]:
-    """Every choice by its dotted key, without those that do not change what is learned."""
+    """Every choice by its dotted key, except those that do not change what is learned."""
     flat: dict[str, object] = {}
 
     def collect(prefix: str, values: Mapping[str, object]) -> None:

@@ -1,4 +1,4 @@
-"""What a network is trained towards: the reference of its target, and how images of it are compared and shown."""
+"""The target of training: a channel, its reference, and how its images are compared and shown."""
 
 from typing import NamedTuple
 
@@ -7,12 +7,12 @@ from torch import Tensor
 from nte.color import compress, display, per_sequence
 from nte.frames.channels import CHANNELS, reference_of
 
-# What the light of a target has been multiplied with: for `loss.irradiance`.
+# target → the channel that its light is multiplied by, for `loss.irradiance`
 _TEXTURES = {"color": "albedo", "indirect": "diffuse_albedo"}
 
 
 class Target(NamedTuple):
-    """A channel that networks approximate; `color` is one of them."""
+    """A channel whose reference networks approximate, such as `color`."""
 
     name: str
 
@@ -23,25 +23,31 @@ class Target(NamedTuple):
 
     @property
     def texture(self) -> str | None:
-        """The channel by which its light is divided to see it without texture; None where that is none."""
+        """The channel by which its light is divided to remove texture; None if there is none."""
         return _TEXTURES.get(self.name)
 
     @property
     def is_radiance(self) -> bool:
-        """Whether it has an exposure; other targets are shares in [0, 1]."""
+        """Whether it is radiance, which has an exposure; other targets are shares in [0, 1]."""
         return CHANNELS[self.name].kind == "radiance"
 
     def in_space(self, image: Tensor, exposure: Tensor, space: str) -> Tensor:
-        """An image (N, C, H, W) in the space where losses are measured: linear, log or display; a share as it is."""
+        """Convert an image (N, C, H, W) to a space of losses, linear, log or display; a share stays as it is.
+
+        exposure: (N,).
+        """
         return to_space(image, exposure, space) if self.is_radiance else image
 
     def displayed(self, image: Tensor, exposure: Tensor) -> Tensor:
-        """An image (N, C, H, W) in [0, 1], as it is shown and scored. exposure: (N,)."""
+        """Convert an image (N, C, H, W) to [0, 1], as it is shown and scored. exposure: (N,)."""
         return display(image, exposure) if self.is_radiance else image.clamp(0, 1)
 
 
 def to_space(radiance: Tensor, exposure: Tensor, space: str) -> Tensor:
-    """Radiance (N, 3, H, W) in the space where losses are measured: linear, log or display. exposure: (N,)."""
+    """Convert radiance (N, 3, H, W) to a space of losses: linear, log or display. exposure: (N,).
+
+    linear is exposed radiance, log is log(1 + exposed), and display is in [0, 1].
+    """
     if space == "display":
         return display(radiance, exposure)
     exposed = radiance * per_sequence(exposure)

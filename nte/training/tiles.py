@@ -1,4 +1,4 @@
-"""Decoded clips in tiles, so that a crop reads little else: from memory, or from files that the system maps.
+"""Decoded clips in tiles, so that a crop reads little more than itself, from memory or from mapped files.
 
 A folder of the cache holds one clip with one noise seed. Its name has a digest of all that it was made from, and it is
 whole or absent, so several processes and several runs can share a cache.
@@ -35,18 +35,18 @@ TILE = 64  # pixels; a crop of 256 reads 1.6 times its size
 FORMAT = "nte-tiles/1"
 SCATTERED = "scattered_forward_motion"
 Pixels = npt.NDArray[np.float32]
-SCALARS = ("exposure", "depth_scale", "shutter")  # those of a frame that belong to its sequence
+SCALARS = ("exposure", "depth_scale", "shutter")  # scalars of a frame that belong to its sequence
 
 
 class TiledClip(NamedTuple):
     """One clip with one noise seed, decoded."""
 
     channels: tuple[str, ...]
-    tiles: Pixels  # see the module
-    scalars: Pixels
+    tiles: Pixels  # (rows of tiles, columns of tiles, frames, components, TILE, TILE)
+    scalars: Pixels  # (3, 1)
 
     def crop(self, frames: slice, rows: slice, columns: slice) -> dict[str, Tensor]:
-        """Channels (F, C, H, W) of some frames, rows and columns."""
+        """Copy the channels (F, C, H, W) of some frames, rows and columns. Slices need a start and a stop, no step."""
         top, left = rows.start // TILE, columns.start // TILE
         chosen = self.tiles[top : -(-rows.stop // TILE), left : -(-columns.stop // TILE), frames]
         down, across, count, components = chosen.shape[:4]
@@ -60,15 +60,15 @@ class TiledClip(NamedTuple):
         return images
 
     def sequence_scalars(self) -> dict[str, Tensor]:
-        """SCALARS by name, each (1,)."""
+        """Return exposure, depth_scale and shutter by name, each (1,)."""
         return {name: torch.tensor(value) for name, value in zip(SCALARS, self.scalars, strict=True)}
 
 
 class ClipStore:
-    """Clips that are decoded once: kept in memory, or, where a folder is given, in files below it.
+    """A store of clips that are decoded once and kept in memory, or in files below `folder` if it is given.
 
-    channels: what a clip must have; previous_forward_motion is made by scattering where the clip has none.
-    scattered: the channel SCATTERED besides, what scattering makes of every clip.
+    channels: names to keep; a previous_forward_motion that a clip lacks is made by scattering its motion. scattered:
+    keep SCATTERED as well, the previous_forward_motion that scattering makes for every clip.
     """
 
     def __init__(
@@ -80,14 +80,18 @@ class ClipStore:
         self._told: set[int] = set()
 
     def get(self, index: int, seed: int) -> TiledClip:
-        """Clip `index` with noise seed `seed`."""
+        """Return clip `index` with noise seed `seed`, decoding it at the first call.
+
+        Raises NteError for a clip that cannot be read, and for a file of the cache that is damaged or cannot be
+        written.
+        """
         key = index, seed
         if key not in self._open:
             self._open[key] = self._decode(key, np.empty) if self.folder is None else self._mapped(self.folder, key)
         return self._open[key]
 
     def gigabytes(self) -> float:
-        """What all clips take with all their seeds, decoded."""
+        """Return the size of all decoded clips with all their seeds, in GiB."""
         return sum(4.0 * np.prod(self._shape(clip)) * clip.seeds for clip in self.clips) / 2**30
 
     def _shape(self, clip: Clip) -> tuple[int, ...]:
@@ -126,11 +130,11 @@ class ClipStore:
     def _decode(
         self, key: tuple[int, int], allocate: Callable[[tuple[int, ...], type[np.float32]], Pixels]
     ) -> TiledClip:
-        """Read frame after frame; one of them is in memory at a time, besides what `allocate` gives."""
+        """Read frame after frame into the array that `allocate` makes; only one more frame is in memory at a time."""
         index, seed = key
         clip = self.clips[index]
         tiles = allocate(self._shape(clip), np.float32)
-        # Besides what is kept, what exposure, depth scale and scattering are made of.
+        # Besides the channels that are kept, those that give exposure, depth scale and scattered motion.
         wanted = dict.fromkeys((*self.channels, "color", "depth", "motion"))
         stored = [name for name in wanted if name in clip.channels]
         scalars = np.ones((len(SCALARS), 1), np.float32)
@@ -159,7 +163,7 @@ class ClipStore:
                 warnings.warn(describe_bad_pixels(bad, name, folder, frame.index), BadReferenceWarning, stacklevel=2)
 
     def _digest(self, clip: Clip, seed: int) -> str:
-        """Of all that the tiles are made from: a clip that is rendered again has other tiles."""
+        """Digest of all that the tiles are made from, so that a clip that is rendered again has other tiles."""
         paths = [frame_path(clip.folder, i, s) for s in sorted({0, seed}) for i in range(len(clip))]
         try:
             stats = [(path.name, (stat := path.stat()).st_size, stat.st_mtime_ns) for path in paths]
@@ -169,12 +173,12 @@ class ClipStore:
 
 
 def _width(channel: str) -> int:
-    """How many components a channel has, SCATTERED among them."""
+    """How many components a channel has; also knows SCATTERED."""
     return width_of(FORWARD if channel == SCATTERED else channel)
 
 
 def _tiled(planes: Pixels) -> Pixels:
-    """(C, H, W) → (rows of tiles, columns of tiles, C, TILE, TILE), filled up with zeros."""
+    """Cut planes (C, H, W) into tiles (rows of tiles, columns of tiles, C, TILE, TILE), padded with zeros."""
     count, height, width = planes.shape
     padded = np.pad(planes, [(0, 0), (0, -height % TILE), (0, -width % TILE)])
     split = padded.reshape(count, padded.shape[1] // TILE, TILE, padded.shape[2] // TILE, TILE)
@@ -182,7 +186,7 @@ def _tiled(planes: Pixels) -> Pixels:
 
 
 def _allocate(path: Path, shape: tuple[int, ...]) -> Pixels:
-    """A new mapped file, with its room on the disk: writing to a map of a full disk would kill the process."""
+    """Make a mapped file with its space reserved: writing to a map on a full disk would kill the process."""
     tiles = np.lib.format.open_memmap(path, mode="w+", dtype=np.float32, shape=shape)
     if hasattr(os, "posix_fallocate"):
         with path.open("r+b") as file:
@@ -191,14 +195,14 @@ def _allocate(path: Path, shape: tuple[int, ...]) -> Pixels:
 
 
 def _reach_the_disk(folder: Path) -> None:
-    """Wait until files are on the disk: after a power cut, a name without its content would be a clip of zeros."""
+    """Wait until a folder's files are on the disk: after a power cut, missing content would read as zeros."""
     for path in folder.iterdir():
         with path.open("r+b") as file:
             os.fsync(file.fileno())
 
 
 def _rename(temporary: Path, path: Path) -> None:
-    """Rename a folder; FileExistsError where another process was faster."""
+    """Rename a folder; raises FileExistsError if another process was faster."""
     try:
         temporary.rename(path)
     except OSError as error:

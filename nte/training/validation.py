@@ -1,4 +1,4 @@
-"""Validation while training: on clips of their own, or on the held-out last frames of training clips."""
+"""Validation during training, on separate clips or on the held-out last frames of training clips."""
 
 import re
 from collections.abc import Sequence
@@ -18,30 +18,30 @@ from nte.training.target import Target
 
 
 class ValidationSet(NamedTuple):
-    """Clips, and how many of their last frames count; 0: all but the first, which has no history."""
+    """Validation clips, and how many of their last frames count; 0: all but the first, which has no history."""
 
     clips: Sequence[Clip]
     frames: int
 
     def first(self, clip: Clip) -> int:
-        """The first frame of a clip that counts."""
+        """Return the index of the first frame of a clip that counts."""
         return max(0, len(clip) - self.frames) if self.frames else min(1, len(clip) - 1)
 
 
 class Validation(NamedTuple):
-    """Scores by name, and a picture (3, H, 3·W) of the last clip: noisy, denoised, reference."""
+    """The scores by name, and a picture (3, H, 3·W) of the last clip: noisy, denoised, reference."""
 
     scores: dict[str, float]
     picture: Tensor
 
     @property
     def psnr(self) -> float:
-        """What the best checkpoint is chosen by."""
+        """The PSNR in dB by which the best checkpoint is chosen."""
         return self.scores["validation_psnr"]
 
 
 def families(clips: Sequence[Clip]) -> dict[str, list[Clip]]:
-    """Clips by family: their names without the number at the end, within a folder each where there are several."""
+    """Group clips by family: the name without the number at its end, after the folder's name if there are several."""
     several = len({clip.folder.resolve().parent for clip in clips}) > 1
     found: dict[str, list[Clip]] = {}
     for clip in clips:
@@ -52,17 +52,18 @@ def families(clips: Sequence[Clip]) -> dict[str, list[Clip]]:
 
 
 def spread(clips: Sequence[Clip], count: int) -> list[Clip]:
-    """At most `count` clips: the first of every family, then the second of every one, and so on."""
+    """Choose at most `count` clips: the first of every family, then the second of every family, and so on."""
     rounds = zip_longest(*families(clips).values())
     return [clip for clip in chain.from_iterable(rounds) if clip is not None][:count]
 
 
 @torch.no_grad()
 def validate(denoiser: TrainableDenoiser, chosen: ValidationSet) -> Validation:
-    """Run whole clips and score the frames that count: log-L1 and PSNR (peak 1, display transform).
+    """Denoise whole clips and score the frames that count: log-L1 and PSNR (peak 1, display transform).
 
-    A family's score is the mean of its frames, validation_l1 and validation_psnr that of the families; with several of
-    them validation_psnr/NAME is each one's. Bad pixels of a reference are left out; raises NteError for too many.
+    A family's score is the mean over its frames; validation_l1 and validation_psnr are means over families. If there
+    are several families, validation_psnr/NAME is the score of each. Unusable reference pixels are left out; raises
+    NteError if they are more than a tenth of a frame.
     """
     l1: list[float] = []
     ratios: dict[str, float] = {}
@@ -84,7 +85,7 @@ def validate(denoiser: TrainableDenoiser, chosen: ValidationSet) -> Validation:
 
 
 def _score(denoiser: TrainableDenoiser, clip: Clip, first: int) -> tuple[list[Tensor], list[Tensor], list[Tensor]]:
-    """log-L1 and PSNR of each frame that counts, and noisy, denoised and reference image of the last."""
+    """Log-L1 and PSNR of each frame that counts, and noisy, denoised and reference image of the last frame."""
     target, device = Target(denoiser.target), next(denoiser.parameters()).device
     wanted = dict.fromkeys((*denoiser.needs, *denoiser.optional, target.reference, target.name, "color"))
     channels = [name for name in wanted if name in clip.channels]
@@ -98,7 +99,7 @@ def _score(denoiser: TrainableDenoiser, clip: Clip, first: int) -> tuple[list[Te
         if i < first:
             continue
         count_bad_pixels(frame, target.reference, clip.folder)
-        exposure = torch.from_numpy(known).to(device).nan_to_num(1)  # unknown where there was no light yet
+        exposure = torch.from_numpy(known).to(device).nan_to_num(1)  # NaN while there was no light yet
         reference, usable = usable_reference(frame[target.reference], exposure)
         ours, clean = (target.in_space(image, exposure, "log") for image in (result.image, reference))
         errors.append(masked_mean((ours - clean).abs(), usable))

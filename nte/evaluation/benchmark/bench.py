@@ -1,7 +1,7 @@
-"""How long denoisers take per frame, and how much memory: each in a process of its own, one frame each in turn.
+"""The benchmark of denoisers: time per frame and memory, each in its own process, one frame each in turn.
 
-A machine's speed drifts; as the denoisers alternate frame by frame, all of them meet the same drift and their
-ratios are fair. In a process of its own a denoiser's peak of memory is not that of another one.
+A machine's speed drifts; as the denoisers alternate frame by frame, all of them meet the same drift and their ratios
+are fair. As each has its own process, its peak memory is not mixed with that of another one.
 """
 
 import multiprocessing
@@ -29,7 +29,7 @@ from nte.progress import Progress
 from nte.registry import load_denoiser
 
 FORMAT = "nte-bench/1"
-WARM_UP = 4  # frames: caches fill, and history grows beyond what filters call young
+WARM_UP = 4  # frames before the timed ones: caches fill, and history grows beyond what filters call young
 Row = dict[str, Any]
 
 
@@ -39,7 +39,7 @@ class Task:
 
     spec: str
     size: tuple[int, int]  # (height, width)
-    clip: Path | None
+    clip: Path | None  # None: synthetic frames
     device: str
 
 
@@ -51,13 +51,14 @@ def bench(
     device: str = "cpu",
     steps: bool = False,
 ) -> list[Row]:
-    """A row for each size (height, width) and denoiser: `ms_per_frame` (median), `p95`, `peak_mb`, …
+    """Measure denoisers; return a row for each size and denoiser, with `ms_per_frame` (median), `p95` and `peak_mb`.
 
-    sizes: 1280×720, or that of the clip, unless given. frames: timed ones, after WARM_UP others. peak_mb: resident
-    memory of the process above what it had with the first frame read, before the denoiser was loaded. psnr: mean over
-    the timed frames, where the clip has the target's reference and its own size. steps: also the time of each
-    named step (torch.profiler.record_function) of a denoiser, which is measured apart and includes the
-    profiler's own. Raises NteError for what does not fit, and where a process dies.
+    sizes: (height, width) each; empty takes the clip's size, or 1280×720. frames: number of timed frames, after four
+    others. clip: None for synthetic frames. steps: also measure the milliseconds of each named step
+    (torch.profiler.record_function) of a denoiser, apart and including the profiler's own time. In a row, peak_mb is
+    the peak of resident memory (10⁶ bytes) above that of the process with denoiser and first frame loaded, and psnr
+    the mean over the timed frames, if the clip has the target's reference and its own size. Raises NteError for a
+    denoiser that does not fit the frames, and if a process dies.
     """
     if frames < 1:
         raise NteError(f"--frames is {frames}, expected at least 1")
@@ -77,10 +78,10 @@ def _size_of(clip: Path) -> tuple[int, int]:
 
 
 def _together(tasks: Sequence[Task], frames: int, steps: bool) -> list[Row]:
-    """The rows of denoisers that alternate frame by frame."""
+    """Measure denoisers that alternate frame by frame; return their rows."""
     workers: list[_Worker] = []
     try:
-        # One after the other: loading is no part of the measurement, but two at once would take twice the memory.
+        # Loaded one after the other: loading is not measured, but two at once would take twice the memory.
         for task in tasks:
             workers.append(_Worker(task))
             workers[-1].answer()
@@ -109,7 +110,7 @@ class _Worker:
         self.scores: list[float] = []
 
     def answer(self) -> Array:
-        """What the process says next; its NteError is raised here."""
+        """Receive the process's next answer; its NteError is raised here."""
         try:
             answer = self.pipe.recv()
         except (EOFError, ConnectionResetError):
@@ -121,7 +122,7 @@ class _Worker:
         return answer
 
     def time(self, index: int) -> None:
-        """Let it denoise a frame."""
+        """Let the process denoise a frame; keep the time unless the frame is one of the warm-up."""
         self.pipe.send(index)
         milliseconds, score = self.answer()
         if index >= WARM_UP:
@@ -129,7 +130,7 @@ class _Worker:
             self.scores += [] if score is None else [score]
 
     def row(self, steps: bool) -> Row:
-        """What has been measured."""
+        """End the measurement and return the row of results."""
         self.pipe.send("steps" if steps else "end")
         peak, named = self.answer()
         height, width = self.task.size
@@ -150,7 +151,7 @@ class _Worker:
 
 
 def _serve(pipe: Connection, task: Task) -> None:
-    """The process: says None when ready, then answers a frame's index with (ms, PSNR or None)."""
+    """Run in the process: send None when ready, then answer a frame's index with (ms, PSNR or None)."""
     try:
         denoiser = load_denoiser(task.spec, task.device)
         reference = reference_of(denoiser.target)
@@ -161,7 +162,7 @@ def _serve(pipe: Connection, task: Task) -> None:
         check_needs(denoiser, first.channels, task.clip or "synthetic frames")
         exposure = sequence_scalars(first)[0] if scored and "color" in first else np.ones(1, np.float32)
         before = _peak_mb()
-        del first  # the frames to come take its place: a frame is no memory of the denoiser's
+        del first  # later frames take its place: a frame's memory is not the denoiser's
         pipe.send(None)
         state: State | None = None
         while isinstance(index := pipe.recv(), int):
@@ -181,13 +182,13 @@ def _serve(pipe: Connection, task: Task) -> None:
 
 
 def _peak_mb() -> float:
-    """The most that this process has had resident so far, in MB (10⁶ bytes)."""
+    """Peak resident memory of this process so far, in MB (10⁶ bytes)."""
     peak = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
     return peak / 1e6 if sys.platform == "darwin" else peak * 1024 / 1e6
 
 
 def _psnr(image: Array, reference: Array, exposure: Array) -> float:
-    """PSNR in decibels after the display transform, of the pixels whose reference says something."""
+    """PSNR in decibels after the display transform, over the pixels with a usable reference."""
     import torch
 
     from nte.color import display, psnr
@@ -198,7 +199,10 @@ def _psnr(image: Array, reference: Array, exposure: Array) -> float:
 
 
 def named_steps(denoiser: Denoiser, source: Source, frames: int = 2) -> dict[str, float]:
-    """Milliseconds per frame in each named step of a denoiser, in the order in which they first begin."""
+    """Measure the milliseconds per frame in each named step of a denoiser, in the order in which they first begin.
+
+    frames: number of measured frames, after four others. Only CPU time is profiled.
+    """
     from torch.profiler import ProfilerActivity, profile
 
     state: State | None = None

@@ -1,4 +1,4 @@
-"""What a bench runs on: frames of any size, synthetic with every channel, or those of a clip, scaled."""
+"""The frames of a benchmark, of any size: synthetic ones with every channel, or those of a clip, scaled."""
 
 from collections.abc import Callable, Iterable
 from dataclasses import replace
@@ -13,13 +13,13 @@ from nte.frames.clip import Clip, Pixels
 from nte.frames.frame import Frame
 
 Source = Callable[[int], Frame]  # index → frame
-SPEED = (3.5, 1.25)  # pixels a frame, of the synthetic disc
+SPEED = (3.5, 1.25)  # speed of the synthetic disc, in pixels per frame
 
 
 def clip_frames(folder: Path, size: tuple[int, int] | None, channels: Iterable[str]) -> Source:
-    """Frames of a clip, from the start again after the last one, with those of these channels that it has.
+    """Read frames of a clip, with the named channels that it has; after the last frame it starts again.
 
-    size: (height, width) to scale to, by the nearest pixel, with vectors in proportion; None: the clip's own.
+    size: (height, width) to scale to, by the nearest pixel, with vectors in proportion; None keeps the clip's own.
     """
     clip = Clip(folder)
     wanted = [name for name in channels if name in clip.channels]
@@ -32,7 +32,10 @@ def clip_frames(folder: Path, size: tuple[int, int] | None, channels: Iterable[s
 
 
 def scaled(frame: Frame, size: tuple[int, int]) -> Frame:
-    """The frame (NumPy) with as many pixels as asked for, (height, width): each takes the nearest one's values."""
+    """Scale a NumPy frame to `size` (height, width): each pixel takes the nearest one's values.
+
+    Vectors and covariances are scaled in proportion.
+    """
     rows, columns = ((np.arange(new) * 2 + 1) * old // (2 * new) for new, old in zip(size, frame.size, strict=True))
     across, down = size[1] / frame.size[1], size[0] / frame.size[0]
     factors = {"motion": (across, down), "covariance": (across * across, across * down, down * down)}
@@ -47,9 +50,10 @@ def scaled(frame: Frame, size: tuple[int, int]) -> Frame:
 
 
 def synthetic_frames(size: tuple[int, int], channels: Iterable[str]) -> Source:
-    """A disc that moves before a slanted wall under noisy light: the channels asked for, made up where they exist.
+    """Make up frames of a disc that moves before a slanted wall under noisy light, with the named channels.
 
-    Plausible in range, in noise and in what is hidden; nothing to judge quality by.
+    Range, noise and occlusions are plausible, but the frames say nothing about quality. Names that the table of
+    channels lacks are skipped. size: (height, width).
     """
     wanted = [CHANNELS[name] for name in channels if name in CHANNELS]
     height, width = size
@@ -70,7 +74,7 @@ def synthetic_frames(size: tuple[int, int], channels: Iterable[str]) -> Source:
 def _made_up(
     row: Channel, disc: npt.NDArray[np.bool_], across: npt.NDArray[np.float64], rng: np.random.Generator
 ) -> npt.NDArray[np.float64]:
-    """Values (C, H, W) of a channel, by its kind; of noisy ones, noise."""
+    """Values (C, H, W) of a channel, by its kind; noise for noisy channels."""
     shape = (len(row.components), *disc.shape)
     if row.kind == "depth":
         return np.where(disc, 3.0, 5.0 + across)[None]
@@ -91,7 +95,10 @@ def _made_up(
 
 
 def source_of(clip: Path | None, size: tuple[int, int], channels: Iterable[str]) -> Source:
-    """Frames of the clip, or synthetic ones. Raises NteError for a size without pixels."""
+    """Choose the frames: those of the clip, scaled to `size` (height, width), or synthetic ones without a clip.
+
+    Raises NteError for a size without pixels, and for a clip that cannot be read.
+    """
     if min(size) < 1:
         raise NteError(f"size is {size[1]}x{size[0]}, expected at least 1x1")
     return synthetic_frames(size, channels) if clip is None else clip_frames(clip, size, channels)

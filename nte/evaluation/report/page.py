@@ -21,9 +21,9 @@ PLOTTED = tuple(metric for metric in METRICS if metric.name in ("psnr", "ssim", 
 
 
 def write_report(evaluation: Evaluation, out: Path, methods: Mapping[str, str] | None = None) -> Path:
-    """Write `out`/index.html, which needs neither network nor server, and give its path.
+    """Write `out`/index.html, which needs neither network nor server, and return its path.
 
-    methods: title → spec, of an evaluation whose denoisers have titles.
+    methods: title → spec, if the evaluation's denoisers have titles. Raises NteError if the file cannot be written.
     """
     html = render_report(evaluation, methods)
     path = out / "index.html"
@@ -32,11 +32,14 @@ def write_report(evaluation: Evaluation, out: Path, methods: Mapping[str, str] |
 
 
 def render_report(evaluation: Evaluation, methods: Mapping[str, str] | None = None) -> str:
-    """The page as text. Everything that its script shows is one JSON blob in it."""
+    """Render the report as HTML text, which contains all data of its script as one JSON blob.
+
+    methods: title → spec, if the evaluation's denoisers have titles.
+    """
     metrics = evaluation.metrics
     environment = jinja2.Environment(
         loader=jinja2.FileSystemLoader(Path(__file__).parent),
-        autoescape=True,  # names of clips and denoisers are what users typed
+        autoescape=True,  # names of clips and denoisers come from users
         undefined=jinja2.StrictUndefined,
         trim_blocks=True,
         lstrip_blocks=True,
@@ -71,7 +74,7 @@ def render_report(evaluation: Evaluation, methods: Mapping[str, str] | None = No
 
 
 def _parts(rows: list[Row]) -> list[Row]:
-    """A table for each region of each light; the whole image has one already if there is a single light."""
+    """Tables for each region of each light; with a single light, the whole image has its table already."""
     targets = list(dict.fromkeys(row["target"] for row in rows))
     several = len(targets) > 1
     there = {(row["region"], row["target"]) for row in rows if row["frames"]}

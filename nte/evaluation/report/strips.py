@@ -9,11 +9,14 @@ from nte.evaluation.targets import BRIGHTENED
 from nte.files import make_folder
 from nte.frames.show import RGB, Picture, grid, write_png
 
-_CROP = 4  # a crop's side is this part of the picture's
+_CROP = 4  # a crop's side is one part in so many of the picture's
 
 
 def write_strips(shown: list[Shown], folder: Path) -> list[Path]:
-    """Write a PNG for each clip and light: <clip>_<light>.png, the report's frame."""
+    """Write a strip as PNG for each clip and light, <clip>_<light>.png in `folder`; return the files.
+
+    A missing folder is made. Raises NteError if a file cannot be written.
+    """
     make_folder(folder)
     written = []
     for one in shown:
@@ -24,9 +27,9 @@ def write_strips(shown: list[Shown], folder: Path) -> list[Path]:
 
 
 def strip(shown: Shown) -> RGB:
-    """Reference, noisy input and each output, (H, W, 3) in all; below each its part where outputs differ most.
+    """Draw reference, noisy input and each output side by side, with a crop below each, as one (H, W, 3) uint8.
 
-    The crop is chosen by the outputs alone, so that nobody picks the place that flatters a method.
+    The crop shows the place where the outputs differ most, so that nobody picks a place that flatters a method.
     """
     images = {name: shown.images[name] for name in ("reference", *shown.images)}  # the reference comes first
     corner, size = most_different([shown.images[spec] for spec in shown.flip])
@@ -35,13 +38,16 @@ def strip(shown: Shown) -> RGB:
     brightened = BRIGHTENED.get(shown.target)
     note = f"{shown.target}, {brightened:g} times as bright" if brightened else shown.target
     whole = [Picture(name, pixels, note) for name, pixels in images.items()]
-    # As large as the pictures, so that the sheet shows both rows at the same width.
+    # Crops are enlarged to the pictures' size, so that the sheet shows both rows at the same width.
     crops = [Picture("", pixels[rows, columns].repeat(_CROP, 0).repeat(_CROP, 1), place) for pixels in images.values()]
     return grid([*whole, *crops], columns=len(images))
 
 
 def most_different(images: list[RGB]) -> tuple[tuple[int, int], tuple[int, int]]:
-    """Corner (row, column) and size (rows, columns) of the window in which the images vary most among each other."""
+    """Find the window in which the images (H, W, 3) differ most from each other; its side is a quarter of theirs.
+
+    Returns its corner (row, column) and its size (rows, columns).
+    """
     stack = np.stack(images).astype(np.float32)
     spread = stack.std(0).sum(-1)
     height, width = spread.shape
