@@ -83,8 +83,8 @@ def trace_centres(moment: Moment) -> Hits:
 def trace_surfaces(moment: Moment, offsets: Floats) -> Surfaces:
     """Sum what is seen at `offsets` (S, 4), in [0, 1)⁴, of every pixel.
 
-    The first two numbers of an offset are a place in the pixel, the others a place on the lens if there is one; one half
-    each is its middle.
+    The first two numbers of an offset are a place in the pixel, the others a place on the lens if there is one. A half
+    each is the middle.
     """
     if is_scalar():
         return Surfaces.of(_trace_scalar(moment.scenery, offsets, partial(_look, moment.scenery)))

@@ -80,7 +80,10 @@ def centre_motion(moment: Moment, shutter: float) -> Pixels:
 
 
 def _times(rng: np.random.Generator) -> Floats:
-    """A random time in each stratum of [0, 1], in order; rounded to half floats, so the stored times are the traced ones."""
+    """A random time in each stratum of [0, 1], in order.
+
+    Rounded to half floats, so that the stored times are the traced ones.
+    """
     return ((np.arange(SUBFRAMES) + rng.random(SUBFRAMES)) / SUBFRAMES).astype(np.float16).astype(np.float64)
 
 
