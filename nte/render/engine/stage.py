@@ -233,5 +233,5 @@ def update(scene: MitsubaScene, parameters: Parameters) -> None:
     parameters.update()
     for emitter in scene.emitters():
         if not emitter.get_shape():
-            # Mitsuba 3.9.1 leaves distant lights with the scene's previous extent, on which their points' last bits depend
+            # Mitsuba 3.9.1 leaves distant lights with the scene's previous extent: the last bits of their points differ
             emitter.set_scene(scene)

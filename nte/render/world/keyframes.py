@@ -24,7 +24,7 @@ class Key:
     translate: list[float] = field(default_factory=lambda: [0.0, 0.0, 0.0])  # scene units
     rotate: list[float] = field(default_factory=lambda: [0.0, 0.0, 0.0])  # degrees about x, then y, then z
     scale: list[float] = field(default_factory=lambda: [1.0, 1.0, 1.0])
-    pivot: list[float] = field(default_factory=lambda: [0.0, 0.0, 0.0])  # world point that stays when turning and scaling
+    pivot: list[float] = field(default_factory=lambda: [0.0, 0.0, 0.0])  # world point that turning and scaling keep
     brightness: float = 1.0  # of a light: factor on what the XML says
 
 

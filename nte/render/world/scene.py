@@ -20,7 +20,7 @@ NEAR, FAR = 0.01, 1000.0  # clipping planes of the families' cameras, scene unit
 class Mesh:
     """Triangles at rest: positions, unit normals (V, 3) and uv (V, 2) float32, faces (F, 3) uint32.
 
-    The corners of a face run counter-clockwise seen from outside. In a faceted mesh, every face has vertices of its own.
+    Corners of a face run counter-clockwise seen from outside. In a faceted mesh every face has vertices of its own.
     """
 
     positions: Pixels

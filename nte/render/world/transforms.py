@@ -23,7 +23,7 @@ def translation(offset: npt.ArrayLike) -> Floats:
 
 
 def rotation(axis: npt.ArrayLike, angle: float) -> Floats:
-    """Return the 4×4 matrix that turns by `angle` radians about `axis` (3,), counter-clockwise seen against the axis."""
+    """Return the 4×4 that turns by `angle` radians about `axis` (3,), counter-clockwise seen against the axis."""
     x, y, z = np.asarray(axis, float) / np.linalg.norm(axis)
     cross = np.array([[0, -z, y], [z, 0, -x], [-y, x, 0]])
     matrix = np.eye(4)
@@ -32,7 +32,10 @@ def rotation(axis: npt.ArrayLike, angle: float) -> Floats:
 
 
 def look_at(eye: npt.ArrayLike, target: npt.ArrayLike, up: Sequence[float] | Floats = (0.0, 1.0, 0.0)) -> Floats:
-    """Return camera → world (4×4) in Mitsuba's convention: the camera looks along +z, +x is to its left, +y towards `up`."""
+    """Return camera → world, 4×4, in Mitsuba's convention.
+
+    The camera looks along +z; +x is to its left, +y towards `up`.
+    """
     origin = np.asarray(eye, float)
     forward = np.asarray(target, float) - origin
     forward /= np.linalg.norm(forward)
