@@ -28,8 +28,8 @@ class Dice(np.random.Generator):
     def apart(self, low: float, high: float) -> float:
         """Return a number in [low, high] that is never the same in training and in test scenes.
 
-        Test scenes draw from the middle fifth of the range, training scenes from both sides of it. So a network is tested
-        within the range that it has learned from, on values that it has not seen.
+        Test scenes draw from the middle fifth of the range, training scenes from both sides of it. So a network is
+        tested within the range that it has learned from, on values that it has not seen.
         """
         start, end = _HELD_OUT
         share = self.uniform()

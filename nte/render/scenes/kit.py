@@ -64,7 +64,10 @@ def thing(mesh: Mesh, color: Pixels, track: Track, surface: Surface = "diffuse",
 
 
 def panel(width: float, height: float, power: float, track: Track, colour: Colour = (1.0, 1.0, 1.0)) -> SceneObject:
-    """Make a rectangular light that shines along its +z. power: radiance times area, so `width` only changes softness."""
+    """Make a rectangular light that shines along its +z.
+
+    power: radiance times area, so that the size changes nothing but the softness of shadows.
+    """
     mesh = shapes.rectangle((-width / 2, -height / 2, 0), (width, 0, 0), (0, height, 0))
     return _light(mesh, power / (width * height), track, colour)
 
@@ -118,7 +121,7 @@ def shades(hue: float, saturation: float, values: Sequence[float] = (0.75, 0.5, 
 
 
 def textured(rng: np.random.Generator, colours: Floats, *patterns: Pattern) -> Pixels:
-    """Make a texture in these three colours (3, 3), from one of the given patterns, or of all patterns if none is given."""
+    """Make a texture in these three colours (3, 3), by a random one of the patterns; of all patterns if none is given."""
     pattern = (patterns or PATTERNS)[rng.integers(len(patterns or PATTERNS))]
     return (pattern(rng) @ colours).astype(np.float32)
 

@@ -15,8 +15,8 @@ Surface = Callable[[Floats, Floats], Floats]  # u, v in [0, 1], each (N,) → po
 def parametric(surface: Surface, columns: int, rows: int) -> Mesh:
     """Make a smooth mesh from surface(u, v) on a grid of columns × rows; its uv are the parameters themselves.
 
-    Seen from outside, u runs to the right where v runs up. Normals are finite differences, so a seam of the texture does
-    not show in the shading.
+    Seen from outside, u runs to the right where v runs up. Normals are finite differences, so a seam of the texture
+    does not show in the shading.
     """
     u, v = (g.ravel() for g in np.meshgrid(np.linspace(0, 1, columns + 1), np.linspace(0, 1, rows + 1)))
     step = 1e-4

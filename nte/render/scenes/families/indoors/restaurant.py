@@ -70,7 +70,7 @@ def _table(
         kit.thing(vase if number % 2 else globe, metal, here, "metal", dice.uniform(0.08, 0.25)),
         kit.thing(plates, kit.plain(0.1, 0.05, 0.85), here, "glossy", 0.2),
         kit.thing(furniture.lamp_shade(0.22, 0.2), kit.plain(dice.uniform(), 0.6, 0.7), still(lamp)),
-        kit.panel(0.28, 0.28, 1.5, still(lamp @ kit.DOWNWARDS), (1.0, 0.75, 0.45)),  # below the shade, which it does not light
+        kit.panel(0.28, 0.28, 1.5, still(lamp @ kit.DOWNWARDS), (1.0, 0.75, 0.45)),  # below, where it lights no shade
     ]
 
 

@@ -12,7 +12,7 @@ from nte.render.world.scene import Camera, Mesh, Scene, SceneObject
 from nte.render.world.transforms import Floats, still, translation
 
 _PAIRS = 5  # of columns
-_STEP, _AISLE, _HALF, _HEIGHT = 2.4, 2.0, 4.2, 4.6  # distance of columns; half widths of the nave and of the hall; height
+_STEP, _AISLE, _HALF, _HEIGHT = 2.4, 2.0, 4.2, 4.6  # between columns; half widths of the nave and the hall; height
 
 
 @dataclass

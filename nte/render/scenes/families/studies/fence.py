@@ -17,7 +17,7 @@ _TINTS: tuple[Colour, ...] = ((1.0, 0.95, 0.85), (0.75, 0.85, 1.0), (1.0, 0.7, 0
 
 @dataclass
 class Parameters:
-    """lights: area lights behind the fence. moving_lights: whether they travel. moving_camera: whether the camera moves."""
+    """lights: area lights behind the fence. moving_lights: whether they travel. moving_camera: whether the camera does."""
 
     lights: int = between(1, 1, 4)
     moving_lights: bool = switch(False)
@@ -25,7 +25,7 @@ class Parameters:
 
 
 def make_fence(dice: Dice, parameters: Parameters) -> Scene:
-    """Make a fence over ground that is seen from above; the lights stand behind it, so shadows fall towards the viewer."""
+    """Make a fence over ground seen from above; the lights stand behind it, so shadows fall towards the viewer."""
     soil = kit.textured(dice, kit.shades(dice.apart(0.05, 0.35), 0.35, (0.8, 0.55, 0.3)), checker, bricks, noise, dots)
     bricks_behind = kit.textured(dice, kit.shades(dice.uniform(), 0.4, (0.85, 0.6, 0.4)), bricks, marble)
     objects = [kit.ground(40, 12, soil, texture_size=3.0), kit.wall((20, 5), (-20, 5), 6, bricks_behind)]

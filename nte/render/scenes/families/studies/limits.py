@@ -53,7 +53,7 @@ def _standing(dice: Dice) -> list[SceneObject]:
 
 def _lights(dice: Dice, case: str) -> list[SceneObject]:
     """One panel overhead, unless the case is about light."""
-    if case == "two_lights":  # the lights cross, and so do the shadows that they cast on the floor
+    if case == "two_lights":  # the lights cross, and so do the shadows of the objects below them
         rate, middle = dice.apart(0.2, 0.35), (0, 0, 0.8)
         sides = ((-1, (1.0, 0.75, 0.5)), (1, (0.5, 0.75, 1.0)))
         return [

@@ -14,7 +14,7 @@ from nte.render.world.transforms import Floats, Track, attached, look_at, rotati
 
 @dataclass
 class Parameters:
-    """case: what moves. speed: at 1 the image moves by 1 to 2 px a frame for sideways_slow, by 4 to 16 for other cases."""
+    """case: what moves. speed: at 1 the image moves by 1 to 2 px a frame for sideways_slow, by 4 to 16 for others."""
 
     case: str = one_of("sideways_fast", "sideways_slow", "rotation", "crossing", "propeller", "still")
     speed: float = between(1.0, 0.0, 4.0)

@@ -1,4 +1,4 @@
-"""A beam that tilts behind a translucent slab: the glow in the slab wanders and changes its shape, nothing else moves."""
+"""A beam that tilts behind a translucent slab: the glow in it wanders and changes its shape, and nothing else moves."""
 
 from dataclasses import dataclass
 
