@@ -121,7 +121,7 @@ def shades(hue: float, saturation: float, values: Sequence[float] = (0.75, 0.5, 
 
 
 def textured(rng: np.random.Generator, colours: Floats, *patterns: Pattern) -> Pixels:
-    """Make a texture in these three colours (3, 3), by a random one of the patterns; of all patterns if none is given."""
+    """Make a texture in these three colours (3, 3), by a random one of the patterns, or of all if none is given."""
     pattern = (patterns or PATTERNS)[rng.integers(len(patterns or PATTERNS))]
     return (pattern(rng) @ colours).astype(np.float32)
 

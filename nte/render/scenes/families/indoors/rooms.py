@@ -31,7 +31,7 @@ class _Room:
 
 @dataclass
 class Parameters:
-    """window: whether sun and sky shine in through an opening in a side wall, upon things of glass among others."""
+    """window: whether sun and sky shine in through an opening in a side wall; one of the objects is then glass."""
 
     window: bool = switch(False)
 
@@ -116,7 +116,7 @@ def _place(room: _Room, rng: np.random.Generator, size: float) -> Floats:
 
 
 def _sweep(room: _Room, rng: np.random.Generator, size: float) -> Path3:
-    """A path to and fro across the view, at most some 0.15 to 0.35 units per frame."""
+    """A path to and fro across the view, at some 0.15 to 0.35 units per frame where it is fastest."""
     middle = _place(room, rng, size) * (0.2, 1, 1)
     reach = room.width / 2 - size - 0.2 * abs(middle[0]) - 0.1
     rate, phase = rng.uniform(0.15, 0.35) / reach, rng.uniform(0, 2 * np.pi)

@@ -17,7 +17,7 @@ _TINTS: tuple[Colour, ...] = ((1.0, 0.95, 0.85), (0.75, 0.85, 1.0), (1.0, 0.7, 0
 
 @dataclass
 class Parameters:
-    """lights: area lights behind the fence. moving_lights: whether they travel. moving_camera: whether the camera does."""
+    """lights: area lights behind the fence. moving_lights: whether they travel. moving_camera: likewise the camera."""
 
     lights: int = between(1, 1, 4)
     moving_lights: bool = switch(False)
