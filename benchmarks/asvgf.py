@@ -28,7 +28,10 @@ FIRST = 3  # number of frames that only build up history
 
 
 class Variant(NamedTuple):
-    """A column of the table: a filter, its rule for shortening history, and whether each component has its own gradient."""
+    """A column of the table: a filter, its rule for shortening history, and which gradients it reads.
+
+    own: the components' own gradients, instead of the gradient of all light.
+    """
 
     spec: str
     rule: Callable[[Tensor, Tensor], Tensor] = shorten

@@ -60,7 +60,10 @@ def draw(mean: Tensor, covariance: Tensor, generator: torch.Generator) -> Tensor
 
 
 def is_planar(normal: Tensor, instance: Tensor, radius: int = 2, tolerance: float = 0.01) -> Tensor:
-    """Return where the object's normals (1, 3, H, W) within `radius` pixels are equal up to `tolerance`: (1, 1, H, W)."""
+    """Return where the object's normals within `radius` pixels are equal but for `tolerance`: (1, 1, H, W) bool.
+
+    normal: (1, 3, H, W). instance: (1, 1, H, W), the number of each pixel's object.
+    """
     size = 2 * radius + 1
     same = _windows(instance, size, pad=-1) == instance[:, :, None]
     turned = (_windows(normal, size, pad=0.0) - normal[:, :, None]).norm(dim=1, keepdim=True)

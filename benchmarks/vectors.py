@@ -94,7 +94,10 @@ class Score:
 def render(
     situation: Situation, split: str, number: int, size: int, spp: int, samples: int
 ) -> tuple[Channels, Channels]:
-    """Render the clean previous and current frames of a clip, the current one with the vectors' samples (S, C, H, W)."""
+    """Render the clean previous and current frames of a clip.
+
+    The current frame also has the vectors' samples, (S, C, H, W).
+    """
     group = Group(scene=situation.scene, parameters=situation.parameters, clips=1, width=size, height=size)
     unit = ClipPlan("vectors", 0, split, number, group)
     stage = MeshStage(make_scene(unit), size, size, group.max_depth)
