@@ -22,7 +22,7 @@ STEPS = 40
 
 
 def write_clips(folder: Path, size: tuple[int, int], clips: int, frames: int) -> None:
-    """Write clips of noisy frames over a slanted picture, which EXR compresses about as little as renderings."""
+    """Write clips of noisy frames over a smooth picture, which EXR compresses about as little as renderings."""
     rng = np.random.default_rng(0)
     y, x = np.indices(size, np.float32)
     smooth = np.stack([np.sin(x / 31 + c) * np.cos(y / 23 - c) for c in range(3)]).astype(np.float32)
