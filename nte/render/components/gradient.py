@@ -85,7 +85,7 @@ def shade_again(moment: Moment, replay: Replay) -> dict[str, Pixels]:
 
 
 def _candidates(scenery: Scenery, key: Lanes) -> tuple[Hit, list[Lanes], Lanes, Lanes]:
-    """What a random place in each pixel sees, for `_choose`.
+    """The points that a random place in each pixel sees, for `_choose`.
 
     Returns the hits as Mitsuba and as Scenery.met describe them, the rays' directions, and a random number.
     """

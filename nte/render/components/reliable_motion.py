@@ -27,7 +27,7 @@ Rows = npt.NDArray[np.bool_]
 
 @dataclass(frozen=True)
 class Shadow:
-    """What the shadow rays met, one row per pixel."""
+    """The hits of the shadow rays, one row per pixel."""
 
     receiver: Hits
     blocker: Hits
@@ -38,7 +38,7 @@ class Shadow:
 
 @dataclass(frozen=True)
 class Bounce:
-    """What the paths met, one row per pixel."""
+    """The hits of the paths, one row per pixel."""
 
     first: Hits
     second: Hits
@@ -47,7 +47,7 @@ class Bounce:
 
 @dataclass(frozen=True)
 class Mirrored:
-    """Where mirrors show what the reflected paths met."""
+    """The places where mirrors show the second hits of the reflected paths."""
 
     first: Hits  # the reflectors, one row per reflected path
     image: Floats  # (R, 3) world, one frame earlier; NaN where nothing is shown

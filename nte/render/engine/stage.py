@@ -37,7 +37,7 @@ Result = TypeVar("Result")
 
 
 class Timeless(Protocol):
-    """What is the same at all times, or known for all of them; every Stage, Moment and Scenery provides it."""
+    """The properties that are the same or known at all times; every Stage, Moment and Scenery has them."""
 
     @property
     def camera(self) -> Camera:
@@ -120,7 +120,7 @@ class Moment:
 
 @dataclass(eq=False, kw_only=True)
 class Scenery:
-    """What the kernels of passes read: a Mitsuba scene as it is now, and what is the same at all times."""
+    """The data that the kernels of passes read: a Mitsuba scene as it is now, and constants."""
 
     camera: Camera
     width: int

@@ -1,4 +1,4 @@
-"""The noise-free channels: what each pixel sees, and where that was and will be.
+"""The noise-free channels of what each pixel sees, with its motion to the previous and the next frame.
 
 There are two kinds. The channels of `geometry` (depth, position, instance, motion) belong to the one point at the
 pixel's centre, because averages across an edge mean nothing. The channels of `surface` (albedo, normal, roughness,

@@ -15,7 +15,7 @@ from nte.render.world.transforms import Floats
 
 @dataclass(frozen=True)
 class Hits:
-    """What rays meet: one row per ray."""
+    """The hits of rays: one row per ray."""
 
     instance: Indices  # (P,) 0 = miss, else index in scene.objects + 1
     place: Floats  # (P, places.width) where on the object: see Places

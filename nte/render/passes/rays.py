@@ -1,4 +1,4 @@
-"""Camera rays and what they see: the same code for vectorised and scalar Mitsuba variants."""
+"""Camera rays and their hits: the same code for vectorised and scalar Mitsuba variants."""
 
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -52,7 +52,7 @@ class Surfaces:
 
 @dataclass(frozen=True)
 class Seen:
-    """What single camera rays meet: one row per ray, undefined where `hit` is false."""
+    """The hits of single camera rays: one row per ray, undefined where `hit` is false."""
 
     point: Floats  # (R, 3) world
     normal: Floats  # (R, 3) shading normal, world
@@ -103,12 +103,12 @@ def queue_surfaces(moment: Moment, offsets: Floats, diffuse_albedo: DiffuseAlbed
 
 
 def _meet(scenery: Scenery, mi: Module, scene: MitsubaScene, ray: Ray) -> list[Lanes]:
-    """What a ray meets, and its direction (3)."""
+    """The hit of a ray, as Scenery.met returns it, and the ray's direction (3)."""
     return [*scenery.met(scene.ray_intersect_preliminary(ray, coherent=True), ray), *ray.d]
 
 
 def _centres(scenery: Scenery) -> list[Lanes]:
-    """What the rays through the pixel centres meet, and their directions (3)."""
+    """The hits of the rays through the pixel centres, and their directions (3)."""
     mi, dr = load_mitsuba(), load_drjit()
     ray = camera_ray(scenery, dr.arange(mi.UInt32, scenery.width * scenery.height), mi.Point2f(0.5))
     met = _meet(scenery, mi, scenery.mi_scene, past_containers(scenery, ray))
@@ -117,7 +117,7 @@ def _centres(scenery: Scenery) -> list[Lanes]:
 
 
 def _film(scenery: Scenery, x: Lanes, y: Lanes) -> tuple[Lanes, ...]:
-    """What rays through the film meet, their directions, and the columns of Seen. x, y: in units of the film's size."""
+    """The hits of rays through the film, their directions, and the columns of Seen. x, y: in units of the film's size."""
     mi, dr = load_mitsuba(), load_drjit()
     ray, _ = scenery.sensor.sample_ray(0.0, 0.5, mi.Point2f(x, y), mi.Point2f(0.5))
     first = scenery.mi_scene.ray_intersect_preliminary(ray, coherent=True)

@@ -1,4 +1,4 @@
-"""What kernels read of an XML scene: shapes of any kind, on two levels where something moves, and any BSDF."""
+"""The data that kernels read of an XML scene: shapes of any kind, on two levels where something moves, and any BSDF."""
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field

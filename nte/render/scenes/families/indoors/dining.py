@@ -50,7 +50,7 @@ def _room(dice: Dice) -> list[SceneObject]:
 
 
 def _table(dice: Dice, guests: int) -> list[SceneObject]:
-    """Table, cloth, chairs, and at every place a plate, a knife and a fork, and a glass."""
+    """A table with cloth and chairs, and at every place a plate, a knife, a fork and a glass."""
     wood = kit.textured(dice, kit.shades(dice.uniform(0.03, 0.12), 0.55), marble)
     linen = kit.textured(dice, kit.shades(dice.uniform(), 0.4, (0.9, 0.75, 0.55)), checker, stripes)
     runner = shapes.rectangle((-0.95, _TOP + 0.004, 1.9 - 0.5), (0, 0, 1.0), (1.9, 0, 0), 0.8)

@@ -35,7 +35,7 @@ def make_subsurface(dice: Dice, parameters: Parameters) -> Scene:
     slant, rate = dice.uniform(-0.4, 0.4), np.radians(parameters.tilt * dice.apart(6, 10) * dice.choice([-1, 1]))
 
     def swing(time: float) -> Floats:
-        """The torch shines along its own −y."""
+        """Place and turn the torch, which shines along its own −y."""
         turn = rotation((np.sin(slant), np.cos(slant), 0), rate * (time - _MIDDLE))
         return translation(place) @ turn @ rotation((1, 0, 0), np.pi / 2)
 
