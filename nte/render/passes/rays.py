@@ -117,7 +117,10 @@ def _centres(scenery: Scenery) -> list[Lanes]:
 
 
 def _film(scenery: Scenery, x: Lanes, y: Lanes) -> tuple[Lanes, ...]:
-    """The hits of rays through the film, their directions, and the columns of Seen. x, y: in units of the film's size."""
+    """The hits of rays through the film, their directions, and the columns of Seen.
+
+    x, y: places on the film, in units of its size.
+    """
     mi, dr = load_mitsuba(), load_drjit()
     ray, _ = scenery.sensor.sample_ray(0.0, 0.5, mi.Point2f(x, y), mi.Point2f(0.5))
     first = scenery.mi_scene.ray_intersect_preliminary(ray, coherent=True)
