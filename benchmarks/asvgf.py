@@ -1,9 +1,9 @@
-"""What A-SVGF makes of each light component: with what gradient, and by what rule it shortens history.
+"""Effect of A-SVGF on each light component: which gradient it uses, and by what rule it shortens history.
 
     nte render datasets/asvgf.yaml --out data/asvgf
     python -m benchmarks.asvgf data/asvgf
 
-RMSE of x/(1 + x) / mean history length in frames, over the frames from the fourth on.
+Prints RMSE of x/(1 + x) / mean history length in frames, over the frames from the fourth on.
 """
 
 import sys
@@ -24,11 +24,14 @@ from nte.frames.frame import Frame
 from nte.registry import load_denoiser
 from nte.text_table import aligned
 
-FIRST = 3  # frames that only build up history
+FIRST = 3  # number of frames that only build up history
 
 
 class Variant(NamedTuple):
-    """A column: a filter, how it shortens history, and whether it sees the gradients of the components."""
+    """A column of the table: a filter, its rule for shortening history, and which gradients it reads.
+
+    own: the components' own gradients, instead of the gradient of all light.
+    """
 
     spec: str
     rule: Callable[[Tensor, Tensor], Tensor] = shorten
@@ -47,7 +50,7 @@ VARIANTS = {
 
 
 def measure(clip: Clip, target: str, variant: Variant) -> str:
-    """RMSE / history length of one variant on one component of a clip."""
+    """Return RMSE / history length of one variant on one component of a clip."""
     name, _, options = variant.spec.partition(":")
     session = Session(load_denoiser(f"{name}:target={target},{options}"))
     errors, lengths = [], []
@@ -63,12 +66,12 @@ def measure(clip: Clip, target: str, variant: Variant) -> str:
 
 
 def rmse(image: Any, reference: Any) -> float:
-    """Of x/(1 + x)."""
+    """Return the RMSE of x/(1 + x)."""
     return float(np.sqrt(np.square(image / (1 + image) - reference / (1 + reference)).mean()))
 
 
 def main(folders: list[Path]) -> None:
-    """Print the table: a row for each component that a clip has light of."""
+    """Print the table: one row for each component that has light in a clip."""
     columns: list[list[str]] = [["clip, light"], *([name] for name in VARIANTS)]
     for clip in map(Clip, find_clips(folders)):
         for target in COMPONENTS:

@@ -1,4 +1,4 @@
-"""What merging a burst gains, on synthetic photographs of known shifts and noise.
+"""Gain from merging a burst, on synthetic photographs of known shifts and noise.
 
     python -m benchmarks.burst [--size 960x640] [--frames 6] [--pictures FOLDER]
 
@@ -23,12 +23,12 @@ from tests.burst.scenes import mosaic_of, psnr, scene, sense
 
 LEVELS = {"weak": NoiseModel(0.0002, 1e-5), "middle": NoiseModel(0.002, 1e-4), "strong": NoiseModel(0.01, 1e-3)}
 KINDS = ("bayer", "xtrans", "rgb")
-MARGIN = 40  # px that are not counted: there other frames have nothing to show
+MARGIN = 40  # px at the border that do not count, because other frames may not show them
 Shifts = list[tuple[float, float]]
 
 
 def hand(frames: int, whole: int = 0) -> Shifts:
-    """Shifts in pixels as of a hand that wanders, the first none; in multiples of `whole` pixels, if not 0."""
+    """Make shifts in pixels as of a hand that wanders; the first is 0. whole: round to multiples of it, unless 0."""
     steps = np.random.default_rng(3).normal(0, 6, (frames, 2)).cumsum(0).clip(-MARGIN, MARGIN)
     steps -= steps[0]
     return [tuple(map(float, np.round(step / whole) * whole if whole else step)) for step in steps]  # type: ignore[misc]
@@ -37,7 +37,7 @@ def hand(frames: int, whole: int = 0) -> Shifts:
 def measure(
     kind: str, noise: NoiseModel, shifts: Shifts, disc: bool, size: tuple[int, int]
 ) -> tuple[list[str], list[Tensor]]:
-    """The cells of a row; and truth, first frame, merged image and the mean without alignment."""
+    """Return the cells of a row, and truth, first frame, merged image and the mean without alignment."""
     mosaic = None if kind == "rgb" else mosaic_of(kind)
     middle = size[1] / 2, size[0] / 2
     clean = [scene(size, s, (middle[0] + 9 * i, middle[1]) if disc else None, 24.0) for i, s in enumerate(shifts)]
@@ -63,7 +63,7 @@ def measure(
 
 
 def main(arguments: list[str]) -> int:
-    """Print the table; with --pictures write what the rows of images with a disc look like."""
+    """Print the table. With --pictures, write crops of the images of the rows with a disc."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--size", default="960x640")
     parser.add_argument("--frames", type=int, default=6)

@@ -1,10 +1,10 @@
-"""How often `nte check` is right about vectors: true positives and false alarms on rendered clips.
+"""Accuracy of `nte check` on vectors: true positives and false alarms on rendered clips.
 
 python -m benchmarks.check CLIP_OR_FOLDER…
 
-Every clip is checked as it is, and with its vectors in other people's conventions. A clip counts as telling if it
-was found plausible as it is: it has enough motion and texture. Prints a table: of the telling clips, how many are
-named rightly, fail with another reason, and pass. What only turns a component that is nearly 0 is no other
+Every clip is checked as it is, and with its vectors in other conventions. A clip is used if it is found plausible as it
+is, because it then has enough motion and texture. The table counts, over the used clips, how many wrong conventions are
+named rightly, fail with another reason, or pass. A change that only turns a component that is nearly 0 is not another
 convention, and is left out (median change of the moving vectors below 2 px).
 """
 
@@ -31,7 +31,7 @@ def per_size(x: float, y: float) -> Change:
     return lambda motion, frame: motion * np.float32([x / frame.size[1], y / frame.size[0]]).reshape(1, 2, 1, 1)
 
 
-# name → (what is done to the vectors, what the reason must contain)
+# name → (the change of the vectors, words of which the reason must contain one)
 WRONG: dict[str, tuple[Change, tuple[str, ...]]] = {
     "sign of x": (times(-1, 1), ("sign",)),
     "sign of y": (times(1, -1), ("sign",)),
@@ -60,7 +60,7 @@ class Changed(Clip):
 
 
 def differs(clip: Clip, change: Change) -> bool:
-    """Does the change matter: by 2 px for the median of the vectors that move by more than 1 px?"""
+    """Say whether the change matters: by 2 px for the median of the vectors that move by more than 1 px."""
     for frame in clip:
         motion = frame["motion"]
         moving = (np.square(motion).sum(1) > 1) & (frame["depth"] > 0).any(1)

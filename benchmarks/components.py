@@ -1,7 +1,7 @@
-"""What light components cost beside a bare mi.render: python -m benchmarks.components [SIZE …]
+"""Cost of light components relative to a bare mi.render: python -m benchmarks.components [SIZE …]
 
-Everything in one run, kernels warm. Of the short tasks the best of several repetitions counts, as other work on the
-machine only adds time; of the long ones the median of ratios to the task that ran just before.
+Everything runs in one process, with warm kernels. For the short tasks the best of several repetitions counts, because
+other work on the machine only adds time. For the long tasks the median of ratios to the preceding task counts.
 """
 
 import sys
@@ -22,7 +22,7 @@ SPP, TIMES = 128, 7
 
 
 def main(size: int) -> int:
-    """Print the ratios and return 0 if all are within what the project promises, else 1."""
+    """Print the ratios. Return 0 if all are within what the project promises, else 1."""
     mi = load_mitsuba()
     stage = MeshStage(FAMILIES["rooms"](derive_generator("benchmark")), size, size, 4)
 

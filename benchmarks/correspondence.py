@@ -1,9 +1,9 @@
-"""Which motion, found in noisy images alone, brings the clean previous frame closest to the clean current one?
+"""Comparison of motion found in noisy images: which brings the clean previous frame closest to the clean current one?
 
     python -m benchmarks.correspondence [--recipe FILE] [--data FOLDER] [--fast] [--times] [--json FILE]
 
 Renders the recipe's clips where they are missing, chooses the settings of every method on the train clips, and prints
-tables of the test clips: docs/correspondence.md holds them, and says how the numbers are computed. Returns 1 if
+tables of the test clips. docs/correspondence.md holds the tables, and says how the numbers are computed. Returns 1 if
 something that the project promises does not hold.
 """
 
@@ -26,7 +26,7 @@ from nte.motion.search import SEARCHES
 from nte.render.recipes.clips import render_recipe
 from nte.text_table import aligned
 
-MARGIN = 1.1  # nowhere more than this times the best other method's error
+MARGIN = 1.1  # our error must nowhere exceed this factor times the best other method's error
 PANS = ((24, 9), (48, 18), (80, 30))
 MASKS = {"none": (0.0, 0.0), "κ 1, η 0.5": (1.0, 0.5), "κ 2, η 1.6": (2.0, 1.6), "κ 4, η 1.6": (4.0, 1.6)}
 
@@ -36,7 +36,10 @@ def mean(values: list[float]) -> float:
 
 
 def tune(cases: list[Case], slow: bool) -> dict[str, dict[str, tuple[str, Find]]]:
-    """Method → noise → its best setting's name and itself: least mean error over the train cases of that noise."""
+    """Return method → noise → the best setting's name and the setting itself.
+
+    The best setting has the least mean error over the train cases of that noise.
+    """
     chosen: dict[str, dict[str, tuple[str, Find]]] = {}
     for method, settings in candidates(slow).items():
         for noise in sorted({case.noise for case in cases}):
@@ -49,14 +52,14 @@ def tune(cases: list[Case], slow: bool) -> dict[str, dict[str, tuple[str, Find]]
 
 
 def score(case: Case, find: Find) -> tuple[float, float]:
-    """Mean residual and mean end-point error (NaN where the truth is unknown) of a case."""
+    """Return the mean residual and the mean end-point error of a case; NaN where the truth is unknown."""
     found = [(pair, find(*pair.images)) for pair in case.pairs]
     ends = [pair.end_point(motion) for pair, motion in found if pair.truth is not None]
     return mean([pair.error(motion) for pair, motion in found]), mean(ends)
 
 
 def compare(cases: list[Case], chosen: dict[str, dict[str, tuple[str, Find]]]) -> list[str]:
-    """Print residual and end-point error of every method in every case; returns what does not hold."""
+    """Print residual and end-point error of every method in every case; return what does not hold."""
     rows: dict[str, dict[str, tuple[float, float]]] = {}
     for case in cases:
         plain = {name: find for name, find in FLOWS.items() if name in chosen}
@@ -80,7 +83,7 @@ def compare(cases: list[Case], chosen: dict[str, dict[str, tuple[str, Find]]]) -
 
 
 def pans(pairs: list[tuple[str, Pair]]) -> list[str]:
-    """Print how well each preset finds pans of whole images; returns those that it does not find."""
+    """Print how well each preset finds pans of whole images; return those that it does not find."""
     rows, failures = [["", *SEARCHES]], []
     for name, pair in pairs:
         errors = {noise: pair.end_points(ours(noise)(*pair.images)) for noise in SEARCHES}
@@ -92,7 +95,7 @@ def pans(pairs: list[tuple[str, Pair]]) -> list[str]:
 
 
 def rejection(cases: list[Case]) -> list[str]:
-    """Print what the patch error is worth; returns where true vectors are rejected too often."""
+    """Print how well the patch error works; return the cases in which true vectors are rejected too often."""
     rows = [["", "ε ~ patch error", "ε ~ patch error of clean images", "true vectors rejected, %", "zero motion, %"]]
     failures = []
     for case in cases:
@@ -119,7 +122,7 @@ def masks(folders: list[Path]) -> None:
 
 
 def main(arguments: list[str]) -> int:
-    """Run everything that is asked for; 1 if something does not hold."""
+    """Run everything that is asked for; return 1 if something does not hold."""
     parser = argparse.ArgumentParser(description=(__doc__ or "").splitlines()[0])
     parser.add_argument("--recipe", type=Path, default=Path("datasets/correspondence_reduced.yaml"))
     parser.add_argument("--data", type=Path, help="folder of the clips (default: data/ and the recipe's name)")
@@ -158,7 +161,7 @@ def main(arguments: list[str]) -> int:
 
 
 def too_slow(rows: dict[str, dict[str, float]]) -> list[str]:
-    """What does not hold of the promises about time and memory."""
+    """Return the promises about time and memory that do not hold."""
     base = rows["Farnebäck"]["ms"]
     limits = {"ours, half": (1.0, 60), "ours, full": (1.7, 120)}
     slow = [f"{name} takes {rows[name]['ms'] / base:.2f} times Farnebäck's time" for name, (times, _) in limits.items()

@@ -1,4 +1,4 @@
-"""What benchmarks/correspondence.py compares motion on: pairs of rendered frames, and images of known motion."""
+"""Test cases of benchmarks/correspondence.py: pairs of rendered frames, and images of known motion."""
 
 from itertools import pairwise
 from pathlib import Path
@@ -21,32 +21,32 @@ from nte.motion.geometric import dual_motion
 from nte.motion.search import SEARCHES
 from nte.motion.warp import inside, pixel_centres, warp
 
-PAIRS = 2  # of a clip, at most
-LONG = 6  # frames from which on a clip is for accumulation
-SURFACES = ("spheres", "dining")  # scenes in which all that moves are surfaces, whose motion is known
+PAIRS = 2  # pairs of frames from a clip, at most
+LONG = 6  # clips of this many frames or more are for accumulation
+SURFACES = ("spheres", "dining")  # scenes in which only surfaces move, so the motion is known
 _SIZE = 512
 
 
 class Pair(NamedTuple):
-    """What is searched, what is compared, and the true motion where there is one."""
+    """Noisy images to search, clean images to compare, and the true motion where it is known."""
 
     current: Tensor  # (1, 1, H, W) noisy, displayed luminance
     previous: Tensor
     now: Tensor  # (1, C, H, W) clean, displayed
     before: Tensor
     truth: Tensor | None = None  # (1, 2, H, W) px
-    seen: Tensor | None = None  # (1, 1, H, W) bool: what was visible, and in the image, in both
+    seen: Tensor | None = None  # (1, 1, H, W) bool: visible, and inside the image, in both frames
 
     @property
     def images(self) -> tuple[Tensor, Tensor]:
         return self.current, self.previous
 
     def error(self, motion: Tensor) -> float:
-        """Mean |warped previous − current| of the clean images."""
+        """Return the mean |warped previous − current| of the clean images."""
         return float((warp(self.before, motion).image - self.now).abs().mean())
 
     def end_points(self, motion: Tensor) -> Tensor:
-        """Distances from the true motion, px, of the pixels that were seen in both images."""
+        """Return the distances from the true motion, px, of the pixels that were seen in both images."""
         assert self.truth is not None
         assert self.seen is not None
         return (motion - self.truth).square().sum(1, keepdim=True).sqrt()[self.seen]
@@ -55,7 +55,7 @@ class Pair(NamedTuple):
         return float(self.end_points(motion).mean())
 
     def panned(self, pan: tuple[int, int]) -> "Pair":
-        """The clean image of odd size, and the same cut out elsewhere."""
+        """Return the clean image, cut to an odd size, and the same image cut out elsewhere."""
         return _panned(self.now.mean(1, keepdim=True), pan)
 
 
@@ -68,7 +68,7 @@ class Case(NamedTuple):
 
 
 def from_clip(folder: Path) -> list[Case]:
-    """The clip at 1 sample per pixel, and at the mean of its noise seeds where it has several; none if it is long."""
+    """Read the clip at 1 sample per pixel, and at the mean of its noise seeds if it has several; none if it is long."""
     clip = Clip(folder)
     if len(clip) >= LONG:
         return []
@@ -85,7 +85,7 @@ def long_clips(folders: list[Path]) -> list[Path]:
 
 
 def accumulation(folder: Path, motion: str, kappa: float, eta: float) -> float:
-    """Mean PSNR, dB, of the displayed image that align_accumulate makes at 1 spp, without the first frame."""
+    """Return the mean PSNR, dB, of the displayed image of align_accumulate at 1 spp, without the first frame."""
     frames, exposure = _read(Clip(folder), 1)
     session, values = Session(AlignAccumulate(AlignAccumulateOptions(motion, kappa=kappa, eta=eta))), []
     for frame in frames:
@@ -95,11 +95,11 @@ def accumulation(folder: Path, motion: str, kappa: float, eta: float) -> float:
 
 
 def trust(case: Case) -> tuple[float, float, float, float]:
-    """What the patch error ε is worth, means over the case's pairs.
+    """Measure how well the patch error ε works; return means over the case's pairs.
 
-    Correlation of ε with the patch error of the motion that is returned, computed on its own; the same with that error
-    of the clean images; and the share of pixels, in per cent, that the mask rejects (m > 0) along the true motion and
-    along none, of those seen in both images (NaN where no truth is known).
+    The four numbers are: the correlation of ε with the patch error of the returned motion, computed separately; the
+    correlation with that error of the clean images; and the share of pixels, in per cent, that the mask rejects (m > 0)
+    along the true motion and along zero motion, of the pixels seen in both images (NaN where no truth is known).
     """
     search, found = SEARCHES[case.noise], []
     for pair in case.pairs:
@@ -118,7 +118,7 @@ def trust(case: Case) -> tuple[float, float, float, float]:
 
 
 def constructed(seed: int) -> list[Case]:
-    """A disc with 2 and 10 % noise, waves without noise, and pans: the true motion is known."""
+    """Make discs with 2 and 10 % noise, waves without noise, and pans; the true motion is known."""
     texture = _texture(_SIZE + 120, seed)
     cases = [Case(f"disc, {100 * d:.0f} %", "", _discs(d, seed)) for d in (0.02, 0.1)]
     cases.append(Case("waves, clean", "", [_waves(amplitude, seed) for amplitude in (0.7, 2.0)]))
@@ -127,7 +127,7 @@ def constructed(seed: int) -> list[Case]:
 
 
 def _read(clip: Clip, samples: int) -> tuple[list[Frame], Tensor]:
-    """The frames with the mean of so many noise seeds, and the exposure (1,) of the first."""
+    """The frames with the mean of so many noise seeds, and the exposure (1,) of the first frame."""
     names = ("color", "reference", "motion", "previous_forward_motion", "depth", "albedo")
     frames = [clip.frame(i, names, range(samples)).torch() for i in range(len(clip))]
     return frames, torch.from_numpy(estimate_exposure(frames[0]["color"].numpy()))
@@ -143,7 +143,7 @@ def _pair(before: Frame, now: Frame, exposure: Tensor, known: bool) -> Pair:
 
 
 def _discs(deviation: float, seed: int, count: int = 2) -> list[Pair]:
-    """A shaded disc with a faint pattern that moves by (6, 2) px a frame, with Gaussian noise (Figure 6)."""
+    """A shaded disc with a faint pattern and Gaussian noise that moves by (6, 2) px a frame (the paper's Figure 6)."""
     here = pixel_centres(torch.zeros(1, 1, _SIZE, _SIZE))
     clean, within = [], []
     for i in range(count + 1):
@@ -161,7 +161,7 @@ def _discs(deviation: float, seed: int, count: int = 2) -> list[Pair]:
 
 
 def _waves(amplitude: float, seed: int) -> Pair:
-    """Trains of sines that are bent by a motion of this amplitude, px."""
+    """Trains of sines, bent by a motion of this amplitude, px."""
     here = pixel_centres(torch.zeros(1, 1, _SIZE, _SIZE))
     motion = amplitude * torch.cat([torch.sin(here[:, 1:] / 25 + seed) + 0.3, torch.cos(here[:, :1] / 31)], 1)
 
@@ -175,7 +175,7 @@ def _waves(amplitude: float, seed: int) -> Pair:
 
 
 def _texture(size: int, seed: int) -> Tensor:
-    """Detail of 4 to 128 px, (1, 1, size, size) in [0, 1]."""
+    """A texture with detail of 4 to 128 px, (1, 1, size, size) in [0, 1]."""
     generator, total = torch.Generator().manual_seed(seed), torch.zeros(1, 1, size, size)
     for octave in range(2, 8):
         coarse = torch.rand(1, 1, size // 2**octave + 2, size // 2**octave + 2, generator=generator) - 0.5
@@ -184,7 +184,7 @@ def _texture(size: int, seed: int) -> Tensor:
 
 
 def _panned(image: Tensor, pan: tuple[int, int]) -> Pair:
-    """Two cut-outs of odd size of an image (1, 1, H, W), the previous one where the current one is after the pan."""
+    """Two cut-outs of odd size from an image (1, 1, H, W); the current one lies further by the pan."""
     (x, y), height, width = pan, image.shape[-2] - 31, image.shape[-1] - 81
     now, before = image[..., y : y + height, x : x + width], image[..., :height, :width]
     truth = torch.tensor([float(x), float(y)]).view(1, 2, 1, 1).expand(1, 2, height, width)

@@ -1,7 +1,7 @@
-"""How well do motion vectors find history? Clean history, fetched with them, against the clean current frame.
+"""Quality of motion vectors: clean history, fetched with them, is compared with the clean current frame.
 
-Vectors of shadows and reflections are random, one sample per pixel and frame, so what counts is an expectation
-over samples. Motion is (S, 2, H, W) in pixels, current → previous, S samples of it for one frame.
+Vectors of shadows and reflections are random, one sample per pixel and frame, so the expectation over samples counts.
+Motion is (S, 2, H, W) in pixels, current → previous: S samples for one frame.
 """
 
 from typing import NamedTuple
@@ -15,19 +15,19 @@ from nte.motion.warp import warp
 
 
 class Fetched(NamedTuple):
-    """What samples of a vector have fetched; all meaningless where `inside` is 0."""
+    """What samples of a vector fetched; all fields are meaningless where `inside` is 0."""
 
-    image: Tensor  # (1, C, H, W) the mean of it: what a filter that accumulates approaches
-    error: Tensor  # (1, 1, H, W) the expected error of one sample: mean over samples and channels of |history − now|
-    inside: Tensor  # (1, 1, H, W) share of samples that lie in the previous frame; only these are counted
+    image: Tensor  # (1, C, H, W) mean over samples, which a filter that accumulates approaches
+    error: Tensor  # (1, 1, H, W) expected error of one sample: mean over samples and channels of |history − now|
+    inside: Tensor  # (1, 1, H, W) share of samples that end inside the previous frame; only these count
 
     def error_of_mean(self, now: Tensor) -> Tensor:
-        """(1, 1, H, W): mean over channels of |mean of what was fetched − now|."""
+        """Return the mean over channels of |mean of what was fetched − now|, (1, 1, H, W)."""
         return (self.image - now).abs().mean(1, keepdim=True)
 
 
 def fetch(history: Tensor, now: Tensor, motion: Tensor) -> Fetched:
-    """Fetch the previous frame's `history` (1, C, H, W), bilinear, to be compared with `now` (1, C, H, W)."""
+    """Fetch the previous frame's `history` (1, C, H, W) bilinearly, and compare it with `now` (1, C, H, W)."""
     found = warp(history.expand(len(motion), -1, -1, -1), motion)
     count = found.valid.sum(0, keepdim=True)
 
@@ -39,10 +39,10 @@ def fetch(history: Tensor, now: Tensor, motion: Tensor) -> Fetched:
 
 
 def fill(vectors: Tensor, instance: Tensor, radius: int) -> Tensor:
-    """Vectors (S, C, H, W), NaN where a sample has none, with those gaps filled from the sample's footprint.
+    """Fill the gaps (NaN) of vectors (S, C, H, W) from the footprint of each sample.
 
-    By the mean of the vectors of the same sample within `radius` pixels on the same object, instance (1, 1, H, W),
-    as the filter of Zeng et al. 2021 splats them; NaN is left where there are none.
+    A gap takes the mean of the vectors of the same sample within `radius` pixels on the same object, given by instance
+    (1, 1, H, W), as the filter of Zeng et al. 2021 splats them. NaN stays where there are no such vectors.
     """
     known = vectors.isfinite().all(1, keepdim=True)
     values = torch.cat([known.to(vectors), torch.where(known, vectors, 0)], 1)
@@ -55,12 +55,15 @@ def fill(vectors: Tensor, instance: Tensor, radius: int) -> Tensor:
 
 
 def draw(mean: Tensor, covariance: Tensor, generator: torch.Generator) -> Tensor:
-    """Vectors (S, 2, H, W), one from each Gaussian of mean (S, 2, H, W) and covariance (S, 3, H, W) XX XY YY."""
+    """Draw a vector (S, 2, H, W) from each Gaussian of mean (S, 2, H, W) and covariance (S, 3, H, W) XX XY YY."""
     return mean + spread_noise(torch.randn(mean.shape, generator=generator), covariance)
 
 
 def is_planar(normal: Tensor, instance: Tensor, radius: int = 2, tolerance: float = 0.01) -> Tensor:
-    """(1, 1, H, W): the object's normals (1, 3, H, W) within `radius` pixels are equal, but for `tolerance`."""
+    """Return where the object's normals within `radius` pixels are equal but for `tolerance`: (1, 1, H, W) bool.
+
+    normal: (1, 3, H, W). instance: (1, 1, H, W), the number of each pixel's object.
+    """
     size = 2 * radius + 1
     same = _windows(instance, size, pad=-1) == instance[:, :, None]
     turned = (_windows(normal, size, pad=0.0) - normal[:, :, None]).norm(dim=1, keepdim=True)
@@ -69,7 +72,7 @@ def is_planar(normal: Tensor, instance: Tensor, radius: int = 2, tolerance: floa
 
 
 def _windows(values: Tensor, size: int, pad: float) -> Tensor:
-    """(N, C, size², H, W): the size × size pixels about each, `pad` beyond the border."""
+    """The size × size pixels around each pixel, (N, C, size², H, W); `pad` beyond the border."""
     count, channels, height, width = values.shape
     padded = F.pad(values, (size // 2,) * 4, value=pad)
     return F.unfold(padded, size).view(count, channels, size**2, height, width)

@@ -1,4 +1,4 @@
-"""Time and memory of the ways to find motion, in one run on the same cores."""
+"""Time and memory of the methods that find motion, measured in one run on the same cores."""
 
 import multiprocessing
 import time
@@ -29,15 +29,15 @@ COSTED: dict[str, Find] = {
     "ours for 1 spp, full": ours("noisy", False),
 }
 _STATUS = Path("/proc/self/status")
-_SLOW = ("Dual TV-L1", "eFOLKI")  # timed once, on a 16th of the pixels, and multiplied
+_SLOW = ("Dual TV-L1", "eFOLKI")  # timed once, on a sixteenth of the pixels, times 16
 
 
 def costs(repetitions: int = 5) -> dict[str, dict[str, float]]:
-    """Per method: `ms` at 1280×720, the least of repetitions that alternate, and `peak_mb` at 1024×1024.
+    """Measure every method: `ms` at 1280×720, the least of alternating repetitions, and `peak_mb` at 1024×1024.
 
-    OpenCV gets as many threads as PyTorch. Dual TV-L1 and eFOLKI, which take minutes, run once at 320×180, and the
-    time is multiplied by 16; their memory is not measured. peak_mb: how much the resident peak of a fresh process
-    grows; on Linux only.
+    OpenCV gets as many threads as PyTorch. Dual TV-L1 and eFOLKI take minutes, so they run once at 320×180, and their
+    time is multiplied by 16; their memory is not measured. peak_mb: the growth of a fresh process's peak of resident
+    memory; on Linux only.
     """
     cv2.setNumThreads(torch.get_num_threads())
     images, few = _images(TIMED), _images((TIMED[0] // 4, TIMED[1] // 4))
@@ -56,14 +56,17 @@ def costs(repetitions: int = 5) -> dict[str, dict[str, float]]:
 
 
 def peaks() -> dict[str, float]:
-    """`peak_mb` of every method that does not take minutes, each in a process of its own."""
+    """Measure `peak_mb` of every method that does not take minutes, each in a process of its own."""
     names = [name for name in COSTED if name not in _SLOW and _STATUS.exists()]
     with multiprocessing.get_context("spawn").Pool(1, maxtasksperchild=1) as pool:
         return dict(zip(names, pool.map(peak_mb, names, chunksize=1), strict=True))
 
 
 def passes(repetitions: int = 5) -> dict[str, float]:
-    """Milliseconds of each pass of the search for 1 spp at 1280×720, and of all: the least of repetitions in turn."""
+    """Measure the milliseconds of each pass of the search for 1 spp at 1280×720, and of the whole search.
+
+    Each number is the least of repetitions in turn.
+    """
     search = SEARCHES["noisy"]
     height, width = (size // 2 for size in TIMED)
     tasks: dict[str, Callable[[], Any]] = {}
@@ -83,17 +86,17 @@ def passes(repetitions: int = 5) -> dict[str, float]:
 
 
 def peak_mb(name: str) -> float:
-    """How much the peak of this process's resident memory grows in a call at 1024×1024; after a small one."""
+    """Return the growth of this process's peak of resident memory, MB, in a call at 1024×1024, after a small call."""
     COSTED[name](*_images((128, 128)))
     images = _images(MEASURED)
-    Path("/proc/self/clear_refs").write_text("5")  # forget the peak so far: imports, and the process before exec
+    Path("/proc/self/clear_refs").write_text("5")  # forget the peak of the imports and of the process before exec
     before = _resident("VmRSS")
     COSTED[name](*images)
     return _resident("VmHWM") - before
 
 
 def cost_table(rows: dict[str, dict[str, float]]) -> str:
-    """Times as multiples of Farnebäck's too."""
+    """Format the costs as a table, with times also as multiples of Farnebäck's."""
     base = rows["Farnebäck"]["ms"]
     return aligned(
         [
@@ -106,7 +109,7 @@ def cost_table(rows: dict[str, dict[str, float]]) -> str:
 
 
 def pass_table(rows: dict[str, float]) -> str:
-    """A pass of the search per line."""
+    """Format the passes as a table, one pass of the search per line."""
     return aligned([["pass", *rows], ["ms", *(f"{ms:.1f}" for ms in rows.values())]])
 
 

@@ -1,8 +1,8 @@
-"""Is the error of glossy light one of place, or grain? What a mean over 7×7 pixels keeps of it, and what it removes.
+"""Error of glossy light, split into displacement and grain: what a mean over 7×7 pixels keeps, and what it removes.
 
     python -m benchmarks.grain CLIP …
 
-For clips of datasets/compare_trmv.yaml; docs/comparison_trmv.md has the table.
+For clips of datasets/compare_trmv.yaml; docs/comparison_trmv.md explains the split.
 """
 
 import sys
@@ -32,9 +32,9 @@ WINDOW = 7  # px
 
 
 def errors(clip: Clip, spec: str) -> Tensor:
-    """RMSE, the part that the mean keeps, the rest, and the share without history, (4,).
+    """Return RMSE, the part that the mean keeps, the part that it removes, and the share without history, (4,).
 
-    Over the glossy pixels of all frames but the first.
+    All are over the glossy pixels of all frames but the first.
     """
     session = Session(load_denoiser(spec))
     exposure = torch.from_numpy(sequence_scalars(clip.frame(0))[0])
@@ -48,7 +48,7 @@ def errors(clip: Clip, spec: str) -> Tensor:
         truth = read_truth(frame, "glossy", exposure, where)
         error = displayed(result.image, "glossy", exposure, where, frame.size) - truth.image
         glossy = regions_of(frame, None)["glossy"].float()
-        # Weighted with the region: what lies beside it says nothing of it.
+        # Weighted with the region, so that pixels outside it do not enter.
         kept = box_mean(error * glossy, WINDOW) / box_mean(glossy, WINDOW).clamp(min=1e-6)
         parts = (error, kept, error - kept)
         squares += torch.stack([(glossy * part.square().mean(1, keepdim=True)).sum() for part in parts])

@@ -1,6 +1,7 @@
-"""What a figure has been, run after run: python -m benchmarks.history [FIGURE]
+"""History of the recorded figures, run after run: python -m benchmarks.history [FIGURE]
 
-Without FIGURE, the last run's value of each; with it, every run of all figures whose names contain it, per machine.
+Without FIGURE, prints the last value of each figure. With FIGURE, prints every run of all figures whose names contain
+it, per machine.
 """
 
 import argparse
@@ -12,7 +13,10 @@ from nte.text_table import aligned
 
 
 def history(figures: Sequence[Figure], wanted: str | None) -> str:
-    """The table of figures that are wanted, or of the last value of each; figures are in the order of their dates."""
+    """Format the wanted figures as a table, or the last value of each figure if `wanted` is None.
+
+    figures: ordered by date.
+    """
     if wanted is None:
         chosen = list({(figure.name, figure.machine): figure for figure in figures}.values())
     else:
@@ -29,7 +33,7 @@ def history(figures: Sequence[Figure], wanted: str | None) -> str:
 
 
 def main(arguments: Sequence[str] | None = None, folder: Path = RESULTS) -> int:
-    """Print the table; 2 if there is nothing of that name."""
+    """Print the table; return 2 if no figure has that name."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("figure", nargs="?", help="part of a figure's name")
     wanted = parser.parse_args(arguments).figure

@@ -1,4 +1,4 @@
-"""Forward and backward time of kernel application, by a loop of slices under autograd and by its own backward pass.
+"""Forward and backward time of kernel application: autograd over a loop of slices, and a backward pass of its own.
 
 python -m benchmarks.kernels [--batch 4] [--size 96]
 """
@@ -15,12 +15,12 @@ from nte.models.kernels import _sum_of_taps, apply_kernels
 
 
 def by_slices(image: Tensor, kernels: Tensor) -> Tensor:
-    """Leave the backward pass to autograd: each slice gives a padded gradient of zeros."""
+    """Apply kernels and leave the backward pass to autograd, in which each slice gives a padded gradient of zeros."""
     return _sum_of_taps(torch.nn.functional.pad(image, [2] * 4, mode="replicate"), kernels)
 
 
 def milliseconds(apply: Callable[[Tensor, Tensor], Tensor], image: Tensor, kernels: Tensor) -> tuple[float, float]:
-    """(forward, backward), the least of 20 runs."""
+    """Return (forward, backward) in milliseconds, the least of 20 runs."""
     times = []
     for _ in range(20):
         image.grad = kernels.grad = None
@@ -34,7 +34,7 @@ def milliseconds(apply: Callable[[Tensor, Tensor], Tensor], image: Tensor, kerne
 
 
 def main() -> None:
-    """Print both."""
+    """Print the times of both."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--batch", type=int, default=4)
     parser.add_argument("--size", type=int, default=96)

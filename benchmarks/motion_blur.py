@@ -1,4 +1,4 @@
-"""Motion blur of one sample per pixel against brute force, and against what post-processes make of sharp frames.
+"""Motion blur from one sample per pixel, compared with brute force and with post-processes on sharp frames.
 
     nte render datasets/motion_blur_60.yaml --out data/motion_blur_60
     python -m benchmarks.motion_blur data/motion_blur_60 [--frames 60] [--split test] [--rows NAME …]
@@ -60,12 +60,12 @@ Curve = npt.NDArray[np.float64]
 
 @dataclass(frozen=True)
 class Score:
-    """One method on one clip; FLIP of each frame but the first."""
+    """The score of one method on one clip: FLIP of each frame but the first."""
 
     case: str
     method: str
     flip: list[float]  # mean over the image
-    median: list[float]  # weighted median of the map
+    median: list[float]  # weighted median of the FLIP map
     moving: list[float]  # mean over pixels with a moving sample within 15×15, where there are any
     milliseconds: float  # per frame
 
@@ -75,7 +75,7 @@ class Score:
 
 
 def weighted_median(errors: Tensor) -> float:
-    """The error of which those above it sum to as much as those below it (FLIP's own summary)."""
+    """Return FLIP's own summary: the errors above this value sum to as much as the errors below it."""
     ordered = errors.flatten().double().sort().values
     sums = ordered.cumsum(0)
     if not sums[-1]:
@@ -84,7 +84,7 @@ def weighted_median(errors: Tensor) -> float:
 
 
 def cases(folder: Path, split: str) -> dict[str, tuple[Clip, Clip]]:
-    """Case → the blurred clip and its sharp twin, in the order of the recipe in the folder."""
+    """Return case → the blurred clip and its sharp twin, in the order of the recipe in the folder."""
     groups = OmegaConf.load(folder / "recipe.yaml")[split]
     found = {}
     for number, group in enumerate(groups):
@@ -97,7 +97,7 @@ def cases(folder: Path, split: str) -> dict[str, tuple[Clip, Clip]]:
 def judge(
     case: str, method: str, frames: list[Frame], references: list[Tensor], exposure: Tensor, near: list[Tensor]
 ) -> tuple[Score, list[Tensor]]:
-    """The score of a method on its input, and its images (1, 3, H, W)."""
+    """Return the score of a method on its input, and its images (1, 3, H, W)."""
     session = Session(load_denoiser(ROWS[method]))
     images, start = [], time.perf_counter()
     for frame in frames:
@@ -113,7 +113,7 @@ def judge(
 
 
 def strip(case: str, images: dict[str, RGB], number: int) -> RGB:
-    """Reference, input and outputs, each with the part in which the outputs differ most."""
+    """Draw reference, input and outputs, each above the crop in which the outputs differ most."""
     corner, size = most_different([pixels for name, pixels in images.items() if name not in ("reference", "noisy")])
     rows, columns = (slice(start, start + length) for start, length in zip(corner, size, strict=True))
     whole = [Picture(name, pixels, f"{case}, frame {number}") for name, pixels in images.items()]
@@ -122,7 +122,7 @@ def strip(case: str, images: dict[str, RGB], number: int) -> RGB:
 
 
 def plot(case: str, scores: list[Score], path: Path) -> None:
-    """FLIP over the frames, as the paper's Fig. 12: mean, and dashed the weighted median."""
+    """Plot FLIP over the frames, as in the paper's Fig. 12: the mean, and dashed the weighted median."""
     import matplotlib
 
     matplotlib.use("Agg")
@@ -141,7 +141,7 @@ def plot(case: str, scores: list[Score], path: Path) -> None:
 
 
 def compare(folder: Path, split: str, count: int, rows: list[str], pictures: Path | None) -> list[Score]:
-    """Every method on every case of a rendered recipe."""
+    """Score every method on every case of a rendered recipe."""
     scores = []
     for case, (blurred, sharp) in cases(folder, split).items():
         length = min(count, len(blurred))
@@ -149,7 +149,7 @@ def compare(folder: Path, split: str, count: int, rows: list[str], pictures: Pat
         references = [frame["reference"] for frame in frames]
         exposure = torch.from_numpy(estimate_exposure(references[0].numpy()))
         near = [near_moving((f["shutter_motion"].square().sum(1, keepdim=True) > MOVING_PX**2).float()) for f in frames]
-        # In the strip: the frame of which most moves, the second at least.
+        # The strip shows the frame in which most pixels move, never the first.
         number = 1 + int(np.argmax([float(mask.float().mean()) for mask in near[1:]]))
         shown = {"reference": references[number], "noisy": frames[number]["color"]}
         for method in rows:
@@ -168,7 +168,7 @@ def compare(folder: Path, split: str, count: int, rows: list[str], pictures: Pat
 
 
 def times(size: int, repeats: int = 3) -> list[tuple[float, float]]:
-    """(share of the image that is filtered, ms per frame) of a square image whose left part moves."""
+    """Return (share of the image that is filtered, ms per frame) of square images whose left part moves."""
     rng = np.random.default_rng(0)
     found = []
     for share in (0, 1 / 8, 1 / 4, 1 / 2, 3 / 4, 1):
@@ -191,7 +191,10 @@ def times(size: int, repeats: int = 3) -> list[tuple[float, float]]:
 
 
 def table(scores: list[Score]) -> str:
-    """Methods down, cases across: mean FLIP, and behind it that near what moves and the weighted median."""
+    """Format the scores: a row per method, a column per case.
+
+    A cell has the mean FLIP of the image, the mean FLIP near what moves, and the weighted median.
+    """
     names = list(dict.fromkeys(score.case for score in scores))
     methods = list(dict.fromkeys(score.method for score in scores))
     by = {(score.case, score.method): score for score in scores}

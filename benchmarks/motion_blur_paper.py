@@ -1,10 +1,10 @@
-"""Which of the paper's steps costs what: from our defaults to its constants, one after the other, in closed form.
+"""Cost of each of the paper's steps: from our defaults to its constants, one after another, in closed form.
 
     python -m benchmarks.motion_blur_paper [--scales 1 2]
 
-Two scenes of which the blurred frame is known: a striped bar that crosses black, and stripes that fill the image and
-slide, as under a camera. Each is drawn at several sizes, everything in it that much larger: the paper's windows and
-thresholds are pixels, of a picture of 1920×1080. Prints FLIP of the third frame.
+The blurred frame of both scenes is known: a striped bar that crosses black, and stripes that fill the image and slide,
+as under a moving camera. Each scene is drawn at several sizes, with everything in it scaled alike, because the paper's
+windows and thresholds are in pixels of a 1920×1080 image. Prints FLIP of the third frame.
 """
 
 import argparse
@@ -37,7 +37,7 @@ FRAMES = 3
 
 
 def scaled(bar: Bar, scale: int) -> Bar:
-    """The same picture on so many times the pixels along each axis."""
+    """Return the same picture with `scale` times as many pixels along each axis."""
     sizes = {name: tuple(scale * part for part in getattr(bar, name)) for name in ("size", "velocity", "image")}
     return Bar(**{**bar.__dict__, **sizes, "stripes": scale * bar.stripes})
 

@@ -1,7 +1,7 @@
-"""What OIDN makes of guides that are clean, noisy or aliased: python -m benchmarks.oidn_guides CLIP…
+"""OIDN with guides that are clean, noisy or aliased: python -m benchmarks.oidn_guides CLIP…
 
-PSNR after the display transform, mean over frames and clips. The clips' own guides must be clean (those of
-datasets/asvgf.yaml are). `noisy` has Gaussian noise of σ 0.3 in every component; in `aliased` each pixel's guides are
+Prints PSNR after the display transform, the mean over frames and clips. The clips' own guides must be clean (those of
+datasets/asvgf.yaml are). `noisy` adds Gaussian noise of σ 0.3 to every component. In `aliased`, each pixel's guides are
 those of a random pixel among the 3×3 around it.
 """
 
@@ -26,7 +26,7 @@ GUIDES = ("clean", "noisy", "aliased", "none")
 
 
 def frames_of(clip: Clip, guides: str) -> Iterator[Frame]:
-    """The clip's frames with other guides, which then are not said to be clean."""
+    """Yield the clip's frames with other guides; only the clip's own are declared clean."""
     for frame in clip:
         rng = np.random.default_rng(frame.index)
         albedo, normal = frame["albedo"], frame["normal"]
@@ -43,7 +43,7 @@ def frames_of(clip: Clip, guides: str) -> Iterator[Frame]:
 
 
 def mean_psnr(spec: str, clip: Clip, guides: str) -> float:
-    """Mean over the frames of a clip."""
+    """Return the mean PSNR, dB, over the frames of a clip."""
     denoiser, found = load_denoiser(spec), []
     exposure = torch.from_numpy(sequence_scalars(clip.frame(0))[0])
     for frame in frames_of(clip, guides):

@@ -1,8 +1,9 @@
-"""What moving one part of a large scene of one's own costs: python -m benchmarks.own_scene [PARTS] [LEVELS]
+"""Cost of moving one part of a large scene of one's own: python -m benchmarks.own_scene [PARTS] [LEVELS]
 
-PARTS meshes (400), each a ball of 20·4^LEVELS triangles (3), at 160×120. The frames of a scene in which one part moves
-are compared with those of the same scene at rest, both at 1 spp, in turn, in one run; the best of several counts.
-Returns 1 if a frame costs more than 1.3 of one at rest plus one rebuild of Mitsuba's acceleration structure.
+The scene has PARTS meshes (400), each a ball of 20·4^LEVELS triangles (LEVELS is 3), and is rendered at 160×120 and
+1 spp. Frames of the scene with one moving part and frames of the same scene at rest alternate in one run; the best of
+several counts. Returns 1 if a frame costs more than 1.3 times a frame at rest plus one rebuild of Mitsuba's
+acceleration structure.
 """
 
 import sys
@@ -24,7 +25,7 @@ WIDTH, HEIGHT, TIMES = 160, 120, 3
 
 
 def write_scene(folder: Path, parts: int, levels: int) -> None:
-    """Write a field of balls below a lamp and a sky, and two animations: at rest, and with one ball that moves."""
+    """Write a field of balls below a lamp and a sky, and two animations: at rest, and with one moving ball."""
     trimesh.creation.icosphere(levels, 0.4).export(folder / "ball.ply")
     shapes = [
         f'<shape type="ply" id="part_{i}"><string name="filename" value="ball.ply"/><transform name="to_world">'
@@ -49,14 +50,14 @@ def write_scene(folder: Path, parts: int, levels: int) -> None:
 
 
 def spent(task: Callable[[], object]) -> float:
-    """Seconds that the task takes."""
+    """Return the seconds that the task takes."""
     start = time.perf_counter()
     task()
     return time.perf_counter() - start
 
 
 def put(stage: XmlStage, index: float) -> None:
-    """Move the scene to a time, and render nothing."""
+    """Move the scene to a time without rendering anything."""
     with stage.at(index):
         pass
 
@@ -69,7 +70,7 @@ def colour(stage: XmlStage, index: int) -> None:
 
 
 def main(parts: int, levels: int) -> int:
-    """Print the table and return 0 if all is within what the project promises, else 1."""
+    """Print the table. Return 0 if all is within what the project promises, else 1."""
     stages: dict[str, XmlStage] = {}
     frames: dict[str, Callable[[XmlStage, int], object]] = {
         "colour": colour,

@@ -1,4 +1,4 @@
-"""Keeping the figures that benchmarks print: one JSON object a line, a file a machine, in benchmarks/results/."""
+"""Records of the figures that benchmarks print: one JSON object a line, one file a machine, in benchmarks/results/."""
 
 import json
 import os
@@ -16,7 +16,7 @@ RESULTS = ROOT / "benchmarks" / "results"
 
 @dataclass(frozen=True)
 class Figure:
-    """One number of one run. A `+` behind the commit says that files differed from it."""
+    """One number of one run. A `+` behind the commit means that files differed from it."""
 
     name: str  # «benchmark: what was measured»
     value: float
@@ -27,9 +27,9 @@ class Figure:
 
 
 def record(benchmark: str, figures: Mapping[str, float], unit: str, folder: Path = RESULTS) -> Path:
-    """Append the figures of a run to this machine's file in `folder`, and return the file.
+    """Append the figures of a run to this machine's file in `folder`, and return the file's path.
 
-    benchmark: the script's name, which stands before the name of each figure.
+    benchmark: the script's name, which is put before the name of each figure.
     """
     here, commit, date = machine(), current_commit(), datetime.now(UTC).isoformat(timespec="seconds")
     path = folder / f"{re.sub('[^A-Za-z0-9]+', '-', here).strip('-')}.jsonl"
@@ -42,7 +42,7 @@ def record(benchmark: str, figures: Mapping[str, float], unit: str, folder: Path
 
 
 def read(folder: Path = RESULTS) -> list[Figure]:
-    """Every figure of every machine, the oldest first."""
+    """Return every figure of every machine, the oldest first."""
     return sorted(_lines(sorted(folder.glob("*.jsonl"))), key=lambda figure: figure.date)
 
 
@@ -53,7 +53,7 @@ def _lines(files: Iterable[Path]) -> Iterator[Figure]:
 
 
 def machine() -> str:
-    """Name this machine: figures of two machines are never compared."""
+    """Return the name of this machine; figures of two machines are never compared."""
     return f"{platform.node()}, {_processor()}, {os.cpu_count()} cores"
 
 
@@ -67,7 +67,7 @@ def _processor() -> str:
 
 
 def current_commit() -> str:
-    """The commit of the working tree, with a `+` if files of it have been changed; empty outside a repository."""
+    """Return the commit of the working tree, with a `+` if its files have been changed; empty outside a repository."""
     command = ["git", "describe", "--always", "--dirty=+", "--abbrev=12", "--exclude=*"]
     try:
         found = subprocess.run(command, cwd=ROOT, capture_output=True, text=True, check=False)

@@ -1,4 +1,4 @@
-"""Memory and time of training batches from decoded clips in memory and in files, on clips without a renderer.
+"""Memory and time of training batches, with decoded clips in memory and in files; the clips need no renderer.
 
 python -m benchmarks.training_data [--size 1280x720] [--clips 2] [--frames 6] [--crop 256] [--batch 4]
 """
@@ -22,7 +22,7 @@ STEPS = 40
 
 
 def write_clips(folder: Path, size: tuple[int, int], clips: int, frames: int) -> None:
-    """Noisy frames over a slanted picture: EXR's compression finds about as little in them as in a rendering."""
+    """Write clips of noisy frames over a smooth picture, which EXR compresses about as little as renderings."""
     rng = np.random.default_rng(0)
     y, x = np.indices(size, np.float32)
     smooth = np.stack([np.sin(x / 31 + c) * np.cos(y / 23 - c) for c in range(3)]).astype(np.float32)
@@ -38,7 +38,7 @@ def write_clips(folder: Path, size: tuple[int, int], clips: int, frames: int) ->
 
 
 class Memory:
-    """The most anonymous memory of this process while the block runs: what the system cannot drop and read again."""
+    """Peak of this process's anonymous memory, which the system cannot drop and read again, while the block runs."""
 
     def __enter__(self) -> "Memory":
         self.most, self._running = self.now(), True
@@ -57,13 +57,13 @@ class Memory:
 
     @staticmethod
     def now() -> float:
-        """Megabytes."""
+        """Return the anonymous memory of this process, megabytes."""
         lines = Path("/proc/self/status").read_text().splitlines()
         return next(int(line.split()[1]) for line in lines if line.startswith("RssAnon")) / 1024
 
 
 def measure(folder: Path, options: argparse.Namespace, where: str) -> None:
-    """Print one line."""
+    """Measure one way and print one line. where: `memory` or `files`."""
     clips = [Clip(path) for path in sorted(folder.glob("clip_*"))]
     config = DataConfig(
         clips=["."], frames=options.frames - 1, crop=options.crop, batch=options.batch, any_start=True, augment=True,
@@ -86,7 +86,10 @@ def measure(folder: Path, options: argparse.Namespace, where: str) -> None:
 
 
 def timed(steps: TrainingSteps, step: int, dropped: Path | None) -> float:
-    """Seconds that a batch takes; dropped: the folder whose tiles the system is asked to forget before."""
+    """Return the seconds that a batch takes.
+
+    dropped: the folder whose tiles the system is asked to forget before; None to keep them.
+    """
     if dropped is not None:
         steps.store._open.clear()
         for path in dropped.rglob("tiles.npy"):

@@ -1,9 +1,9 @@
-"""How much closer reliable motion vectors bring clean history to the current frame than traditional ones.
+"""Gain of reliable over traditional motion vectors: how much closer they bring clean history to the current frame.
 
     python -m benchmarks.vectors [SITUATION …] [--clips 8] [--size 128] [--json FILE] [--pictures FOLDER]
 
-Returns 1 if in a situation that the project promises the margin's interval includes zero. docs/vectors.md says how
-each number is computed.
+Returns 1 if in a situation that the project promises the margin's interval includes zero. docs/vectors.md says how each
+number is computed.
 """
 
 import argparse
@@ -35,14 +35,14 @@ from nte.render.recipes.recipe import ClipPlan, Group, make_scene
 from nte.render.world.seeds import derive_seed
 from nte.text_table import aligned
 
-TIME = 4  # frame whose history is fetched from the frame before
-FOOTPRINT = 4  # px: a sample without a vector takes the mean of those around
+TIME = 4  # the frame whose history is fetched from the previous frame
+FOOTPRINT = 4  # px: a sample without a vector takes the mean of the vectors around it
 Channels = dict[str, Tensor]  # (1, C, H, W)
 
 
 @dataclass(frozen=True)
 class Situation:
-    """Clips of one kind, the component of light that is fetched, and the region in which that is promised to gain."""
+    """Clips of one kind, the light component that is fetched, and the region in which a gain is promised."""
 
     scene: str
     light: str
@@ -64,14 +64,14 @@ SITUATIONS = {
 
 @dataclass(frozen=True)
 class Case:
-    """What is compared: clean history and the clean present, and the vectors between them."""
+    """What is compared: clean history and the clean current frame, and the vectors between them."""
 
     history: Tensor  # (1, C, H, W)
     now: Tensor  # (1, C, H, W)
-    noise: Tensor  # (1, C, H, W) a difference that has the deviation of that of two references
+    noise: Tensor  # (1, C, H, W) deviates like the difference of two references
     traditional: Tensor  # (1, 2, H, W)
     reliable: Tensor  # (S, 2, H, W)
-    usable: Tensor  # (1, 1, H, W) bool: the reliable vectors end inside the image, as far as can be said here
+    usable: Tensor  # (1, 1, H, W) bool: the reliable vectors end inside the image, as far as is known here
     regions: dict[str, Tensor]  # (1, 1, H, W) bool
 
 
@@ -79,9 +79,9 @@ class Case:
 class Score:
     """Means over a region of one clip."""
 
-    share: float  # of the image that the region is
-    left_out: float  # share of the region's samples whose fetch, with either vector, is outside the previous image
-    noise: float  # the error of a perfect vector: references have noise
+    share: float  # of the image that the region covers
+    left_out: float  # share of the region's samples that either vector fetches from outside the previous image
+    noise: float  # the error of a perfect vector, because references have noise
     traditional: float
     reliable: float  # expected error of one sample
     reliable_mean: float  # error of the mean of what the samples fetch
@@ -94,7 +94,10 @@ class Score:
 def render(
     situation: Situation, split: str, number: int, size: int, spp: int, samples: int
 ) -> tuple[Channels, Channels]:
-    """The clean frames before and now of a clip; now has the vectors' samples too, (S, C, H, W)."""
+    """Render the clean previous and current frames of a clip.
+
+    The current frame also has the vectors' samples, (S, C, H, W).
+    """
     group = Group(scene=situation.scene, parameters=situation.parameters, clips=1, width=size, height=size)
     unit = ClipPlan("vectors", 0, split, number, group)
     stage = MeshStage(make_scene(unit), size, size, group.max_depth)
@@ -111,7 +114,7 @@ def render(
 
 
 def vector_samples(stage: MeshStage, light: str, seeds: list[int]) -> Channels:
-    """The random vectors of a component, (S, C, H, W); indirect light's are not random."""
+    """Render the random vectors of a component, (S, C, H, W); nothing for indirect light, whose vectors are known."""
     if light == "visibility":
         with stage.at(TIME) as moment:
             return {"shadow_motion": torch.from_numpy(np.stack(shadow_samples(moment, seeds)))}
@@ -122,7 +125,7 @@ def vector_samples(stage: MeshStage, light: str, seeds: list[int]) -> Channels:
 
 
 def shadows(before: Channels, now: Channels) -> Case:
-    """Visibility, where the reference has shadow or penumbra."""
+    """Make the case of visibility, where the reference has shadow or penumbra."""
     name = "reference_visibility"
     vectors = fill(now["shadow_motion"], now["instance"], FOOTPRINT)
     regions = {"shadowed": now[name] < SHADOWED}
@@ -130,14 +133,14 @@ def shadows(before: Channels, now: Channels) -> Case:
 
 
 def reflections(before: Channels, now: Channels) -> Case:
-    """Exposed glossy light, wherever a sample was reflected by another lobe than the diffuse one."""
+    """Make the case of exposed glossy light, wherever another lobe than the diffuse one reflected a sample."""
     name = "reference_glossy"
     exposure = float(estimate_exposure(((now["reference_a"] + now["reference_b"]) / 2).numpy())[0])
     lobes = torch.cat([now["reflection_motion"], now["reflection_covariance"]], 1)
     glossy = lobes.isfinite().all(1, keepdim=True).any(0, keepdim=True)
     lobes = fill(lobes, now["instance"], FOOTPRINT)
     vectors = draw(lobes[:, :2], lobes[:, 2:], torch.Generator().manual_seed(0))
-    # As `trmv` uses them: a place that another surface has taken reflects something else, or nothing at all.
+    # As in `trmv`: a place that another surface has taken reflects something else, or nothing at all.
     place = (pixel_centres(vectors) + vectors).nan_to_num()
     there = fetch_nearest(before["roughness"].expand(len(vectors), -1, -1, -1), place)
     vectors = torch.where((there - now["roughness"]).abs() < ROUGHNESS, vectors, torch.nan)
@@ -148,11 +151,11 @@ def reflections(before: Channels, now: Channels) -> Case:
 
 
 def occlusions(before: Channels, now: Channels) -> Case:
-    """Indirect irradiance, indirect light over albedo, where something hid the surface."""
+    """Make the case of indirect irradiance (indirect light over albedo), where something hid the surface."""
     name = "reference_indirect"
     dual = dual_motion(now["motion"], before["forward_motion"], now["depth"], before["depth"])
     light = [demodulate(f[key], f["albedo"]) for f, key in ((before, name), (now, name), (now, f"{name} noise"))]
-    kept = (dual.motion == now["motion"]).all(1, keepdim=True)  # as the dual vector leaves the image
+    kept = (dual.motion == now["motion"]).all(1, keepdim=True)  # because the dual vector would leave the image
     return Case(*light, now["motion"], dual.motion, ~kept, {"disoccluded": dual.disoccluded})
 
 
@@ -162,13 +165,13 @@ CASES: dict[str, Callable[[Channels, Channels], Case]] = {
 
 
 def _completed(vectors: Tensor, now: Channels) -> tuple[Tensor, Tensor]:
-    """Where no sample of the footprint has a vector, the traditional one is used, as a filter does."""
+    """Vectors with the traditional one where no sample of the footprint has a vector, as a filter uses them."""
     known = vectors.isfinite().all(1, keepdim=True)
     return torch.where(known, vectors, now["motion"]), torch.ones_like(known[:1])
 
 
 def measure(case: Case) -> tuple[dict[str, Score], dict[str, Fetched]]:
-    """The score in every region that is there, and what was fetched."""
+    """Return the score in every region that exists, and what was fetched."""
     found = {
         "traditional": fetch(case.history, case.now, case.traditional),
         "reliable": fetch(case.history, case.now, case.reliable),
@@ -191,7 +194,7 @@ def measure(case: Case) -> tuple[dict[str, Score], dict[str, Fetched]]:
 
 
 def picture(case: Case, found: dict[str, Fetched]) -> np.ndarray:
-    """Before, now, what both vectors fetch (the mean over samples), and the errors in the same scale, (H, W, 3)."""
+    """Draw before, now, what both vectors fetch (mean over samples), and the errors in one scale, (H, W, 3)."""
     scale = 1.0 if case.now.shape[1] == 1 else np.quantile(case.now.numpy(), 0.98)
     images = {"before": case.history, "now": case.now} | {name: fetched.image for name, fetched in found.items()}
     errors = {f"{name}: expected error": fetched.error for name, fetched in found.items()}
@@ -207,7 +210,7 @@ def picture(case: Case, found: dict[str, Fetched]) -> np.ndarray:
 
 @dataclass(frozen=True)
 class Row:
-    """One line of the table: a region of all clips of a situation."""
+    """One line of the table: a region over all clips of a situation."""
 
     situation: str
     region: str
@@ -270,7 +273,7 @@ def main(arguments: list[str]) -> int:
                 write_png(given.pictures / f"{name.replace(', ', '_').replace(' ', '_')}.png", picture(case, found))
             mine = [Row(name, region, region == situation.promised, clips) for region, clips in scores.items()]
             rows = earlier + mine
-            if given.json:  # after every clip, as they take minutes
+            if given.json:  # after every clip, because a clip takes minutes
                 given.json.write_text(json.dumps([row.as_dict() for row in rows], indent=1))
             seconds = time.perf_counter() - start
             print(f"{name}: clip {number + 1} of {given.clips}, {seconds:.0f} s", file=sys.stderr, flush=True)

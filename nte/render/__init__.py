@@ -1,9 +1,10 @@
-"""Rendering training and test clips with Mitsuba: `nte render RECIPE.yaml --out DIR`.
+"""Rendering of training and test clips with Mitsuba: `nte render RECIPE.yaml --out DIR`.
 
-Six layers, each of which knows only those before it. `world` says what there is to render and when, in NumPy alone;
-`scenes` makes worlds of it. `engine` puts a world, or a Mitsuba XML file, into Mitsuba; `engine.backend` is the only
-place that may import Mitsuba, because it has to choose the LLVM first. `passes` render radiance and the channels
-without noise, `components` the light components with their vectors, and `recipes` make folders of clips of them all.
+The package has six layers, and each layer uses only those before it. `world` describes what there is to render and
+when, in NumPy alone. `scenes` builds procedural worlds. `engine` puts a world, or a Mitsuba XML file, into Mitsuba;
+`engine.backend` is the only module that may import Mitsuba, because it must choose the LLVM first. `passes` render
+radiance and the noise-free channels, `components` render the light components with their vectors, and `recipes`
+combine all of them into folders of clips.
 """
 
 import sys
@@ -20,10 +21,13 @@ class _Package(ModuleType):
     ) -> list[Path]:  # fmt: skip
         """Render every clip of a recipe below the folder `out` and return the clips' folders.
 
-        Continues where an earlier run stopped: whole frames are kept, and the files have the same bytes for any number
-        of jobs, workers and interruptions. jobs: processes; one uses all cores already. force: replace another recipe's
-        clips. progress: show it on stderr. scheduler: address of a Dask cluster that renders instead, whose workers see
-        `out`. Raises NteError for a faulty recipe, a folder with other files in it, a full disk.
+        Continue where an earlier run stopped: whole frames are kept. The files have the same bytes for any number of
+        jobs, workers and interruptions.
+
+        jobs: number of processes; a single process already uses all cores. force: replace the clips of another recipe.
+        progress: show progress on stderr. scheduler: address of a Dask scheduler, whose workers render instead; they
+        must see `out` under the same path. Raises NteError for a faulty recipe, a folder that holds other files, or a
+        full disk.
 
         >>> [folder] = nte.render("recipe.yaml", "data/spheres", progress=False)  # one clip of 16×16 pixels
         >>> nte.Clip(folder).frame(0)["reference"].shape

@@ -1,7 +1,7 @@
-"""One light path per lane, separated at its first hit; Dr.Jit arrays.
+"""One light path per lane, separated into components at its first hit; Dr.Jit arrays.
 
-The estimators and their expectations are written in docs/estimators.md. Only the first hit is
-ours; what arrives there along the sampled direction is Mitsuba's own path integrator.
+`nte.render.components` states the estimators. Only the first hit is computed here; Mitsuba's own path integrator gives
+the light that arrives there along the sampled direction.
 """
 
 from dataclasses import dataclass
@@ -14,7 +14,7 @@ from nte.render.engine.types import Hit, Interaction, Lanes, MitsubaScene, Ray, 
 
 @dataclass(frozen=True)
 class Light:
-    """A light point seen from surface interactions, not tested for blockers. Dr.Jit arrays, a lane each."""
+    """A light point seen from surface interactions, before any visibility test. Dr.Jit arrays, one lane each."""
 
     sample: Struct  # DirectionSample3f
     weight: Lanes  # (3,) radiance / density on the solid angle; 0 = no light there
@@ -23,29 +23,29 @@ class Light:
 
 @dataclass(frozen=True)
 class Path:
-    """One path per lane: radiance (3,) of each component before any mean over the pixel, and where it went."""
+    """One path per lane: the radiance (3,) of each component, before any mean over the pixel, and the path's hits."""
 
     emission: Lanes  # L_e at the first hit
-    unshadowed: Lanes  # F: the diffuse lobe's answer to one light point
+    unshadowed: Lanes  # F: what the diffuse lobe reflects of one light point
     shadowed: Lanes  # F · V
     glossy: Lanes
     indirect: Lanes
-    indirect_radiance: Lanes  # 0 where the direction was not chosen by the diffuse lobe
+    indirect_radiance: Lanes  # 0 where another lobe than the diffuse one chose the direction
     indirect_direction: Lanes
-    is_reflection: Lanes  # whether it was chosen by another lobe, on the side that o is on
-    first: list[Lanes]  # what Scenery.met says of the first hit
-    second: list[Lanes]  # of the hit along the direction
+    is_reflection: Lanes  # whether another lobe chose the direction, on the viewer's side of the surface
+    first: list[Lanes]  # the first hit, as Scenery.met returns it
+    second: list[Lanes]  # the hit along the direction, likewise
     direction: Lanes  # the direction, world
 
 
 def sample_light(scene: MitsubaScene, si: Interaction, active: Lanes, sample: Lanes) -> Light:
-    """Choose a light point, out of all lights, by two random numbers, `sample` (2,) in [0, 1)²."""
+    """Choose a light point among all lights from two random numbers, `sample` (2,) in [0, 1)²."""
     chosen, weight = scene.sample_emitter_direction(si, sample, False, active)
     return Light(chosen, weight, si.to_local(chosen.d))
 
 
 def trace_path(scenery: Scenery, ray: Ray, sampler: Sampler) -> Path:
-    """Follow camera rays into the scene: `follow` from what they meet."""
+    """Trace camera rays to their first hits and `follow` the paths from there."""
     return follow(scenery, ray, scenery.mi_scene.ray_intersect_preliminary(ray, coherent=True), sampler)
 
 
@@ -96,7 +96,7 @@ def follow(scenery: Scenery, ray: Ray, first: Hit, sampler: Sampler) -> Path:
 
 
 def _balance(mine: Lanes, other: Lanes) -> Lanes:
-    """The balance heuristic: mine / (mine + other), 0 where both are 0."""
+    """The balance heuristic mine / (mine + other); 0 where both are 0."""
     dr = load_drjit()
     total = mine + other
     return dr.select(total > 0, mine / total, 0)

@@ -1,6 +1,6 @@
-"""The light components of a frame: one noisy sample of each, and the references that they are estimates of.
+"""The light components of a frame: one noisy sample of each, and the references that the samples estimate.
 
-The estimators and their expectations are written in docs/estimators.md.
+`nte.render.components` states the estimators.
 """
 
 from collections.abc import Iterable, Sequence
@@ -31,18 +31,19 @@ from nte.render.world.scene import Pixels
 from nte.render.world.seeds import derive_seed
 from nte.render.world.transforms import Floats
 
-_SAMPLES = 1 << 22  # paths per launch: their components are stored before they are summed, 200 MB
+_SAMPLES = 1 << 22  # paths per launch; their components take 200 MB before they are summed
 
 
 def noisy(stage: Stage, time: float, seeds: Sequence[int]) -> tuple[dict[str, Pixels], list[dict[str, Pixels]]]:
-    """Render the channels without noise (C, H, W), and for each seed every noisy one, at 1 spp.
+    """Render the noise-free channels (C, H, W), and for each seed all noisy channels (C, H, W) at 1 spp.
 
-    time: in frames. Without noise: those of `guides`, diffuse_albedo, geometric_normal, and direct, which is the mean
-    over the candidates of all seeds. The noisy channels: color, visibility, indirect, indirect_radiance,
-    indirect_direction, glossy, shadow_motion, reflection_motion, reflection_covariance, and the gradients.
+    time: in frames. Return the noise-free channels, and one dictionary of noisy channels per seed. The noise-free
+    channels are those of `guides`, diffuse_albedo, geometric_normal, and direct, which is the mean over the candidates
+    of all seeds. The noisy channels are color, visibility, indirect, indirect_radiance, indirect_direction, glossy,
+    shadow_motion, reflection_motion, reflection_covariance, and the gradients.
 
-    Kernels are queued as early as they can be: what NumPy does in between, it does while they run. Whoever reads one
-    array waits for all that is queued, so what is at hand is read first, then the next kernel queued.
+    Kernels are queued as early as possible, so that they run while NumPy works. Reading an array waits for everything
+    in the queue. Therefore arrays that are ready are read before the next kernel is queued.
     """
     with stage.at(time) as moment:
         centres = trace_centres(moment)
@@ -72,13 +73,13 @@ def noisy(stage: Stage, time: float, seeds: Sequence[int]) -> tuple[dict[str, Pi
 
 
 def shadow_samples(moment: Moment, seeds: Sequence[int]) -> list[Pixels]:
-    """Render the shadow_motion of `noisy` alone, for each seed."""
+    """Render only the shadow_motion (2, H, W) of `noisy`, once for each seed."""
     rays = (_shadow_ray(moment, seed)[1] for seed in seeds)
     return [shadow_vectors(moment, _shadow(moment, ray), moment.time) for ray in rays]
 
 
 def reflection_samples(stage: Stage, time: float, seeds: Sequence[int]) -> list[tuple[Pixels, Pixels]]:
-    """Render the reflection_motion and reflection_covariance of `noisy` alone, at a time in frames, for each seed."""
+    """Render only the reflection_motion and reflection_covariance of `noisy`, once per seed. time: in frames."""
     with stage.at(time) as moment:
         mirrored = [mirror_images(moment, _bounce(moment, _path(moment, seed)), time) for seed in seeds]
     with stage.at(time - 1) as before:
@@ -88,8 +89,8 @@ def reflection_samples(stage: Stage, time: float, seeds: Sequence[int]) -> list[
 def references(moment: Moment, spp: int, seeds: tuple[int, int]) -> dict[str, Pixels]:
     """Render reference_a, reference_b, reference_visibility, reference_indirect and reference_glossy (C, H, W).
 
-    spp paths per pixel in all, half of them from each seed. The halves' expectation is that of `radiance`, a plain path
-    trace.
+    spp: paths per pixel in all, half of them from each of the two seeds. The expectation of either half is that of
+    `radiance`, a plain path trace.
     """
     first, second = (_sums(moment, spp // 2, seed) for seed in seeds)
     both = first + second
@@ -117,7 +118,7 @@ def _light_of(moment: Moment, path: Path, ray: ShadowRay) -> dict[str, Pixels]:
 
 
 def _image(timeless: Timeless, columns: Iterable[Lanes]) -> Pixels:
-    """(C, H, W) of Dr.Jit arrays (P,)."""
+    """Image (C, H, W) of C Dr.Jit arrays (P,)."""
     rows = np.stack([np.array(column, np.float32) for column in columns])
     return rows.reshape(-1, timeless.height, timeless.width)
 

@@ -1,9 +1,9 @@
-"""Temporal gradients: what a few surface points of the previous frame send to the eye, then and now.
+"""Temporal gradients: the light that a few surface points of the previous frame send to the eye, then and now.
 
-Schied et al. 2018, «Gradient Estimation for Real-Time Adaptive Temporal Filtering», section 3. Both values are
-shaded with the same random numbers, so they differ by what has changed in the scene and not by noise; where
-nothing has changed they are the same bits. Each light component has a pair of its own, as what changes one (a shadow
-that moves) may leave the others alone. Estimator and expectation: docs/estimators.md.
+Schied et al. 2018, «Gradient Estimation for Real-Time Adaptive Temporal Filtering», section 3. Both values are shaded
+with the same random numbers, so they differ by what has changed in the scene and not by noise. Where nothing has
+changed they are equal to the last bit. Each light component has a pair of its own, because a change in one component
+(a moving shadow) may leave the others as they are.
 """
 
 from dataclasses import dataclass
@@ -29,27 +29,27 @@ from nte.render.world.seeds import derive_seed
 from nte.render.world.transforms import Floats
 
 STRATUM = 3  # pixels: one sample in each square of 3×3
-_CANDIDATES = 16  # light points at a sample's surface point, of which one gets a shadow ray
-_IN_FRONT = 1e-3  # relative distance by which something must be nearer to hide a point
+_CANDIDATES = 16  # light points at a sample's surface point; one of them gets a shadow ray
+_IN_FRONT = 1e-3  # something hides a point if it is nearer by more than this share of the distance
 GRADIENTS = ("gradient", "gradient_visibility", "gradient_indirect", "gradient_glossy")  # in the order of `_shade`
 
 
 @dataclass(frozen=True)
 class Replay:
-    """One surface point for each stratum of the current frame, shaded in the previous one; a row each."""
+    """One surface point for each stratum of the current frame, shaded in the previous frame; one row each."""
 
     key: Lanes  # the seed, UInt32 (1,)
     hit: Hit  # PreliminaryIntersection3f (S,)
-    point: Floats  # (S, 3) where it is now, world
+    point: Floats  # (S, 3) where it is in the current frame, world
     pixel: Indices  # (S,) of the current frame, row by row
-    found: npt.NDArray[np.bool_]  # (S,) whether the stratum has one
-    values: tuple[Lanes, ...]  # of `_shade` then, for each of GRADIENTS
+    found: npt.NDArray[np.bool_]  # (S,) whether the stratum has a surface point
+    values: tuple[Lanes, ...]  # what `_shade` returned in the previous frame, for each of GRADIENTS
 
 
 def shade_before(before: Moment, time: float, seed: int) -> Replay:
-    """Choose the surface points of a frame that a later one, at `time` in frames, shades again, and shade them.
+    """Choose surface points of a frame that a later frame, at `time` in frames, will shade again, and shade them.
 
-    before: the moment of the earlier frame, by convention time − 1. Hand the result to `shade_again`.
+    before: the moment of the earlier frame, by convention at time − 1. Hand the result to `shade_again`.
     """
     mi, dr = load_mitsuba(), load_drjit()
     key = dr.opaque(mi.UInt32, derive_seed(seed, "gradient"))
@@ -67,9 +67,9 @@ def shade_before(before: Moment, time: float, seed: int) -> Replay:
 def shade_again(moment: Moment, replay: Replay) -> dict[str, Pixels]:
     """Render GRADIENTS, each (2, H, W): L, shaded now, and P, shaded in the previous frame; NaN without a sample.
 
-    The same pixels have one in all of them, at most one in each stratum: none where no surface point of the previous
-    frame comes to lie in it, or where something now hides the chosen one. moment: at the
-    time for which `replay` was made.
+    moment: at the time for which `replay` was made. The same pixels have a sample in all gradients, at most one per
+    stratum. A stratum has none where no surface point of the previous frame moves into it, or where something now
+    hides the chosen point.
     """
     origin, direction, distance = _eye_ray(moment, replay.point)
     seen = moment.frozen(_seen)(origin, direction, distance, to_jit(load_mitsuba().Bool, replay.found))
@@ -85,8 +85,10 @@ def shade_again(moment: Moment, replay: Replay) -> dict[str, Pixels]:
 
 
 def _candidates(scenery: Scenery, key: Lanes) -> tuple[Hit, list[Lanes], Lanes, Lanes]:
-    """What a random place in each pixel sees, as Mitsuba and as Scenery.met says it, the rays' directions, and a random
-    number for `_choose`."""
+    """The points that a random place in each pixel sees, for `_choose`.
+
+    Returns the hits as Mitsuba and as Scenery.met describe them, the rays' directions, and a random number.
+    """
     mi, dr = load_mitsuba(), load_drjit()
     lane = dr.arange(mi.UInt32, scenery.width * scenery.height)
     ray = camera_ray(scenery, lane, uniform(lane, key, "gradient jitter"))
@@ -99,9 +101,9 @@ def _candidates(scenery: Scenery, key: Lanes) -> tuple[Hit, list[Lanes], Lanes, 
 def _choose(
     timeless: Timeless, hits: Hits, now: Floats, time: float, priority: npt.NDArray[np.generic]
 ) -> tuple[Indices, Indices, npt.NDArray[np.bool_]]:
-    """For each stratum (S,) of the frame at `time`: the row of `hits`, the pixel it lies in, whether there is one.
+    """For each stratum (S,) of the frame at `time`: the row of `hits`, the pixel it lies in, and whether there is one.
 
-    Of several points in a pixel the nearest wins; of several pixels in a stratum the lowest priority.
+    Of several points in a pixel the nearest wins; of several pixels in a stratum the one of lowest priority.
     """
     position = pixel_positions(timeless, now, time)
     inside = (hits.instance > 0) & (position >= 0).all(1) & (position < (timeless.width, timeless.height)).all(1)
@@ -122,17 +124,17 @@ def _choose(
 
 
 def _first_of_each(group: Indices, order: npt.NDArray[np.generic]) -> Indices:
-    """Index of the row of lowest `order` in each group; of equal ones the first. No sort: five times as fast."""
+    """Index of the row of lowest `order` in each group, the first of equal ones. Five times as fast as sorting."""
     least = np.full(group.max(initial=-1) + 1, np.inf)
     np.minimum.at(least, group, order)
     rows = np.flatnonzero(order == least[group])[::-1]
     first = np.full(len(least), -1)
-    first[group[rows]] = rows  # of several assignments the last stays
+    first[group[rows]] = rows  # where a group is assigned several times, the last value stays
     return np.asarray(first[first >= 0])
 
 
 def _seen(scenery: Scenery, origin: Lanes, direction: Lanes, distance: Lanes, found: Lanes) -> Lanes:
-    """Whether nothing stands between the eye and the points that are found."""
+    """Whether nothing stands between the eye and the points that were found."""
     mi, dr = load_mitsuba(), load_drjit()
     ray: Ray = mi.Ray3f(origin, direction)
     ray.maxt = distance * (1 - _IN_FRONT)
@@ -144,12 +146,12 @@ def _seen(scenery: Scenery, origin: Lanes, direction: Lanes, distance: Lanes, fo
 def _shade(
     scenery: Scenery, hit: Hit, origin: Lanes, direction: Lanes, distance: Lanes, active: Lanes, key: Lanes
 ) -> tuple[Lanes, ...]:
-    """What points send to the eye, without what they emit: a number (S,) for each of GRADIENTS, as filters see it.
+    """The light that points send to the eye, without their own emission: a number (S,) for each of GRADIENTS.
 
-    Luminance of all light over albedo; visibility of the chosen light point, 1 where nothing could arrive; luminance of
-    indirect light over albedo; luminance of glossy light. The random numbers are those of (row, key), whatever the
-    time. `hit` names the points on their surfaces, which the rays reach at `distance`. Rows that are not active are
-    0. The kernel is queued, not waited for.
+    The numbers are what filters see: the luminance of all light over albedo; the visibility of the chosen light
+    point, 1 where no light could arrive; the luminance of indirect light over albedo; the luminance of glossy light.
+    The random numbers depend on (row, key) only, not on the time. `hit` names the points on their surfaces; the rays
+    reach them at `distance`. Rows that are not active are 0. The kernel is queued, not waited for.
     """
     mi, dr, scene = load_mitsuba(), load_drjit(), scenery.mi_scene
     ray: Ray = mi.RayDifferential3f(origin, direction)
@@ -185,7 +187,7 @@ def _shade(
 
 
 def _eye_ray(moment: Moment, point: Floats) -> tuple[Lanes, Lanes, Lanes]:
-    """Origin (3,), direction (3,) and length of the rays from the camera to points (S, 3): Dr.Jit arrays.
+    """Origin (3,), direction (3,) and length of the rays from the camera to points (S, 3); Dr.Jit arrays.
 
     Like all camera rays they start at the near plane.
     """

@@ -1,6 +1,6 @@
-"""A BSDF in two parts that sum to the whole exactly: its diffuse lobe, and all others.
+"""A BSDF in two parts whose sum is exactly the whole: its diffuse lobe, and all other lobes.
 
-Every BSDF of Mitsuba can be asked for its diffuse reflection alone by a type mask, except `principled`, which
+Every BSDF of Mitsuba evaluates its diffuse reflection alone when a type mask asks for it, except `principled`, which
 ignores the mask; its diffuse lobe is written out here. Whatever is not the diffuse lobe counts as «others».
 """
 
@@ -14,7 +14,7 @@ def diffuse_albedo(si: Interaction, active: Lanes, *, random: Lanes) -> Lanes:
 
 
 class Lobes:
-    """The two parts at surface interactions `si`, for the lanes in `active`; directions are local."""
+    """The two parts of the BSDF at surface interactions `si`, for the lanes in `active`; directions are local."""
 
     def __init__(self, si: Interaction, active: Lanes) -> None:
         mi = load_mitsuba()
@@ -25,7 +25,7 @@ class Lobes:
         self._colour, self._roughness = self._principled_diffuse()
 
     def split(self, wo: Lanes) -> tuple[Lanes, Lanes]:
-        """Return (diffuse, others): BSDF times |cos| towards wo, each (3,) per steradian, ≥ 0; delta lobes are 0."""
+        """Return (diffuse, others): BSDF times |cos| towards wo, (3,) per steradian each, ≥ 0; delta lobes give 0."""
         dr = load_drjit()
         whole = self.bsdf.eval(self._whole, self.si, wo, self.active)
         diffuse = self.diffuse(wo)
@@ -38,10 +38,10 @@ class Lobes:
         return dr.select(self._principled, self._disney(wo), masked)
 
     def diffuse_albedo(self, random: Lanes) -> Lanes:
-        """Estimate ∫ f_d cos θ dω, (3,), on the side that si.wi is on; exact for a Lambertian lobe.
+        """Estimate ∫ f_d cos θ dω, (3,), on the side of the surface that si.wi is on; exact for a Lambertian lobe.
 
-        random: two numbers that choose one direction, of density cos θ / π: its sin² θ in [0, 1), and its turn,
-        of which 1 is a whole one.
+        random: two numbers that choose one direction with density cos θ / π. The first is sin² θ, in [0, 1); the second
+        is the azimuth, where 1 is a whole turn.
         """
         mi, dr = load_mitsuba(), load_drjit()
         sine, cosine = dr.sqrt(random.x), dr.maximum(dr.sqrt(1 - random.x), 1e-4)
@@ -54,12 +54,12 @@ class Lobes:
         return self.bsdf.pdf(self._whole, self.si, wo, self.active)
 
     def sample(self, sampler: Sampler) -> tuple[Struct, Lanes]:
-        """Choose one direction as the BSDF does: (BSDFSample3f, whole BSDF · |cos| / pdf)."""
+        """Choose one direction as the BSDF does; return (BSDFSample3f, whole BSDF · |cos| / pdf)."""
         chosen, weight = self.bsdf.sample(self._whole, self.si, sampler.next_1d(), sampler.next_2d(), self.active)
         return chosen, weight
 
     def _principled_diffuse(self) -> tuple[Lanes, Lanes]:
-        """Colour and roughness of the diffuse lobe of `principled`; its flat and sheen parts are «others»."""
+        """Colour and roughness of the diffuse lobe of `principled`; its flat and sheen parts count as «others»."""
         mask, si = self._principled, self.si
         share = 1.0
         for weight in ("metallic", "spec_trans", "flatness"):
@@ -68,7 +68,7 @@ class Lobes:
         return colour, self.bsdf.eval_attribute_1("roughness", si, mask)
 
     def _disney(self, wo: Lanes) -> Lanes:
-        """Burley's diffuse and retro-reflection (Disney 2015, Eq. 4), as in Mitsuba's principled.cpp."""
+        """Burley's diffuse lobe with retro-reflection (Disney 2015, Eq. 4), as in Mitsuba's principled.cpp."""
         mi, dr = load_mitsuba(), load_drjit()
         wi = self.si.wi
         front = (wi.z > 0) & (wo.z > 0)

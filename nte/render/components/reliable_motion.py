@@ -1,7 +1,7 @@
-"""Motion of what a surface shows instead of the surface: its shadow, and the reflection in it.
+"""Motion of what a surface shows instead of the surface: the shadow on it, and the reflection in it.
 
-What rays of Mitsuba have met, handed to the functions of `nte.motion.reliable` as images of float64. Every vector
-starts at the point in the pixel that the path has really hit, so that the camera's jitter is not in it.
+The hits of Mitsuba's rays are handed to the functions of `nte.motion.reliable` as images of float64. Every vector
+starts at the point in the pixel that the path really hit, so the camera's jitter does not enter it.
 """
 
 from dataclasses import dataclass
@@ -27,38 +27,39 @@ Rows = npt.NDArray[np.bool_]
 
 @dataclass(frozen=True)
 class Shadow:
-    """What the shadow rays met, one row per pixel."""
+    """The hits of the shadow rays, one row per pixel."""
 
     receiver: Hits
     blocker: Hits
-    light: Indices  # (P,) the light's instance; 0 where it has none
+    light: Indices  # (P,) the light's instance number; 0 where it has none
     light_point: Floats  # (P, 3) world
     blocked: Rows  # (P,)
 
 
 @dataclass(frozen=True)
 class Bounce:
-    """What the paths met, one row per pixel."""
+    """The hits of the paths, one row per pixel."""
 
     first: Hits
     second: Hits
-    reflected: Rows  # (P,) whether a lobe other than the diffuse one has reflected the path
+    reflected: Rows  # (P,) whether a lobe other than the diffuse one reflected the path
 
 
 @dataclass(frozen=True)
 class Mirrored:
-    """Where mirrors show what the reflected paths met."""
+    """The places where mirrors show the second hits of the reflected paths."""
 
     first: Hits  # the reflectors, one row per reflected path
-    image: Floats  # (R, 3) world, at the time before; NaN where nothing is shown
-    reflected: Rows  # (P,) the pixels whose paths these are
+    image: Floats  # (R, 3) world, one frame earlier; NaN where nothing is shown
+    reflected: Rows  # (P,) the pixels that these paths belong to
 
 
 @own_threads()
 def shadow_vectors(stage: Timeless, shadow: Shadow, time: float) -> Pixels:
-    """Compute shadow_motion (2, H, W), pixels, to where the same shadow was at time − 1; NaN where there is none.
+    """Compute shadow_motion (2, H, W), pixels, current → previous: to where the same shadow was at time − 1.
 
-    shadow: what the shadow rays of `time`, in frames, have met. Needs no rays.
+    NaN where a pixel has no shadow, or the vector is invalid. shadow: what the shadow rays met at `time`, in frames.
+    Traces no rays.
     """
     rows = shadow.blocked
     receiver = shadow.receiver.of(rows)
@@ -71,7 +72,7 @@ def shadow_vectors(stage: Timeless, shadow: Shadow, time: float) -> Pixels:
 
 @own_threads()
 def mirror_images(stage: Timeless, bounce: Bounce, time: float) -> Mirrored:
-    """Find where the reflectors show, at time − 1, what the paths of `time` have met: `mirror_image`. Needs no rays."""
+    """Find where the reflectors show, at time − 1, what the paths of `time` met, by `mirror_image`. Traces no rays."""
     rows = bounce.reflected
     first, second = bounce.first.of(rows), bounce.second.of(rows)
     point, target = points_at(stage, first, time - 1), points_at(stage, second, time - 1)
@@ -87,10 +88,10 @@ def mirror_images(stage: Timeless, bounce: Bounce, time: float) -> Mirrored:
 
 @own_threads()
 def reflection_vectors(before: Moment, mirrored: Mirrored, time: float) -> tuple[Pixels, Pixels]:
-    """Compute reflection_motion (2, H, W) px, and reflection_covariance (3, H, W) px², of the frame at `time`.
+    """Compute reflection_motion (2, H, W), px, and reflection_covariance (3, H, W), px², of the frame at `time`.
 
-    before: the moment a frame earlier, at time − 1. NaN where no lobe but the diffuse one has reflected the path, where
-    the mirrored point is behind the camera, and where no surface is seen there at time − 1.
+    before: the moment one frame earlier, at time − 1. Both are NaN where only the diffuse lobe reflected the path,
+    where the mirrored point is behind the camera, and where no surface is seen there at time − 1.
     """
     covariance = footprint(before, mirrored.image)
     motion = _motion(before, mirrored.first, mirrored.image, time)
@@ -102,7 +103,8 @@ def reflection_vectors(before: Moment, mirrored: Mirrored, time: float) -> tuple
 def footprint(moment: Moment, image: Floats) -> Floats:
     """Compute the covariance (P, 3), XX XY YY, px², of where the mirror images (P, 3) of points can be seen.
 
-    By the surface that is seen there (`reflection_covariance`), at which rays look.
+    Rays find the surface that is seen at each mirror image; its curvature and roughness determine the covariance
+    (`reflection_covariance`). NaN where no surface is seen.
     """
     time = moment.time
     pixel = pixel_positions(moment, image, time)
@@ -138,7 +140,7 @@ def _line(rows: Floats) -> Tensor:
 
 
 def _bend(curvature: Floats) -> Tensor:
-    """(P, 3, 3) → (1, 3, 3, 1, P), likewise."""
+    """(P, 3, 3) → (1, 3, 3, 1, P): curvatures of some pixels, as an image of one line."""
     return torch.from_numpy(np.ascontiguousarray(curvature.transpose(1, 2, 0)))[None, :, :, None]
 
 

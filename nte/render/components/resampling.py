@@ -1,7 +1,7 @@
 """Direct light and its one shadow ray: candidates over the pixel and the lights, one of them resampled.
 
-All random numbers are functions of (pixel, seed, candidate), so a chosen candidate is made again from its
-number instead of being stored. Estimators: docs/estimators.md.
+All random numbers are functions of (pixel, seed, candidate). A chosen candidate is therefore computed again from its
+number instead of being stored. `nte.render.components` states the estimators.
 """
 
 from collections.abc import Callable
@@ -16,18 +16,18 @@ from nte.render.engine.random_numbers import lattice, uniform
 from nte.render.engine.stage import Scenery
 from nte.render.engine.types import Hit, Interaction, Lanes, Ray
 
-POINTS = 16  # in each pixel, a camera ray each
-LIGHTS = 8  # light points for each of them: 128 candidates
+POINTS = 16  # points in each pixel, with a camera ray for each
+LIGHTS = 8  # light points for each point: 128 candidates
 CANDIDATES = POINTS * LIGHTS
 
 
 @dataclass(frozen=True)
 class Direct:
-    """What the candidates of each pixel give, Dr.Jit arrays (P,)."""
+    """The direct light of each pixel's candidates, Dr.Jit arrays (P,)."""
 
-    mean: Lanes  # Color3f
-    chosen: Lanes  # UInt32, the number of the resampled one
-    lit: Lanes  # Bool, whether there is one: false where nothing arrives even unshadowed
+    mean: Lanes  # Color3f, over all candidates
+    chosen: Lanes  # UInt32, the number of the resampled candidate
+    lit: Lanes  # Bool, whether a candidate was chosen; false where no light arrives even without shadows
 
 
 @dataclass(frozen=True)
@@ -36,17 +36,17 @@ class ShadowRay:
 
     visible: Lanes  # Bool; true where there is no shadow ray
     blocked: Lanes  # Bool
-    receiver: list[Lanes]  # what Scenery.met says of the camera ray
+    receiver: list[Lanes]  # the hit of the camera ray, as Scenery.met returns it
     view: Lanes  # direction of the camera ray
-    blocker: list[Lanes]  # of the shadow ray
+    blocker: list[Lanes]  # the hit of the shadow ray, likewise
     light: Lanes  # key of the light (keys.emitter_key)
-    light_point: Lanes  # world; a distant light's is far away
+    light_point: Lanes  # world; far away for a distant light
 
 
 def sample_direct(scenery: Scenery, key: Lanes) -> Direct:
-    """Sample 128 candidates in every pixel, and choose one of them in proportion to the luminance it gives unshadowed.
+    """Sample 128 candidates in every pixel, and choose one in proportion to the luminance that it gives unshadowed.
 
-    key: the seed, UInt32 (1,). Queued, not waited for.
+    key: the seed, UInt32 (1,). The kernel is queued, not waited for.
     """
     mi, dr = load_mitsuba(), load_drjit()
     pixels = scenery.width * scenery.height
@@ -81,10 +81,11 @@ def resample_lights(
     importance: Callable[[Lanes], Lanes],
     random: Lanes,
 ) -> tuple[Lanes, "Choice"]:
-    """Sum what `count` light points give unshadowed through the diffuse lobe, (3,), and choose one of them.
+    """Sum the unshadowed light of `count` light points through the diffuse lobe, (3,), and choose one of the points.
 
-    numbers: the two random numbers of a light point; importance: of what it gives, in proportion to which
-    `random` chooses. A loop in the kernel, as unrolled it takes longer to generate than to run.
+    numbers: maps the number of a light point to its two random numbers. importance: maps the light of a point to a
+    weight; `random` chooses a point in proportion to it. The loop runs in the kernel, because an unrolled loop takes
+    longer to compile than to run.
     """
     mi, dr = load_mitsuba(), load_drjit()
 
@@ -131,7 +132,7 @@ class Choice:
         self.random, self.weight, self.number = random, weight, number
 
     def offer(self, number: Lanes, weight: Lanes) -> None:
-        """Take `number` instead with probability weight / (sum of all weights so far)."""
+        """Replace the choice by `number` with probability weight / (sum of all weights so far)."""
         dr = load_drjit()
         self.weight = self.weight + weight
         share = dr.select(self.weight > 0, weight / self.weight, 0)
@@ -141,7 +142,7 @@ class Choice:
 
 
 def _receiver(scenery: Scenery, pixel: Lanes, point: Lanes, key: Lanes) -> tuple[Ray, Hit, Interaction]:
-    """Camera ray through one of the 16 points of each pixel, its preliminary and its surface interaction."""
+    """Camera ray through one of the 16 points of each pixel, with its preliminary and its surface interaction."""
     has_lens = scenery.camera.aperture > 0
     lens = lattice(pixel, 7 * point % POINTS, POINTS, key, "lens") if has_lens else None
     ray = camera_ray(scenery, pixel, lattice(pixel, point, POINTS, key, "jitter"), lens)
@@ -150,8 +151,8 @@ def _receiver(scenery: Scenery, pixel: Lanes, point: Lanes, key: Lanes) -> tuple
 
 
 def _light_numbers(pixel: Lanes, point: Lanes, number: Lanes, key: Lanes) -> Lanes:
-    """Two random numbers for light point `number` of 8: all 128 of a pixel fill the lights evenly.
+    """Two random numbers for light point `number` of 8; all 128 of a pixel cover the lights evenly.
 
-    7 is coprime to 16: neighbours within the pixel are not neighbours on the light.
+    7 is coprime to 16, so neighbours within the pixel are not neighbours on the light.
     """
     return lattice(pixel, number * POINTS + (7 * point) % POINTS, CANDIDATES, key, "light")

@@ -1,4 +1,4 @@
-"""Numbers on their way between NumPy and Dr.Jit."""
+"""Transfer of numbers between NumPy and Dr.Jit."""
 
 from collections.abc import Iterable
 
@@ -13,9 +13,9 @@ from nte.render.world.transforms import Floats
 def to_jit(kind: type[Lanes], values: npt.NDArray[np.generic]) -> Lanes:
     """Copy values (P,) into a Dr.Jit array of `kind`: mi.Float, mi.UInt32 or mi.Bool.
 
-    The array has memory of its own. `kind(values)` reads NumPy's in place: a frozen kernel (Scenery.frozen) then goes
-    on to read there what it was recorded with (Dr.Jit 1.5.0), and every kernel is compiled anew for memory that is not
-    aligned, as NumPy's is by chance.
+    The array owns its memory. `kind(values)` would read NumPy's memory in place, with two faults: a frozen kernel
+    (Scenery.frozen) keeps reading the values that it was recorded with (Dr.Jit 1.5.0), and every kernel is compiled
+    anew for memory that is not aligned, as NumPy's sometimes is.
     """
     mi, dr = load_mitsuba(), load_drjit()
     wanted = np.dtype({mi.Float: np.float32, mi.UInt32: np.uint32, mi.Bool: np.bool_}[kind])
@@ -26,5 +26,5 @@ def to_jit(kind: type[Lanes], values: npt.NDArray[np.generic]) -> Lanes:
 
 
 def to_rows(columns: Iterable[Lanes]) -> Floats:
-    """Return K Dr.Jit arrays (P,) as rows (P, K)."""
+    """Return K Dr.Jit arrays (P,) as rows (P, K) of float64."""
     return np.stack([np.array(column, float) for column in columns], axis=1)

@@ -1,8 +1,8 @@
-"""Which Mitsuba variant to render with, and which LLVM to give it.
+"""Choice of the Mitsuba variant to render with, and of the LLVM that it uses.
 
-Dr.Jit picks up any LLVM it finds, and versions 15 and 16 abort the whole process in the middle of a render
-(«Cannot select … fminimum»), which no `try` can catch. So the version is read from the file before anything
-is loaded, and DRJIT_LIBLLVM_PATH always names a library that we have looked at.
+Dr.Jit loads any LLVM that it finds. Versions 15 and 16 abort the whole process in the middle of a rendering («Cannot
+select … fminimum»), and no `try` can catch that. So the version is read from the library's file before anything is
+loaded, and DRJIT_LIBLLVM_PATH always names a library that was checked.
 """
 
 import gc
@@ -35,13 +35,13 @@ _SYSTEM_FOLDERS = (
 
 @contextmanager
 def undisturbed() -> Iterator[None]:
-    """No garbage collection within the block, and Ctrl-C at its end only (a second one at once).
+    """Suspend garbage collection within the block, and delay Ctrl-C to the block's end; a second Ctrl-C acts at once.
 
-    For what Dr.Jit does not survive them in: a scene that is freed in the midst of a recording aborts the process, and
-    an exception there is told as one of its own, or crashes.
+    Dr.Jit does not survive either of them everywhere: a scene that is freed in the middle of a recording aborts the
+    process, and an exception in a recording crashes it or is reported as an error of Dr.Jit's own.
     """
     interrupted, was_on = InterruptFlag(), gc.isenabled()
-    is_main = threading.current_thread() is threading.main_thread()  # others know no signals
+    is_main = threading.current_thread() is threading.main_thread()  # other threads receive no signals
     gc.disable()
     try:
         with interrupted if is_main else nullcontext():
@@ -58,8 +58,8 @@ def undisturbed() -> Iterator[None]:
 def load_mitsuba() -> Module:
     """Load the mitsuba module and set its variant: llvm_ad_rgb, or scalar_rgb where no usable LLVM is found.
 
-    Says so in one line on stderr in the second case, which is many times slower. Raises NteError where Mitsuba
-    is not installed, and where an LLVM that crashes is wanted (DRJIT_LIBLLVM_PATH) or already loaded.
+    scalar_rgb is many times slower; one line on stderr says so. Raises NteError where Mitsuba is not installed, and
+    where an LLVM that crashes is requested (DRJIT_LIBLLVM_PATH) or already loaded.
     """
     library = choose_llvm(os.environ.get(_VARIABLE))
     if library is not None:
@@ -82,7 +82,7 @@ def load_mitsuba() -> Module:
 
 
 def _check_loaded(version: tuple[int, int, int], library: Path) -> None:
-    """Refuse an LLVM that Dr.Jit has chosen by itself, as it does when it is imported before nte.render."""
+    """Refuse an LLVM that Dr.Jit chose by itself, which happens when Dr.Jit is imported before nte.render."""
     if version[0] < OLDEST_LLVM:
         raise NteError(
             f"LLVM {version[0]}, which crashes Mitsuba, is already loaded: mitsuba was imported before nte.render; "
@@ -102,22 +102,22 @@ def is_scalar() -> bool:
 
 
 def check_arrays(key: str) -> None:
-    """Raise NteError where Mitsuba runs without LLVM: what a recipe's `key` asks for works on arrays of rays only."""
+    """Raise NteError where Mitsuba runs without LLVM. key: the key of a recipe that needs arrays of rays."""
     if is_scalar():
         raise NteError(f"'{key}' needs Mitsuba's llvm variant: pip install karellen-llvm-core, or leave '{key}' out")
 
 
 def share_cores(jobs: int) -> None:
-    """Leave the other jobs their share of the cores; for processes that render side by side."""
+    """Limit this process to its share of the cores, for `jobs` processes that render side by side."""
     if not is_scalar():
         load_drjit().set_thread_count(max(1, (os.cpu_count() or 1) // jobs))
 
 
 def choose_llvm(given: str | None) -> Path | None:
-    """Choose the LLVM library to use: the user's own, else the wheel's, else the newest usable one of the system.
+    """Choose the LLVM library: the one that the user names, else the wheel's, else the newest usable one of the system.
 
-    given: the value of DRJIT_LIBLLVM_PATH, or None. Returns None if there is no usable library. Raises
-    NteError if the given one does not exist or is too old: a wish is refused, never silently replaced.
+    given: the value of DRJIT_LIBLLVM_PATH, or None. Returns None if there is no usable library. Raises NteError if
+    the given library does not exist or is too old; it is never silently replaced.
     """
     if given:
         path = Path(given)
@@ -134,14 +134,14 @@ def choose_llvm(given: str | None) -> Path | None:
 
 
 def newest_usable(candidates: Iterable[Path]) -> Path | None:
-    """Return the candidate with the highest LLVM version of at least OLDEST_LLVM; unknown versions do not count."""
+    """Return the candidate with the highest LLVM version of at least OLDEST_LLVM; skip unknown versions."""
     versions = {path: llvm_version(path) for path in sorted(candidates)}
     usable = {path: version for path, version in versions.items() if version and version >= OLDEST_LLVM}
     return max(usable, key=lambda path: usable[path], default=None)
 
 
 def llvm_version(path: Path) -> int | None:
-    """Read the major version of an LLVM library, from its name, else from its symbol table; None if neither tells.
+    """Read the major version of an LLVM library from its name, else from its symbol table; None if neither tells it.
 
     Names are libLLVM-15.so.1, libLLVM.so.19.1 or, behind a link, libLLVM.so. The library is not loaded.
     """
@@ -157,7 +157,7 @@ def llvm_version(path: Path) -> int | None:
 
 
 def _wheel_libraries() -> list[Path]:
-    """Libraries of the PyPI wheel, which puts them under the environment's data folder."""
+    """Libraries of the PyPI wheel, which installs them in the environment's data folder."""
     try:
         files = importlib.metadata.files(_WHEEL) or []
     except importlib.metadata.PackageNotFoundError:

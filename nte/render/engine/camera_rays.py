@@ -1,16 +1,16 @@
-"""Rays from the camera, a lane each."""
+"""Camera rays, one per lane."""
 
 from nte.render.engine.backend import is_scalar, load_drjit, load_mitsuba
 from nte.render.engine.stage import Scenery
 from nte.render.engine.types import Lanes, Ray, Sampler
 
-_BEHIND = 1 + 1e-4  # along the ray itself: Mitsuba's spawn_ray steps sideways too
+_BEHIND = 1 + 1e-4  # a step along the ray itself, because Mitsuba's spawn_ray also steps sideways
 
 
 def camera_ray(scenery: Scenery, pixel: Lanes, offset: Lanes, lens: Lanes = None) -> Ray:
-    """Make rays through `offset` (2,) in [0, 1)² of the pixels numbered row by row.
+    """Make rays through `offset` (2,) in [0, 1)² of the pixels, which are numbered row by row.
 
-    lens: a place (2,) in [0, 1)² on the lens; its middle if None.
+    lens: a place (2,) in [0, 1)² on the lens; the middle of the lens if None.
     """
     mi = load_mitsuba()
     dr = load_drjit()
@@ -23,13 +23,16 @@ def camera_ray(scenery: Scenery, pixel: Lanes, offset: Lanes, lens: Lanes = None
 
 
 def sample_camera_ray(scenery: Scenery, pixel: Lanes, sampler: Sampler) -> Ray:
-    """Make rays through a random place in each of the pixels numbered row by row, and of the lens if there is one."""
+    """Make rays through a random place in each of the pixels, and through a random place on the lens if there is one.
+
+    pixel: pixel numbers, counted row by row.
+    """
     offset = sampler.next_2d()
     return camera_ray(scenery, pixel, offset, sampler.next_2d() if scenery.camera.aperture else None)
 
 
 def past_containers(scenery: Scenery, ray: Ray) -> Ray:
-    """Move a ray to where it has left whatever cannot be seen: boundaries that let all light pass straight on."""
+    """Move a ray past every container: an invisible boundary of a medium, which lets all light pass straight on."""
     for _ in range(2 * scenery.containers):  # into and out of each
         si = scenery.mi_scene.ray_intersect(ray, load_mitsuba().RayFlags.All, coherent=True)
         if is_scalar():

@@ -10,14 +10,14 @@ from nte.render.engine.types import Emitter, Lanes, Shape
 
 
 def shape_key(shape: Shape) -> Lanes:
-    """Return a whole number per shape: Dr.Jit's registry id, which is 1-based, in no fixed order; 0 for none."""
+    """Return a whole number per shape, 0 for none: Dr.Jit's registry id, which starts at 1 and has no fixed order."""
     if is_scalar():
         return int(shape.id().rsplit("_", 1)[1]) + 1 if shape else 0
     return load_drjit().reinterpret_array(load_mitsuba().UInt32, shape)
 
 
 def emitter_key(emitter: Emitter) -> Lanes:
-    """Return a whole number per light, 0 for none, as `shape_key` does per shape. Vectorised variants only."""
+    """Return a whole number per light, 0 for none: Dr.Jit's registry id. Vectorised variants only."""
     return load_drjit().reinterpret_array(load_mitsuba().UInt32, emitter)
 
 
@@ -32,7 +32,7 @@ def key_of_emitter(emitter: Emitter) -> int:
 
 
 def numbers_by_key(keys: Sequence[int], numbers: Iterable[int]) -> Indices:
-    """Make the table (max key + 1,) from keys of shapes or lights to numbers; 0 for all other keys."""
+    """Make the table (max key + 1,) from keys of shapes or lights to numbers; all other keys map to 0."""
     table = np.zeros(max(keys, default=0) + 1, np.int64)
     table[[*keys]] = [*numbers]
     return table

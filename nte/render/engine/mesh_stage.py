@@ -19,9 +19,9 @@ from nte.render.world.scene import Camera, Scene
 
 
 class MeshStage:
-    """A scene of meshes as one Mitsuba scene (see Stage).
+    """A scene of meshes as one Mitsuba scene; see `nte.render.engine.stage.Stage`.
 
-    Every time takes all vertices from the tracks, so a frame does not depend on the frames before it.
+    Every time computes all vertices from the tracks, so a frame does not depend on the frames before it.
     """
 
     def __init__(
@@ -56,7 +56,7 @@ class MeshStage:
             distant=far_away(mi_scene),
         )
         self._parameters: Parameters = mi.traverse(mi_scene)
-        self._written = dict.fromkeys(self._meshes, np.empty(0, np.float32))  # positions and normals as they are set
+        self._written = dict.fromkeys(self._meshes, np.empty(0, np.float32))  # as Mitsuba has them now
         self._time: float | None = None
 
     @property
@@ -66,18 +66,18 @@ class MeshStage:
 
     @property
     def places(self) -> Places:
-        """Return what says where places on surfaces are, at any time."""
+        """Return the object that knows where places on surfaces are at any time."""
         return self._scenery.places
 
     @property
     def distant(self) -> float:
-        """Return how far away, in scene units, a point at infinity is put when it has to be a point."""
+        """Return the distance, in scene units, at which a point at infinity is put when it must be a point."""
         return self._scenery.distant
 
     def at(self, time: float) -> AbstractContextManager[Moment]:
-        """Put every vertex and the camera where they are at a time in frames, and hand out what passes take.
+        """Move every vertex and the camera to a time in frames, and hand out the moment that passes take.
 
-        Raises RuntimeError where another moment of this stage is open already.
+        Raises RuntimeError where another moment of this stage is still open.
         """
         return opened(self._scenery, time, self._put)
 
@@ -88,10 +88,10 @@ class MeshStage:
         own = np.asarray if is_scalar() else partial(to_jit, mi.Float)
         for number, (name, obj) in enumerate(zip(self._meshes, self.scene.objects, strict=True)):
             vertices = np.stack([flat(values) for values in self._triangles.vertices_of(number + 1, time)])
-            # What is there already is not written again: where only the camera moves, that is four times as fast.
+            # Unchanged vertices are not written again: where only the camera moves, that is four times as fast.
             if not np.array_equal(vertices, self._written[name]):
                 self._written[name] = vertices
-                # Given together with the positions, the normals are kept instead of computed anew.
+                # Mitsuba keeps normals that are written together with the positions; else it computes them anew.
                 self._parameters[f"{name}.vertex_positions"] = own(vertices[0])
                 self._parameters[f"{name}.vertex_normals"] = own(vertices[1])
             if obj.medium is not None and obj.medium.density is not None:

@@ -1,7 +1,7 @@
-"""Places on surfaces: how a kernel names the place that a ray meets, and where that is at any time.
+"""Places on surfaces: how a kernel names the place that a ray meets, and where that place is at any time.
 
-A family's objects may deform, so a place is on a triangle; somebody else's shapes need not have triangles, so there
-it is a point of the object at rest (nte.render.engine.xml.rest).
+The objects of a family may deform, so a place on them is a place on a triangle. The shapes of a user's own scene may
+have no triangles, so a place on them is a point of the object at rest (nte.render.engine.xml.rest).
 """
 
 from itertools import pairwise
@@ -15,7 +15,7 @@ from nte.render.world.scene import Scene
 from nte.render.world.transforms import Floats
 
 Indices = npt.NDArray[np.int64]
-_TIMES = 4  # whose vertices are kept: a frame asks for those of three again and again
+_TIMES = 4  # how many times' vertices are cached; a frame repeatedly uses those of three times
 
 
 class Places(Protocol):
@@ -24,43 +24,46 @@ class Places(Protocol):
     width: int
 
     def columns(self, hit: Hit, ray: Ray) -> list[Lanes]:
-        """Return the place that a ray meets, in the kernel: `width` Dr.Jit arrays."""
+        """Return the place that a ray meets, as `width` Dr.Jit arrays; runs in the kernel."""
 
     def stored(self, instance: Indices, columns: Floats, time: float) -> Floats:
-        """Return places for those columns (P, width), which a kernel gave at a time in frames."""
+        """Return the places of `columns` (P, width), which a kernel returned at a time in frames."""
 
     def points(self, instance: Indices, place: Floats, time: float) -> Floats:
         """Return world points (P, 3) of places at a time in frames."""
 
     def normals(self, instance: Indices, place: Floats, time: float) -> Floats:
-        """Return shading normals (P, 3) of places at a time in frames: world, not of unit length."""
+        """Return shading normals (P, 3) of places at a time in frames: world space, not of unit length."""
 
     def curvatures(self, instance: Indices, place: Floats, time: float) -> Floats:
-        """Return the change of the unit shading normal with a step along the surface (P, 3, 3), per scene unit.
+        """Return the change of the unit shading normal with a step along the surface, (P, 3, 3), per scene unit.
 
         Positive where the surface bulges to the side of its normal; zero where it is flat, faceted or missed.
         """
 
     def moved(self, instance: Indices, points: Floats, time: float, other: float) -> Floats:
-        """Carry world points (P, 3) along with objects, from where they are at `time` to `other`; of 0, they stay."""
+        """Carry world points (P, 3) along with their objects from `time` to `other`; points of instance 0 stay."""
 
 
 class Triangles:
-    """Places on meshes: a triangle of the object, and the weights of its second and third vertex."""
+    """Places on meshes: the number of a triangle of the object, and the weights of its second and third vertex."""
 
     width = 3
 
     def __init__(self, scene: Scene) -> None:
         self._objects = scene.objects
         vertices = np.cumsum([0, *(len(obj.mesh.positions) for obj in scene.objects)])
-        self._rows = [slice(*ends) for ends in pairwise(vertices)]  # of each object among the vertices of all
+        self._rows = [slice(*ends) for ends in pairwise(vertices)]  # each object's rows among all vertices
         meshes = [np.int64(first) + obj.mesh.faces for first, obj in zip(vertices, scene.objects, strict=False)]
         self._faces = np.concatenate([np.zeros((1, 3), np.int64), *meshes])  # (1 + F, 3); row 0 stands for a miss
-        self._first_face = np.cumsum([0, 1, *map(len, meshes)])  # of each instance; of 0, the miss's row
+        self._first_face = np.cumsum([0, 1, *map(len, meshes)])  # row of each instance's first face; a miss has row 0
         self._vertices: dict[float, tuple[Floats, Floats]] = {}
 
     def vertices(self, time: float) -> tuple[Floats, Floats]:
-        """World positions and normals (V, 3) of all vertices at a time, object by object; do not write in them."""
+        """Return world positions and normals (V, 3) of all vertices at a time, object by object.
+
+        The arrays are cached: do not write to them.
+        """
         if time not in self._vertices:
             while len(self._vertices) >= _TIMES:
                 self._vertices.pop(next(iter(self._vertices)))
@@ -69,7 +72,7 @@ class Triangles:
         return self._vertices[time]
 
     def vertices_of(self, instance: int, time: float) -> tuple[Floats, Floats]:
-        """The same of one object, by its instance number."""
+        """Return world positions and normals (V, 3) of one object's vertices at a time. instance: its number."""
         positions, normals = self.vertices(time)
         return positions[self._rows[instance - 1]], normals[self._rows[instance - 1]]
 
@@ -96,7 +99,7 @@ class Triangles:
         inner = place[bent, 1:]
         weight = np.concatenate([1 - inner.sum(1, keepdims=True), inner], 1)
         length = np.linalg.norm((weight[:, :, None] * normal[bent]).sum(1), axis=1)
-        # The edges' dual basis in the triangle's plane: what a step is in terms of them.
+        # The dual basis of the edges in the triangle's plane expresses a step in terms of the edges.
         first, second = edges[:, 0], edges[:, 1]
         across = np.cross(first, second)
         area = np.square(across).sum(1, keepdims=True) * length[:, None]
@@ -105,7 +108,7 @@ class Triangles:
         return result
 
     def moved(self, instance: Indices, points: Floats, time: float, other: float) -> Floats:
-        """By the affine motion that fits the object's vertices best, which for a rigid one is its own."""
+        """Carry points along by the affine motion that fits the object's vertices best; exact for a rigid object."""
         moved = points.copy()
         for number in np.unique(instance[instance > 0]):
             now, then = (self.vertices_of(number, t)[0] for t in (time, other))
@@ -117,16 +120,16 @@ class Triangles:
         return moved
 
     def _corners(self, instance: Indices, place: Floats) -> Indices:
-        """The vertices (P, 3), rows of `vertices`, of the triangles that places are on."""
+        """The vertices (P, 3), as rows of `vertices`, of the triangles that the places are on."""
         triangle = np.where(instance > 0, place[:, 0], 0).astype(np.int64)
-        triangle += self._first_face[instance]  # of a miss, row 0
+        triangle += self._first_face[instance]  # row 0 for a miss
         return np.asarray(self._faces.take(triangle, axis=0))
 
     def _interpolated(self, instance: Indices, place: Floats, vertices: Floats) -> Floats:
         a, b, c = self._corners(instance, place).T
         u, v = place[:, 1], place[:, 2]
-        with np.errstate(invalid="ignore", over="ignore"):  # of a miss, whose weights are whatever was in memory
+        with np.errstate(invalid="ignore", over="ignore"):  # the weights of a miss are undefined
             w = 1 - u - v
-            # Coordinate by coordinate: rows of three are gathered and blended at half the speed.
+            # Coordinate by coordinate: gathering and blending rows of three takes twice as long.
             columns = [w * column.take(a) + u * column.take(b) + v * column.take(c) for column in vertices.T]
         return np.stack(columns, axis=1)

@@ -1,4 +1,4 @@
-"""Mitsuba's plugins for what a scene of nte describes: integrator, sensor, lights, meshes, materials and media."""
+"""Mitsuba plugins for the parts of a scene of nte: integrator, sensor, lights, meshes, materials and media."""
 
 import numpy as np
 import numpy.typing as npt
@@ -8,25 +8,25 @@ from nte.render.engine.types import MitsubaScene, Plugin, Shape
 from nte.render.world.scene import Camera, DeformingObject, Material, Medium, Mesh, Scene, SceneObject
 
 VEIL = 0.05  # the share of light that a veil reflects or swallows
-_DISTANT = 1e5, 1e3  # scene units, at least, and times the scene's size
+_DISTANT = 1e5, 1e3  # the distance of a point at infinity: at least in scene units, and in sizes of the scene
 
 
 def path_integrator(depth: int, media: bool) -> Plugin:
-    """Describe Mitsuba's path tracer of `depth` path segments; with media, the one that scatters in them."""
+    """Describe Mitsuba's path tracer of `depth` path segments; with media, the path tracer that scatters in them."""
     if media:
-        # By default Russian roulette starts at the fifth of some hundred turns, and leaves a few bright paths.
+        # By default Russian roulette starts at the fifth of some hundred segments, and leaves a few bright paths.
         return {"type": "volpath", "max_depth": depth, "rr_depth": depth}
     return {"type": "path", "max_depth": depth}
 
 
 def camera_sensor(camera: Camera, width: int, height: int, media: bool) -> Plugin:
-    """Describe the sensor of a camera, with the film of width × height pixels and the sampler of every clip."""
+    """Describe the sensor of a camera, with a film of width × height pixels and the sampler that every clip uses."""
     lens = {"type": "thinlens", "aperture_radius": camera.aperture, "focus_distance": camera.focus}
     return {
         **(lens if camera.aperture else {"type": "perspective"}),
         "fov": camera.fov, "fov_axis": "x", "near_clip": camera.near, "far_clip": camera.far,
-        # Stratified samples cost the same as independent ones and equal them at 1 spp, but references have half the
-        # noise. In media, whose noise is another, they made one path in two million NaN, independent ones none in ten.
+        # Stratified samples cost the same as independent ones and equal them at 1 spp, but references get half the
+        # noise. In media they made one path in two million NaN; independent samples made none in ten million.
         "sampler": {"type": "independent" if media else "stratified"},
         # Only the box filter keeps the noise of neighbouring pixels independent, and repeats bit for bit.
         "film": {"type": "hdrfilm", "width": width, "height": height, "pixel_format": "rgb",
@@ -35,7 +35,7 @@ def camera_sensor(camera: Camera, width: int, height: int, media: bool) -> Plugi
 
 
 def environment(scene: Scene) -> dict[str, Plugin]:
-    """Describe the light from infinitely far, by its name; nothing if the scene has none."""
+    """Describe the light from infinitely far, keyed by its name; an empty dictionary if the scene has none."""
     given = scene.environment
     if given is None:
         return {}
@@ -45,7 +45,7 @@ def environment(scene: Scene) -> dict[str, Plugin]:
 
 
 def make_mesh(obj: SceneObject | DeformingObject) -> Shape:
-    """Make the Mitsuba mesh of an object at rest, with its material, its light and its medium."""
+    """Make the Mitsuba mesh of an object at rest, with its material, light and medium."""
     mi = load_mitsuba()
     properties = mi.Properties()
     properties["bsdf"] = mi.load_dict(bsdf(obj.material))
@@ -68,7 +68,7 @@ def make_mesh(obj: SceneObject | DeformingObject) -> Shape:
 
 
 def medium(filling: Medium, mesh: Mesh) -> Plugin:
-    """Describe what fills a mesh; a density that varies lies in the mesh's bounding box."""
+    """Describe the medium that fills a mesh; a varying density covers the mesh's bounding box."""
     mi = load_mitsuba()
     albedo = {"type": "rgb", "value": list(filling.albedo)}
     phase = {"type": "hg", "g": filling.anisotropy}
@@ -82,7 +82,7 @@ def medium(filling: Medium, mesh: Mesh) -> Plugin:
 
 
 def bsdf(material: Material) -> Plugin:
-    """Describe a material. Plain colours are textures too: fewer kinds of plugins, so that scenes share kernels."""
+    """Describe a material. Plain colours are textures too: fewer kinds of plugins let more scenes share kernels."""
     if material.surface == "none":
         return {"type": "null"}
     texture = {"type": "bitmap", "data": load_mitsuba().TensorXf(material.color), "raw": True}
@@ -93,18 +93,18 @@ def bsdf(material: Material) -> Plugin:
         return {"type": "mask", "opacity": VEIL, "bsdf": diffuse}
     metallic = 1.0 if material.surface == "metal" else 0.0
     rough = {"type": "principled", "base_color": texture, "roughness": material.roughness, "metallic": metallic}
-    if material.surface == "glass":  # not `dielectric`, which has neither an albedo nor a roughness to show
+    if material.surface == "glass":  # not `dielectric`, which has neither albedo nor roughness
         rough |= {"spec_trans": 1.0, "eta": 1.5}
     return rough
 
 
 def flat(values: npt.NDArray[np.floating]) -> npt.NDArray[np.float32]:
-    """Return all values behind each other, float32, as Mitsuba's mesh parameters take them."""
+    """Return all values as one float32 array (N,), as Mitsuba's mesh parameters take them."""
     return np.ascontiguousarray(values, np.float32).ravel()
 
 
 def far_away(scene: MitsubaScene) -> float:
-    """Say how far away, in scene units, a point at infinity is put when it has to be a point."""
+    """Return the distance, in scene units, at which a point at infinity is put when it must be a point."""
     box = scene.bbox()
     least, sizes = _DISTANT
     return max(least, sizes * float(np.linalg.norm(np.subtract(box.max, box.min))) if box.valid() else 0)

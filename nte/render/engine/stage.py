@@ -1,11 +1,11 @@
-"""A scene in Mitsuba's hands: built once for a clip, and rendered at one time after the other.
+"""A scene in Mitsuba: built once for a clip, and rendered at one time after another.
 
     with stage.at(3) as moment:
         image = radiance(moment, spp=1, seed=0)
 
-There are two stages: of a family's meshes (mesh_stage.py) and of a Mitsuba XML file (xml/stage.py). Passes take the
-moment that a stage hands out, so they cannot run at another time than they think. Their kernels take its scenery,
-which knows no time: what is recorded at one moment is replayed at others.
+There are two stages: `mesh_stage.MeshStage` for a family's meshes and `xml.stage.XmlStage` for a Mitsuba XML file.
+Passes take the moment that a stage hands out, so they cannot run at a wrong time. Their kernels take the moment's
+scenery, which holds no time, so a kernel that was recorded at one moment can be replayed at others.
 """
 
 import weakref
@@ -37,7 +37,7 @@ Result = TypeVar("Result")
 
 
 class Timeless(Protocol):
-    """What is the same at all times, or is known for all of them; so of every Stage, Moment and Scenery."""
+    """The properties that are the same or known at all times; every Stage, Moment and Scenery has them."""
 
     @property
     def camera(self) -> Camera:
@@ -53,28 +53,25 @@ class Timeless(Protocol):
 
     @property
     def places(self) -> Places:
-        """Return what says where places on surfaces are, at any time."""
+        """Return the object that knows where places on surfaces are at any time."""
 
     @property
     def distant(self) -> float:
-        """Return how far away, in scene units, a point at infinity is put when it has to be a point."""
+        """Return the distance, in scene units, at which a point at infinity is put when it must be a point."""
 
 
 class Stage(Timeless, Protocol):
-    """A scene that can be rendered at any time, one time after the other."""
+    """A scene that can be rendered at any time, at one time after another."""
 
     def at(self, time: float) -> AbstractContextManager["Moment"]:
-        """Put all that moves where it is at a time in frames, and hand out what passes take.
+        """Move the scene to a time in frames, and hand out the moment that passes take.
 
-        Raises RuntimeError where another moment of this stage is open already.
+        Raises RuntimeError where another moment of this stage is still open.
         """
 
 
 class Moment:
-    """A stage at one time, handed out by `Stage.at`. Raises RuntimeError if it is used after its block.
-
-    time: in frames.
-    """
+    """A stage at one time in frames, handed out by `Stage.at`. Raises RuntimeError if it is used after its block."""
 
     def __init__(self, scenery: "Scenery", time: float) -> None:
         self.time = time
@@ -82,7 +79,7 @@ class Moment:
 
     @property
     def scenery(self) -> "Scenery":
-        """Return what kernels read, as it is at this time; not to be kept past the block."""
+        """Return what kernels read, as it is at this time. Do not keep it past the block."""
         if self._scenery is None:
             raise RuntimeError(f"the moment at time {self.time} is over: use it within its `with stage.at(…)` block")
         return self._scenery
@@ -104,26 +101,26 @@ class Moment:
 
     @property
     def places(self) -> Places:
-        """Return what says where places on surfaces are, at any time."""
+        """Return the object that knows where places on surfaces are at any time."""
         return self.scenery.places
 
     @property
     def distant(self) -> float:
-        """Return how far away, in scene units, a point at infinity is put when it has to be a point."""
+        """Return the distance, in scene units, at which a point at infinity is put when it must be a point."""
         return self.scenery.distant
 
     def frozen(self, function: Callable[Concatenate["Scenery", Arrays], Result]) -> Callable[Arrays, Result]:
-        """Return `function` of the scenery and of Dr.Jit arrays as a kernel for this moment: see Scenery.frozen."""
+        """Return `function`, of the scenery and of Dr.Jit arrays, as a kernel for this moment: see Scenery.frozen."""
         return self.scenery.frozen(function)
 
     def end(self) -> None:
-        """Let go of the stage: what uses this moment from now on raises RuntimeError."""
+        """Let go of the stage: any later use of this moment raises RuntimeError."""
         self._scenery = None
 
 
 @dataclass(eq=False, kw_only=True)
 class Scenery:
-    """What the kernels of passes read: a Mitsuba scene as it is now, and what is the same at all times."""
+    """The data that the kernels of passes read: a Mitsuba scene as it is now, and constants."""
 
     camera: Camera
     width: int
@@ -131,29 +128,30 @@ class Scenery:
     mi_scene: MitsubaScene
     sensor: Sensor
     integrator: Integrator
-    beyond: Integrator  # what light components see beyond the first hit (nte.render.components)
+    beyond: Integrator  # gives the light beyond the first hit to light components (nte.render.components)
     shapes: Sequence[Shape]  # in the order of instance numbers, which begin at 1
     places: Places
-    containers: int  # convex objects that cannot be seen; the channels without noise look past them
-    distant: float  # how far away, in scene units, a point at infinity is put when it has to be a point
-    open_at: float | None = None  # the time of the moment that is open
+    containers: int  # number of convex invisible objects; the noise-free channels look past them
+    distant: float  # distance, in scene units, at which a point at infinity is put when it must be a point
+    open_at: float | None = None  # time of the moment that is open now
     _frozen: dict[Callable[..., object], "_Frozen"] = field(default_factory=dict)
 
     def frozen(self, function: Callable[Concatenate["Scenery", Arrays], Result]) -> Callable[Arrays, Result]:
-        """Trace `function(scenery, *arrays)` once and from then on replay it: for what every frame of a clip repeats.
+        """Return `function(scenery, *arrays)` as a kernel that is traced once and replayed from then on.
 
-        For a path through a room Dr.Jit takes 27 ms to trace it and find its kernel, 0.6 ms to replay it. Whatever
-        varies from frame to frame must be in the Mitsuba scene, or in `arrays`: Dr.Jit arrays, in memory of their own
-        (see to_jit). What `function` gives is queued, not waited for. It must not ask for any array's values.
+        Use it for work that every frame of a clip repeats. For a path through a room, Dr.Jit takes 27 ms to trace the
+        function and find its kernel, and 0.6 ms to replay it. Whatever varies from frame to frame must be in the
+        Mitsuba scene, or in `arrays`: Dr.Jit arrays that own their memory (see to_jit). The results are queued, not
+        waited for. `function` must not read the values of any array.
         """
         if function not in self._frozen:
-            scenery = weakref.proxy(self)  # no cycle: a clip's scene goes with its stage
+            scenery = weakref.proxy(self)  # no reference cycle, so a clip's scene is freed with its stage
             traced: Callable[..., Result] = function
 
             def again(scene: MitsubaScene, sensor: Sensor, beyond: Integrator, *arrays: Lanes) -> Result:
                 return traced(scenery, *arrays)
 
-            # Of `thinlens`, Dr.Jit 1.5.0 is not told all that it holds.
+            # Dr.Jit 1.5.0 cannot see all of the state of `thinlens`, so frames through it are traced.
             self._frozen[function] = load_drjit().freeze(again, enabled=not self.camera.aperture)
         return undisturbed()(partial(self._replay, function))
 
@@ -162,8 +160,8 @@ class Scenery:
         try:
             return frozen(*scene, *arrays)
         except RuntimeError:
-            # Dr.Jit calls what other scenes in the process have too, and does not record what it finds only there, a
-            # medium for instance. Then every frame is traced; what is wrong with the function itself is told there.
+            # Dr.Jit also visits the plugins of other scenes in the process, and refuses to record what only they have,
+            # a medium for instance. Then every frame is traced. An error in the function itself appears again there.
             frozen.enabled = False
             return frozen(*scene, *arrays)
 
@@ -184,7 +182,7 @@ class Scenery:
         return int(self.instances[key_of(shape)]) if shape else 0
 
     def met(self, hit: Hit, ray: Ray) -> list[Lanes]:
-        """Return what a ray meets: the shape's key, and its place there (hits.to_hits makes rows of it)."""
+        """Return what a ray meets: the shape's key, and its place there; `hits.to_hits` makes rows of both."""
         return [shape_key(hit.shape), *self.places.columns(hit, ray)]
 
     def carried(self, hit: Hit) -> Hit:
@@ -192,7 +190,7 @@ class Scenery:
         return hit
 
     def albedo(self, si: Interaction, hit: Lanes) -> Lanes:
-        """Return the colour (3,) that the guides show: `principled` gives a metal's as diffuse. Vectorised only."""
+        """Return the colour (3,) for the guides; `principled` returns a metal's colour as diffuse. Vectorised only."""
         return si.bsdf().eval_diffuse_reflectance(si, hit)
 
     def roughness(self, si: Interaction, hit: Lanes) -> Lanes:
@@ -212,7 +210,10 @@ class _Frozen(Protocol):
 
 @contextmanager
 def opened(scenery: Scenery, time: float, put: Callable[[float], None]) -> Iterator[Moment]:
-    """Hand out the moment at a time in frames, after `put` has moved the scenery there: how stages make `at`."""
+    """Hand out the moment at a time in frames, after `put` has moved the scenery there; stages build `at` from it.
+
+    Raises RuntimeError where another moment of the scenery is still open.
+    """
     if scenery.open_at is not None:
         raise RuntimeError(
             f"the stage cannot be at time {time}: its moment at time {scenery.open_at} is still open; leave that first"
@@ -228,9 +229,9 @@ def opened(scenery: Scenery, time: float, put: Callable[[float], None]) -> Itera
 
 
 def update(scene: MitsubaScene, parameters: Parameters) -> None:
-    """Make a Mitsuba scene take its changed parameters."""
+    """Apply changed parameters to a Mitsuba scene."""
     parameters.update()
     for emitter in scene.emitters():
         if not emitter.get_shape():
-            # Distant light keeps the extent that the scene had before (3.9.1), on which its points' last bits depend.
+            # Mitsuba 3.9.1 leaves distant lights with the scene's previous extent: the last bits of their points differ
             emitter.set_scene(scene)

@@ -1,11 +1,11 @@
-"""What nte uses of Mitsuba and Dr.Jit, as types.
+"""The parts of Mitsuba and Dr.Jit that nte uses, as types.
 
-Mitsuba's classes exist only after a variant is chosen at run time, and the operators of Dr.Jit's arrays cannot be
-written down as types, so arrays of numbers are `Lanes`, which is Any; a function's docstring says which kind it takes.
-What has methods is a protocol below, with the members that nte calls: mypy finds a misspelt one.
+Mitsuba's classes exist only after a variant is chosen at run time, and types cannot describe the operators of Dr.Jit's
+arrays. So arrays of numbers are `Lanes`, which is Any, and a function's docstring says which kind it takes. Classes
+with methods are protocols below, with the members that nte uses, so that mypy finds a misspelt one.
 
-A lane is one of the rays, paths or points that a kernel handles side by side. In a scalar variant there is one lane,
-and numbers are Python's. `active`: lanes that count; the others give zeros.
+A lane is one of the rays, paths or points that a kernel handles side by side. A scalar variant has one lane, and its
+numbers are Python's. `active` marks the lanes that count; the others give zeros.
 """
 
 from collections.abc import Iterator, Sequence
@@ -13,13 +13,13 @@ from types import ModuleType
 from typing import Any, Protocol, TypeAlias
 
 Lanes: TypeAlias = Any  # numbers, colours, points, directions or pointers, one per lane (mi.Float, mi.Color3f, …)
-Struct: TypeAlias = Any  # other values of Mitsuba: flags, transforms, bitmaps, emitters' samples, nodes of a parsed XML
-Plugin: TypeAlias = dict[str, Struct]  # a plugin and those in it, as mi.load_dict takes them
+Struct: TypeAlias = Any  # other values of Mitsuba: flags, transforms, bitmaps, light samples, nodes of a parsed XML
+Plugin: TypeAlias = dict[str, Struct]  # a plugin and its nested plugins, as mi.load_dict takes them
 Module: TypeAlias = ModuleType  # mitsuba or drjit, whose members are not known to mypy
 
 
 class Parameters(Protocol):
-    """mi.traverse of something: its values by name, which take effect with `update`."""
+    """The parameters that mi.traverse returns, by name; changes take effect with `update`."""
 
     def __getitem__(self, name: str) -> Struct: ...
 
@@ -33,7 +33,7 @@ class Parameters(Protocol):
 
 
 class Named(Protocol):
-    """A plugin with a name, which the XML or nte gives it."""
+    """A plugin with a name, which comes from the XML or from nte."""
 
     def id(self) -> str: ...
 
@@ -93,7 +93,7 @@ class Bsdf(Protocol):
 
 
 class Ray(Protocol):
-    """mi.Ray3f: origin, unit direction, world; calling it with a distance gives the point there."""
+    """mi.Ray3f: origin and unit direction, world; calling it with a distance returns the point there."""
 
     o: Lanes
     d: Lanes
@@ -114,7 +114,7 @@ class Interaction(Protocol):
     t: Lanes  # distance along the ray
     p: Lanes  # world
     n: Lanes  # geometric normal, world
-    wi: Lanes  # direction that the ray came from, local
+    wi: Lanes  # direction that the ray came from, in the local frame
     sh_frame: Frame  # of the shading normal
     shape: Shape
     dp_du: Lanes
@@ -143,7 +143,7 @@ class Hit(Protocol):
     t: Lanes
     valid: Lanes
     shape: Shape
-    instance: Lanes  # pointer to the instance that the shape is met in, 0 if none
+    instance: Lanes  # pointer to the instance that contains the shape, 0 if none
     prim_index: Lanes
     prim_uv: Lanes
 
@@ -153,7 +153,7 @@ class Hit(Protocol):
 
 
 class Sampler(Protocol):
-    """Random numbers in [0, 1), a stream per lane."""
+    """Random numbers in [0, 1), one stream per lane."""
 
     def seed(self, seed: Lanes, wavefront_size: int) -> None: ...
 
@@ -177,7 +177,7 @@ class Sensor(Named, Protocol):
 
 
 class Integrator(Protocol):
-    """What gives the light that arrives along rays."""
+    """An integrator, which computes the light that arrives along rays."""
 
     def sample(
         self, scene: "MitsubaScene", sampler: Sampler, ray: Ray, medium: Struct = None, active: Lanes = True

@@ -1,1 +1,1 @@
-"""What one frame is rendered in: rays, the channels without noise, radiance, and frames with an open shutter."""
+"""The passes of a frame: rays, the noise-free channels, radiance, and frames with an open shutter."""

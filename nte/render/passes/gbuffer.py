@@ -1,8 +1,8 @@
-"""The noise-free channels: what each pixel sees, and where that was and will be.
+"""The noise-free channels of what each pixel sees, with its motion to the previous and the next frame.
 
-Of two kinds. Geometry (depth, position, instance, motion) belongs to the one point at the pixel's centre,
-because averages across an edge mean nothing. Surface (albedo, normal, roughness, emission) is the mean over
-the pixel and over the lens, like the colour that it guides.
+There are two kinds. The channels of `geometry` (depth, position, instance, motion) belong to the one point at the
+pixel's centre, because averages across an edge mean nothing. The channels of `surface` (albedo, normal, roughness,
+emission) are means over the pixel and over the lens, like the colour that they guide.
 """
 
 from collections.abc import Sequence
@@ -17,22 +17,22 @@ from nte.render.passes.rays import Surfaces, trace_centres, trace_surfaces
 from nte.render.world.scene import Pixels
 from nte.render.world.transforms import Floats
 
-SAMPLES = 16  # per pixel, for the mean channels
-LENS_SAMPLES = 64  # the same through a lens: what is out of focus is that many copies of it
+SAMPLES = 16  # per pixel, for the channels that are means
+LENS_SAMPLES = 64  # likewise through a lens, where an object out of focus appears as that many copies
 
 
 def guides(moment: Moment) -> dict[str, Pixels]:
-    """Render the channels (C, H, W) without noise: those of `surface` and `geometry`."""
+    """Render the noise-free channels (C, H, W): those of `surface` and `geometry`."""
     return {**surface(moment), **geometry(moment)}
 
 
 def geometry(moment: Moment, hits: Hits | None = None) -> dict[str, Pixels]:
     """Render depth, position, instance, motion and forward_motion (C, H, W).
 
-    motion leads to where the same surface point was seen a frame before, forward_motion to where it will be a
-    frame later: pixels, x to the right, y down, object and camera motion together, no jitter. A miss is a point
-    at infinity: only the camera's rotation moves it. hits: those of the pixels' centres at this moment; traced unless
-    given.
+    motion leads to where the same surface point was seen one frame earlier, forward_motion to where it will be seen
+    one frame later: pixels, x to the right, y down, object and camera motion together, without jitter. A miss is a
+    point at infinity, which only the camera's rotation moves. hits: the hits of the rays through the pixel centres at
+    this moment; traced if None.
     """
     hits, time = trace_centres(moment) if hits is None else hits, moment.time
     hit = hits.instance > 0
@@ -53,17 +53,18 @@ def surface(moment: Moment) -> dict[str, Pixels]:
     """Render albedo, normal, roughness and emission (C, H, W): means over 16 samples in each pixel, 64 through a lens.
 
     albedo: diffuse reflectance, or a metal's specular colour, in [0, 1]. normal: shading normal, world, facing
-    the camera, unit length. Samples that miss have albedo 0 and count neither for normal nor for roughness;
-    a pixel of misses has normal 0 and roughness 1.
+    the camera, unit length. Samples that miss have albedo 0 and do not count for normal and roughness. A pixel in
+    which all samples miss has normal 0 and roughness 1.
     """
     return surface_of(moment, trace_surfaces(moment, pattern(moment)))
 
 
 def surface_of(timeless: Timeless, seen: Surfaces) -> dict[str, Pixels]:
-    """Turn what its `pattern` has seen into the channels of `surface`; with lobes, two more.
+    """Turn the sums over the samples of `pattern` into the channels of `surface`.
 
-    diffuse_albedo: ∫ f_d cos θ dω of the diffuse lobe f_d, in [0, 1]; geometric_normal: that of the surface without
-    normal maps and interpolation, world, facing the camera, unit length.
+    Sums of the diffuse lobe give two more channels. diffuse_albedo: ∫ f_d cos θ dω of the diffuse lobe f_d, in [0, 1].
+    geometric_normal: the normal of the surface without normal maps and interpolation, world, facing the camera, unit
+    length.
     """
     samples = len(pattern(timeless))
     channels = {
@@ -79,7 +80,7 @@ def surface_of(timeless: Timeless, seen: Surfaces) -> dict[str, Pixels]:
 
 
 def _unit(rows: Floats) -> Floats:
-    """Rows (P, 3) of length 1; 0 stays 0."""
+    """Rows (P, 3), scaled to length 1; 0 stays 0."""
     length = np.linalg.norm(rows, axis=1, keepdims=True)
     return np.asarray(np.divide(rows, length, where=length > 0, out=np.zeros_like(rows)))
 
@@ -87,7 +88,8 @@ def _unit(rows: Floats) -> Floats:
 def project_rows(timeless: Timeless, hit: npt.NDArray[np.bool_], points: Floats, times: Sequence[float]) -> Floats:
     """Project `points` (T, P, 3) to pixel positions (T, P, 2), as the camera sees them at `times` in frames.
 
-    What lies behind the camera counts as far outside the image: motion vectors are always finite.
+    Where `hit` (P,) is false, a point is a direction: a point at infinity. Points behind the camera are put far outside
+    the image, so motion vectors are always finite.
     """
     behind = -2.0 * max(timeless.height, timeless.width)
     positions = (pixel_positions(timeless, then, time, hit) for then, time in zip(points, times, strict=True))
@@ -97,7 +99,7 @@ def project_rows(timeless: Timeless, hit: npt.NDArray[np.bool_], points: Floats,
 def pattern(timeless: Timeless) -> Floats:
     """Return sample positions (S, 4) in a pixel and on the lens: a Hammersley set, the same in every pixel and frame.
 
-    All x and all y differ, so an edge of any slope is averaged finely, and the guides do not flicker.
+    All x differ and all y differ, so an edge of any slope is averaged finely, and the guides do not flicker.
     """
     count = LENS_SAMPLES if timeless.camera.aperture else SAMPLES
     index = np.arange(count)
@@ -105,7 +107,7 @@ def pattern(timeless: Timeless) -> Floats:
 
 
 def _mirrored(index: npt.NDArray[np.int64], base: int, count: int) -> Floats:
-    """The radical inverse of whole numbers below `count`, (N,), in the middles of its steps, in [0, 1)."""
+    """The radical inverse (N,) of whole numbers below `count`, in [0, 1), at the middles of its steps."""
     total, scale, rest = np.zeros(len(index)), 1.0, index.copy()
     while scale * count > 1:
         scale /= base

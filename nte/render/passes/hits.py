@@ -1,4 +1,4 @@
-"""What rays have hit, as NumPy rows, and where that is at other times."""
+"""The hits of rays as NumPy rows, and where the hit points are at other times."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -15,33 +15,33 @@ from nte.render.world.transforms import Floats
 
 @dataclass(frozen=True)
 class Hits:
-    """What rays meet: one row per ray."""
+    """The hits of rays: one row per ray."""
 
     instance: Indices  # (P,) 0 = miss, else index in scene.objects + 1
-    place: Floats  # (P, places.width) where on it: see Places
-    direction: Floats  # (P, 3), world: where a miss looks
+    place: Floats  # (P, places.width) where on the object: see Places
+    direction: Floats  # (P, 3) of the ray, world; all that is known of a miss
 
     def of(self, rows: npt.NDArray[np.bool_] | Indices) -> "Hits":
-        """Select rays by `rows`: (P,) bool, or row numbers."""
+        """Select rays. rows: (P,) bool, or row numbers."""
         return Hits(self.instance[rows], self.place[rows], self.direction[rows])
 
 
 def to_hits(moment: Moment, met: Sequence[Lanes], direction: Lanes) -> Hits:
-    """Make rows of what `Scenery.met` returned at this moment, evaluated, and of the rays' directions (3,)."""
-    with np.errstate(invalid="ignore"):  # of a miss, whose barycentrics are whatever was in memory
+    """Make rows of what `Scenery.met` returned at this moment, already evaluated, and of the rays' directions (3,)."""
+    with np.errstate(invalid="ignore"):  # the barycentrics of a miss are undefined
         return hits_of(moment, to_rows(met), np.array(direction, float).T)
 
 
 def hits_of(moment: Moment, met: Floats, direction: Floats) -> Hits:
-    """Make hits of columns (P, 1 + width) that `Scenery.met` returned at this moment, and directions (P, 3)."""
+    """Make hits of columns (P, 1 + width) that `Scenery.met` returned at this moment, and of directions (P, 3)."""
     instance = moment.scenery.instances[met[:, 0].astype(np.int64)]
     return Hits(instance, moment.places.stored(instance, met[:, 1:], moment.time), direction)
 
 
 def points_at(timeless: Timeless, hits: Hits, time: float) -> Floats:
-    """Return where the surface points of `hits` are at a time in frames: (P, 3), world; the ray's direction for a miss.
+    """Return where the surface points of `hits` are at a time in frames, (P, 3), world; the ray's direction for a miss.
 
-    Whatever moves them, the stage says; a point at rest has exactly the same position at every time.
+    A point at rest has exactly the same position at every time.
     """
     return np.where(hits.instance[:, None] > 0, timeless.places.points(hits.instance, hits.place, time), hits.direction)
 

@@ -1,4 +1,4 @@
-"""Camera rays and what they see: the same code for vectorised and scalar Mitsuba variants."""
+"""Camera rays and their hits: the same code for vectorised and scalar Mitsuba variants."""
 
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -17,13 +17,13 @@ from nte.render.passes.hits import Hits, hits_of, to_hits
 from nte.render.world.transforms import Floats
 
 _GOLDEN = (5**0.5 - 1) / 2
-_LOOK, _LOBES = 11, 6  # columns of Surfaces: always, and with those of the diffuse lobe
+_LOOK, _LOBES = 11, 6  # columns of Surfaces: those always there, and those of the diffuse lobe
 
 
 class DiffuseAlbedo(Protocol):
-    """Estimates the albedo (3,) of the diffuse lobe at surface interactions, for the lanes that are active.
+    """A function that estimates the albedo (3,) of the diffuse lobe at surface interactions, for the active lanes.
 
-    random: two numbers that choose a direction (see lobes.diffuse_albedo).
+    random: two numbers that choose a direction (see nte.render.components.lobes).
     """
 
     def __call__(self, si: Interaction, active: Lanes, *, random: Lanes) -> Lanes: ...
@@ -33,7 +33,7 @@ class DiffuseAlbedo(Protocol):
 
 @dataclass(frozen=True)
 class Surfaces:
-    """Sums (P, components) over the samples in each pixel, to which a sample that misses adds 0."""
+    """Sums (P, components) over the samples in each pixel; a sample that misses adds 0."""
 
     albedo: Floats
     normal: Floats
@@ -52,7 +52,7 @@ class Surfaces:
 
 @dataclass(frozen=True)
 class Seen:
-    """What single camera rays meet: one row per ray; meaningless where `hit` is false."""
+    """The hits of single camera rays: one row per ray, undefined where `hit` is false."""
 
     point: Floats  # (R, 3) world
     normal: Floats  # (R, 3) shading normal, world
@@ -62,7 +62,7 @@ class Seen:
 
 
 def trace_film(moment: Moment, pixel: Floats) -> Seen:
-    """Find what is seen at pixel positions (R, 2), inside or outside the image; vectorised variants only."""
+    """Find what is seen at pixel positions (R, 2), inside or outside the image. Vectorised variants only."""
     film = [to_jit(load_mitsuba().Float, column) for column in (pixel / (moment.width, moment.height)).T]
     met, direction, *columns = moment.frozen(_film)(*film)
     hits = to_hits(moment, met, direction)
@@ -83,7 +83,8 @@ def trace_centres(moment: Moment) -> Hits:
 def trace_surfaces(moment: Moment, offsets: Floats) -> Surfaces:
     """Sum what is seen at `offsets` (S, 4), in [0, 1)⁴, of every pixel.
 
-    The first two are a place in every pixel, the others one on the lens, where there is one: a half each is its middle.
+    The first two numbers of an offset are a place in the pixel, the others a place on the lens if there is one. A half
+    each is the middle.
     """
     if is_scalar():
         return Surfaces.of(_trace_scalar(moment.scenery, offsets, partial(_look, moment.scenery)))
@@ -93,8 +94,8 @@ def trace_surfaces(moment: Moment, offsets: Floats) -> Surfaces:
 def queue_surfaces(moment: Moment, offsets: Floats, diffuse_albedo: DiffuseAlbedo | None = None) -> list[Lanes]:
     """Queue the kernel that sums the columns of Surfaces, Dr.Jit arrays (P,), and do not wait for it.
 
-    offsets: see `trace_surfaces`. diffuse_albedo: a function that estimates it; with it there are diffuse_albedo and
-    geometric_normal too.
+    offsets: see `trace_surfaces`. diffuse_albedo: a function that estimates it; if given, the columns of diffuse_albedo
+    and geometric_normal are summed too.
     """
     mi, dr = load_mitsuba(), load_drjit()
     places = [to_jit(mi.Float, column) for column in offsets.T]
@@ -102,12 +103,12 @@ def queue_surfaces(moment: Moment, offsets: Floats, diffuse_albedo: DiffuseAlbed
 
 
 def _meet(scenery: Scenery, mi: Module, scene: MitsubaScene, ray: Ray) -> list[Lanes]:
-    """What a ray meets, and its direction (3)."""
+    """The hit of a ray, as Scenery.met returns it, and the ray's direction (3)."""
     return [*scenery.met(scene.ray_intersect_preliminary(ray, coherent=True), ray), *ray.d]
 
 
 def _centres(scenery: Scenery) -> list[Lanes]:
-    """What the rays through the pixel centres meet, and their directions (3)."""
+    """The hits of the rays through the pixel centres, and their directions (3)."""
     mi, dr = load_mitsuba(), load_drjit()
     ray = camera_ray(scenery, dr.arange(mi.UInt32, scenery.width * scenery.height), mi.Point2f(0.5))
     met = _meet(scenery, mi, scenery.mi_scene, past_containers(scenery, ray))
@@ -116,7 +117,10 @@ def _centres(scenery: Scenery) -> list[Lanes]:
 
 
 def _film(scenery: Scenery, x: Lanes, y: Lanes) -> tuple[Lanes, ...]:
-    """What rays through the film at x, y, in units of its size, meet, their directions, and what Seen has of it."""
+    """The hits of rays through the film, their directions, and the columns of Seen.
+
+    x, y: places on the film, in units of its size.
+    """
     mi, dr = load_mitsuba(), load_drjit()
     ray, _ = scenery.sensor.sample_ray(0.0, 0.5, mi.Point2f(x, y), mi.Point2f(0.5))
     first = scenery.mi_scene.ray_intersect_preliminary(ray, coherent=True)
@@ -127,7 +131,7 @@ def _film(scenery: Scenery, x: Lanes, y: Lanes) -> tuple[Lanes, ...]:
     return seen
 
 
-@cache  # the same function for every frame: a stage records it once
+@cache  # the same function for every frame, so a stage records it once
 def _summing(diffuse_albedo: DiffuseAlbedo | None) -> Callable[..., list[Lanes]]:
     """The kernel that `queue_surfaces` queues."""
 
@@ -151,10 +155,11 @@ def _summing(diffuse_albedo: DiffuseAlbedo | None) -> Callable[..., list[Lanes]]
 
 
 def _opposite_pairs(number: Lanes, count: Lanes) -> Lanes:
-    """Two numbers for the direction of sample `number` of `count`, by which the diffuse albedo is estimated.
+    """Two numbers for the direction by which sample `number` of `count` estimates the diffuse albedo.
 
-    Pairs of opposite turns, on a golden spiral: where a normal map tilts a lobe, what one direction has too much the
-    other has too little. 7 is coprime to powers of two: neighbours in the pixel are no neighbours here.
+    The samples form pairs of opposite azimuths on a golden spiral: where a normal map tilts a lobe, the excess of one
+    direction cancels the deficit of the other. 7 is coprime to powers of two, so neighbours in the pixel are not
+    neighbours here.
     """
     mi = load_mitsuba()
     rank = 7 * number % count
@@ -173,7 +178,7 @@ def _trace_scalar(
         return look(mi, scenery.mi_scene, past_containers(scenery, ray))
 
     rows = []
-    for row in range(scenery.height):  # a row of pixels at a time, as Python's numbers take much memory
+    for row in range(scenery.height):  # a row of pixels at a time, because Python's numbers take much memory
         corner = np.stack([np.arange(scenery.width), np.full(scenery.width, row)], axis=1)
         film = (corner[:, None] + offsets[:, :2]).reshape(-1, 2) / (scenery.width, scenery.height)
         rays = np.concatenate([film, np.tile(offsets[:, 2:], (scenery.width, 1))], axis=1)
@@ -191,7 +196,7 @@ def _look(
 ) -> list[Lanes]:
     """albedo (3), normal (3), roughness, emission (3), hit: 0 where the ray misses.
 
-    With an estimator of it, diffuse_albedo (3) and geometric_normal (3) too; vectorised variants only.
+    With an estimator of diffuse_albedo, also diffuse_albedo (3) and geometric_normal (3); vectorised variants only.
     """
     si = scene.ray_intersect(ray, mi.RayFlags.All, coherent=True)
     bsdf, emitter, hit = si.bsdf(), si.emitter(scene), si.is_valid()

@@ -1,11 +1,11 @@
-"""Motion blur: frames whose every sample has a shutter time of its own.
+"""Motion blur: frames in which every sample has a shutter time of its own.
 
-The open shutter of frame i is centred on time i: sample time t in [0, 1] is scene time i + shutter (t − ½). So the
-noise-free channels, cameras and motion vectors of the clip, which belong to time i, describe the sharp frame at
-mid-shutter, and neither changes where blur is switched on or the shutter opened further.
+The open shutter of frame i is centred on time i: sample time t in [0, 1] is scene time i + shutter (t − ½). The
+noise-free channels, cameras and motion vectors of the clip belong to time i, so they describe the sharp frame at
+mid-shutter. They stay the same when blur is switched on or the shutter is opened further.
 
-Mitsuba has no animated transforms, so the shutter is cut into SUBFRAMES strata with a random time in each, and the
-scene is set to one after the other. A sub-frame traces only the pixels that have its time.
+Mitsuba has no animated transforms. Therefore the shutter is cut into SUBFRAMES strata with a random time in each, and
+the scene is set to these times one after another. A sub-frame traces only the pixels that have its time.
 """
 
 from collections.abc import Sequence
@@ -25,8 +25,8 @@ from nte.render.world.scene import Pixels
 from nte.render.world.seeds import derive_generator, derive_seed
 from nte.render.world.transforms import Floats
 
-# A power of four: one for each pixel of an 8×8 block. Up to 64 px of motion no stratum moves by more than a pixel,
-# which the pixel's own box filter hides.
+# A power of four: one for each pixel of an 8×8 block. For motion up to 64 px, nothing moves by more than a pixel within
+# a stratum, and the pixel's own box filter hides that.
 SUBFRAMES = 64
 _LEVELS = 3  # of blocks of 2×2, 4×4 and 8×8 pixels
 
@@ -36,12 +36,14 @@ def blurred(
 ) -> tuple[list[dict[str, Pixels]], list[Pixels]]:
     """Render the noisy channels of each seed, and the halves (3, H, W) of the reference, at a time in frames.
 
-    color (3, H, W): one path per pixel at its own time. time (1, H, W): that time, in [0, 1] over the open shutter,
-    exact in half floats. shutter_motion (2, H, W): from where the surface that this very sample hit is seen when the
-    shutter opens, to where when it closes, pixels. shutter_depth (1, H, W): of the hit along the view axis, as the
-    camera stands at the sample's time; 0 = miss. The halves share the sub-frames with the seeds: reference_spp /
-    (2 · SUBFRAMES) samples of each in every one. shutter: the open share of the frame, in [0, 1]. Vectorised
-    variants only.
+    color (3, H, W): one path per pixel, at the pixel's own time. time (1, H, W): that time, in [0, 1] over the open
+    shutter, exact in half floats. shutter_motion (2, H, W): pixels, forward in time, from where the surface that this
+    very sample hit is seen when the shutter opens to where it is seen when the shutter closes. shutter_depth (1, H, W):
+    depth of the hit along the view axis, as the camera stands at the sample's time; 0 = miss.
+
+    shutter: the open share of the frame, in [0, 1]. keys: one seed for each set of noisy channels. halves: one seed for
+    each half. The halves share the sub-frames with the noisy channels: each has reference_spp / (2 · SUBFRAMES) samples
+    in every sub-frame. Vectorised variants only.
     """
     size = stage.height, stage.width
     times = _times(derive_generator("shutter times", *keys))
@@ -70,7 +72,7 @@ def blurred(
 
 
 def centre_motion(moment: Moment, shutter: float) -> Pixels:
-    """Render shutter_motion (2, H, W), pixels, of the sharp frame: of the surface at the pixel's centre at mid-shutter.
+    """Render shutter_motion (2, H, W), pixels, of the sharp frame: that of the surface at the pixel's centre.
 
     shutter: the open share of the frame, in [0, 1].
     """
@@ -78,23 +80,26 @@ def centre_motion(moment: Moment, shutter: float) -> Pixels:
 
 
 def _times(rng: np.random.Generator) -> Floats:
-    """A random time in each stratum of [0, 1], in order; half floats, so that what is stored is what was traced."""
+    """A random time in each stratum of [0, 1], in order.
+
+    Rounded to half floats, so that the stored times are the traced ones.
+    """
     return ((np.arange(SUBFRAMES) + rng.random(SUBFRAMES)) / SUBFRAMES).astype(np.float16).astype(np.float64)
 
 
 def _strata(height: int, width: int, rng: np.random.Generator) -> npt.NDArray[np.int64]:
-    """The stratum (H, W) of each pixel's time: each once in every 8×8 pixels.
+    """The stratum (H, W) of each pixel's time: each stratum once in every 8×8 pixels.
 
-    Nested: the four pixels of a 2×2 block lie in different quarters of the shutter, the sixteen of a 4×4 block in
-    different sixteenths, and which one has which is random. So few neighbours cover the shutter evenly, and there is
-    no pattern that a filter could lean on.
+    The strata are nested: the four pixels of a 2×2 block lie in different quarters of the shutter, the sixteen pixels
+    of a 4×4 block in different sixteenths, in random order. So few neighbours cover the shutter evenly, without a
+    pattern that a filter could exploit.
     """
     y, x = np.indices((height, width))
     stratum = np.zeros((height, width), np.int64)
     for level in range(_LEVELS):
         side = 2 << level
         blocks = -(-height // side), -(-width // side)
-        # For every block and each stratum so far, an order of the block's four quadrants.
+        # For every block and every stratum so far, a random order of the block's four quadrants.
         quarters = rng.permuted(np.tile(np.arange(4), (*blocks, 4**level, 1)), axis=-1)
         quadrant = (y >> level) % 2 * 2 + (x >> level) % 2
         stratum = 4 * stratum + quarters[y // side, x // side, stratum, quadrant]

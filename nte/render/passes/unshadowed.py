@@ -1,8 +1,8 @@
-"""Shading without noise: what a filter for motion blur is given, where nothing but visibility is to be random.
+"""Shading without noise: input for motion blur filters in which only visibility is random.
 
-Oberberger et al. 2022, «Spatiotemporal Variance-Guided Filtering for Motion Blur», section 3, trace no secondary
-rays, and leave shadows and reflections out. A sample costs about as much as a path of depth 2, and a
-reference needs a third of the samples.
+Oberberger et al. 2022, «Spatiotemporal Variance-Guided Filtering for Motion Blur», section 3, trace no secondary rays,
+and leave out shadows and reflections. A sample costs about as much as a path of depth 2, and a reference needs a third
+of the samples.
 """
 
 from functools import cache
@@ -16,10 +16,9 @@ POINTS = tuple((x, y) for x in (0.25, 0.75) for y in (0.25, 0.75))  # on each li
 
 @cache
 def unshadowed_integrator() -> Integrator:
-    """Return a Mitsuba integrator of emission + albedo · E / π, with E the irradiance as if nothing stood in the way.
+    """Return a Mitsuba integrator of emission + albedo · E / π, where E is the irradiance without any blockers.
 
-    Every surface is taken for a diffuse one of its `albedo` (docs/estimators.md): metal and glass too. Vectorised
-    variants only.
+    Every surface is treated as a diffuse surface of its `albedo`, metal and glass too. Vectorised variants only.
     """
     mi, dr = load_mitsuba(), load_drjit()
 
@@ -32,7 +31,7 @@ def unshadowed_integrator() -> Integrator:
             normal = si.sh_frame.n * dr.select(si.wi.z >= 0, 1, -1)
             irradiance, lights = mi.Color3f(0), len(scene.emitters())
             for number, (x, y) in product(range(lights), POINTS):
-                sample = mi.Point2f((number + x) / lights, y)  # what chooses this light, and this point of it
+                sample = mi.Point2f((number + x) / lights, y)  # chooses this light, and this point on it
                 light, radiance = scene.sample_emitter_direction(si, sample, False, hit)
                 irradiance += radiance * dr.maximum(dr.dot(normal, light.d), 0) / (lights * len(POINTS))
             reflected = si.bsdf().eval_diffuse_reflectance(si, hit) * irradiance / dr.pi

@@ -1,1 +1,1 @@
-"""From a recipe to a folder of clips: what to render, by which processes, into which files."""
+"""From a recipe to a folder of clips: what to render, in which processes, into which files."""

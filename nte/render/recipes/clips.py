@@ -1,4 +1,4 @@
-"""Rendering a recipe into clips: resumable, in any order, on any number of processes."""
+"""Rendering of a recipe into clips: resumable, in any order, on any number of processes."""
 
 from collections.abc import Callable
 from pathlib import Path
@@ -39,15 +39,17 @@ def render_recipe(
     progress: bool = True,
     scheduler: str | None = None,
 ) -> list[Path]:
-    """Render every clip of a recipe below `out`; returns the clips' folders.
+    """Render every clip of a recipe below `out` and return the clips' folders.
 
-    Continues where an earlier run stopped: whole frames are kept, and the result has the same bytes for any
-    number of jobs, workers and interruptions. jobs: processes; one uses all cores already. force: see output.claim.
-    progress: tell it on stderr. scheduler: address of a Dask cluster that is to do it instead, whose workers see
-    `out` (jobs.on_cluster). Raises NteError for a faulty recipe, a folder that is not ours, a full disk.
+    Continue where an earlier run stopped: whole frames are kept. The result has the same bytes for any number of jobs,
+    workers and interruptions.
+
+    jobs: number of processes; a single process already uses all cores. force: see output.claim. progress: show progress
+    on stderr. scheduler: address of a Dask scheduler, whose workers render instead; they must see `out` under the same
+    path (jobs.on_cluster). Raises NteError for a faulty recipe, a folder that is not ours, or a full disk.
     """
     out, folder = Path(out), Path(recipe_path).parent
-    load_mitsuba()  # before anything is read or written: it may be missing
+    load_mitsuba()  # before anything is read or written, because it may be missing
     recipe = read_recipe(Path(recipe_path))
     plans = plan(recipe, folder)
     for key in ("components", "shutter", "unshadowed"):
@@ -72,14 +74,14 @@ def render_recipe(
 
 
 def render_clip(unit: ClipPlan, out: Path, advance: Callable[[int], None] = lambda frames: None) -> None:
-    """Render what is missing of one clip; clip.json comes last. advance(1) is called after each frame."""
+    """Render the missing frames of one clip, then write clip.json. Call advance(1) after each frame."""
     group, folder = unit.group, out / unit.folder
     missing = [index for index in range(group.frames) if not _is_done(unit, folder, index)]
     advance(group.frames - len(missing))
     if not missing and (folder / "clip.json").is_file():
         return
     make_folder(folder)
-    remove(folder / "clip.json")  # the clip is not finished, so nothing may say it is
+    remove(folder / "clip.json")  # its presence would mark the clip as finished
     stage = make_stage(unit)
     for index in missing:
         _render_frame(unit, stage, folder, index)
@@ -89,7 +91,7 @@ def render_clip(unit: ClipPlan, out: Path, advance: Callable[[int], None] = lamb
 
 
 def _render_frame(unit: ClipPlan, stage: Stage, folder: Path, index: int) -> None:
-    """Write the files of one frame; those of further seeds first, so that the main file completes it."""
+    """Write the files of one frame: those of further seeds first, so that the main file completes the frame."""
     render = _with_components if unit.group.components else _blurred if unit.blurred else _colour_only
     channels, seeds = render(unit, stage, index)
     files = files_of(folder, index, unit.group.seeds)
@@ -113,7 +115,7 @@ def _colour_only(unit: ClipPlan, stage: Stage, index: int) -> tuple[Channels, li
 
 
 def _blurred(unit: ClipPlan, stage: Stage, index: int) -> tuple[Channels, list[Channels]]:
-    """Guides, references and noisy channels, with the samples of a pixel spread over the shutter."""
+    """Guides and references, and the noisy channels of each seed, with a pixel's samples spread over the shutter."""
     with stage.at(index) as moment:
         channels = guides(moment)
     keys = [_seed(unit, index, "color", seed) for seed in range(unit.group.seeds)]
@@ -124,7 +126,7 @@ def _blurred(unit: ClipPlan, stage: Stage, index: int) -> tuple[Channels, list[C
 
 
 def _with_components(unit: ClipPlan, stage: Stage, index: int) -> tuple[Channels, list[Channels]]:
-    """Guides, references and noisy channels, with the light components and their references, and `direct`."""
+    """Guides and references, and the noisy channels of each seed, with the light components and their references."""
     keys = [_seed(unit, index, "color", seed) for seed in range(unit.group.seeds)]
     channels, seeds = noisy(stage, index, keys)
     first, second = (_seed(unit, index, half, 0) for half in REFERENCES)
@@ -147,7 +149,7 @@ def _is_done(unit: ClipPlan, folder: Path, index: int) -> bool:
 
 
 def _info(unit: ClipPlan, stage: Stage) -> dict[str, object]:
-    """What clip.json says. No time, host or path: the same recipe gives the same bytes."""
+    """The content of clip.json. It has no time, host or path, so the same recipe gives the same bytes."""
     group, camera = unit.group, stage.camera
     projection = camera.projection(group.width, group.height).tolist()
     return {

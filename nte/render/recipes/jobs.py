@@ -1,8 +1,8 @@
-"""Clips rendered elsewhere than in this process: in several, or on the workers of a Dask cluster.
+"""Rendering of clips in other processes: several on this machine, or the workers of a Dask cluster.
 
-The unit is a clip. Its scene is built and its kernels are compiled once; what it depends on stands in its plan; and
-what is left of one that was interrupted is kept frame by frame, so that a lost worker costs a frame and not a clip.
-Two workers that are given the same clip write the same bytes, each frame whole: nothing has to be locked.
+The unit of work is a clip. Its scene is built and its kernels are compiled once, and everything that it depends on is
+in its plan. An interrupted clip keeps its whole frames, so a lost worker costs a frame and not a clip. Two workers that
+are given the same clip write the same bytes, each frame whole, so nothing has to be locked.
 """
 
 from collections.abc import Callable, Iterator
@@ -28,12 +28,12 @@ if TYPE_CHECKING:
 Work = Callable[[ClipPlan, Path], None]  # renders a clip below a folder
 Done = Callable[[ClipPlan], None]
 
-PATIENCE = 10  # seconds until a scheduler must answer, and have a worker
-_PACKAGES = ("mitsuba", "drjit", "numpy")  # with nte, what the bytes of a frame depend on
+PATIENCE = 10  # seconds within which a scheduler must answer and have a worker
+_PACKAGES = ("mitsuba", "drjit", "numpy")  # the bytes of a frame depend on these and on nte
 
 
 def in_processes(work: Work, units: list[ClipPlan], out: Path, jobs: int, done: Done) -> None:
-    """Do all units in `jobs` processes. Spawned: Dr.Jit's threads do not survive a fork."""
+    """Do all units in `jobs` processes. They are spawned, because Dr.Jit's threads do not survive a fork."""
     pool = ProcessPoolExecutor(jobs, mp_context=get_context("spawn"), initializer=_begin_worker, initargs=(jobs,))
     try:
         with ending_workers():
@@ -52,7 +52,7 @@ def _begin_worker(jobs: int) -> None:
 
 @dataclass(frozen=True)
 class _Terms:
-    """What a worker has to have in common with us."""
+    """What a worker must have in common with this process."""
 
     token: Path  # a file in the output folder
     versions: dict[str, str]
@@ -62,14 +62,15 @@ class _Terms:
 def on_cluster(work: Work, units: list[ClipPlan], out: Path, address: str, done: Done) -> None:
     """Do all units on the workers of the Dask scheduler at `address`, tcp://host:port.
 
-    Every worker must see `out` under the same path, and have the versions that we have. A unit whose worker dies is
-    done again by another. Raises NteError where nobody answers, a worker does not fit, or a unit fails.
+    Every worker must see `out` under the same path, and have the same versions of nte and its packages. A unit whose
+    worker dies is done again by another. Raises NteError where no scheduler answers, a worker does not fit, or a unit
+    fails.
     """
     try:
         import dask
 
         with dask.config.set(logging={"distributed": "critical", "distributed.client": "critical"}):
-            import distributed  # sets up its log when it is first imported; what matters comes back as an error
+            import distributed  # sets up its log on first import; anything that matters comes back as an error
     except ImportError as error:
         raise needs_extra("cluster", "--scheduler", error) from error
     with _connected(distributed, address) as client, _token(out.absolute()) as token:
@@ -96,7 +97,7 @@ def on_cluster(work: Work, units: list[ClipPlan], out: Path, address: str, done:
 
 @contextmanager
 def _connected(distributed: ModuleType, address: str) -> Iterator["Client"]:
-    """A client of the scheduler, which has a worker at least."""
+    """A client of the scheduler, which has at least one worker."""
     try:
         client = distributed.Client(address, timeout=PATIENCE, set_as_default=False)
     except (OSError, ValueError) as error:
@@ -113,7 +114,7 @@ def _connected(distributed: ModuleType, address: str) -> Iterator["Client"]:
 
 @contextmanager
 def _token(out: Path) -> Iterator[Path]:
-    """A file in the folder while it is rendered to: who sees it shares our file system."""
+    """A file in the folder while it is rendered to; a worker that sees the file shares our file system."""
     token = out / f".rendering-{token_hex(8)}"
     token.touch()
     try:
@@ -133,7 +134,7 @@ def _versions() -> dict[str, str]:
 
 
 def _fault(terms: _Terms, dask_worker: "Worker") -> str | None:
-    """Why this worker cannot render, if it cannot. On workers; also asked again for each unit, as they come and go."""
+    """Why this worker cannot render, or None. Runs on workers, and again for each unit, as workers come and go."""
     if not terms.token.is_file():
         return f"does not see {terms.token.parent}: the folder must be on a file system that all workers share"
     if dask_worker.state.nthreads != 1:
@@ -145,7 +146,7 @@ def _fault(terms: _Terms, dask_worker: "Worker") -> str | None:
 
 
 def _render_there(work: Work, unit: ClipPlan, out: Path, terms: _Terms) -> None:
-    """One unit, on a worker."""
+    """Render one unit, on a worker."""
     from distributed import get_worker
 
     worker = get_worker()

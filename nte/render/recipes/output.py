@@ -1,4 +1,4 @@
-"""The folder that a recipe is rendered into: whose it is, and what in it is already done."""
+"""The folder that a recipe is rendered into: which recipe owns it, and which frames in it are done."""
 
 import re
 from pathlib import Path
@@ -8,15 +8,15 @@ from nte.files import refuse_links, sweep, write_whole
 from nte.frames.clip import frame_path, read_frame
 from nte.render.recipes.recipe import SHARP, SPLITS, ClipPlan, Recipe, recipe_text
 
-_BEGUN = re.compile(r"\.recipe\.yaml\.\w+\.tmp")  # left by a process that was killed before it rendered anything
+_BEGUN = re.compile(r"\.recipe\.yaml\.\w+\.tmp")  # left by a process that was killed before its first rendering
 _OURS = re.compile(r"(seed_\d{2}/)?(\.?frame_\d{4}\.exr(\.\w+\.tmp)?|\.?clip\.json(\.\w+\.tmp)?)")
 
 
 def claim(out: Path, recipe: Recipe, force: bool, folder: Path = Path()) -> None:
-    """Make `out` the folder of this recipe, whose file is in `folder`, keeping the frames that an earlier run has left.
+    """Make `out` the folder of this recipe, and keep the frames that an earlier run has left there.
 
-    A folder that holds another recipe's clips, anything else, or links is refused with NteError; with `force`
-    the other recipe's clips are removed, and files that are not ours stay.
+    folder: the folder of the recipe's file. Raises NteError for a folder that holds another recipe's clips, anything
+    else, or links. force: remove the other recipe's clips instead; files that are not ours stay.
     """
     text, copy = recipe_text(recipe, folder), out / "recipe.yaml"
     if out.exists() and not out.is_dir():
@@ -39,7 +39,7 @@ def claim(out: Path, recipe: Recipe, force: bool, folder: Path = Path()) -> None
 
 
 def is_whole(path: Path, channels: tuple[str, ...], plan: ClipPlan) -> bool:
-    """Whether a frame's file can be read and has these channels in the planned size."""
+    """Say whether a frame's file can be read and has these channels in the planned size."""
     try:
         found = read_frame(path)
     except NteError:
@@ -49,12 +49,12 @@ def is_whole(path: Path, channels: tuple[str, ...], plan: ClipPlan) -> bool:
 
 
 def files_of(folder: Path, index: int, seeds: int) -> list[Path]:
-    """The files of a frame: the first has all channels, those of further seeds only the noisy ones."""
+    """Return the files of a frame: the first has all channels, those of further seeds only the noisy ones."""
     return [frame_path(folder, index, seed) for seed in range(seeds)]
 
 
 def remove_leftovers(clip: Path) -> None:
-    """Delete what writers that were killed have left beside the frames of a clip that is now complete."""
+    """Delete the temporary files that killed writers have left beside the frames of a clip that is now complete."""
     for path in clip.rglob("*.tmp"):
         if _OURS.fullmatch(path.relative_to(clip).as_posix()):
             path.unlink(missing_ok=True)

@@ -1,4 +1,4 @@
-"""Recipes: a YAML file that says which clips to render, and everything random in them by one seed."""
+"""Recipes: YAML files that say which clips to render, and that derive everything random from one seed."""
 
 from collections import Counter
 from dataclasses import dataclass, field, replace
@@ -23,37 +23,37 @@ from nte.render.world.seeds import derive_generator
 from nte.version import __version__
 
 SPLITS = ("train", "test")
-START = "start"  # the one parameter of somebody's own scene: the animation's frame to begin with
-SHARP = "sharp"  # folder of the sharp twins
+START = "start"  # the only parameter of a user's own scene: the first frame of the animation to render
+SHARP = "sharp"  # folder of the sharp twins of blurred clips
 _AT_LEAST = {
     "clips": 0, "width": 1, "height": 1, "frames": 1, "spp": 1, "seeds": 1, "reference_spp": 2, "max_depth": 2,
 }  # fmt: skip
-_TOO_MUCH = 2**31  # for the renderer's integers
+_TOO_MUCH = 2**31  # beyond the renderer's integers
 
 
 @dataclass
 class Group:
     """Clips of one kind."""
 
-    scene: str = "rooms"  # family of scenes, or a YAML file with an animated XML scene (docs/own_scenes.md)
-    parameters: dict[str, Any] = field(default_factory=dict)  # of the family, by name; datasets/SCENES.md lists them
+    scene: str = "rooms"  # family of scenes, or a YAML file with an animated XML scene (world.keyframes)
+    parameters: dict[str, Any] = field(default_factory=dict)  # of the family, by name: the fields of its Parameters
     clips: int = MISSING
     width: int = 128  # pixels
     height: int = 128
     frames: int = 8
     spp: int = 1  # samples per pixel of `color`, per seed
     seeds: int = 1  # independent noise seeds of `color`
-    reference_spp: int = 256  # of both halves together
+    reference_spp: int = 256  # samples per pixel of both halves of the reference together
     components: bool = False  # light separated into components, and shadow and reflection vectors
-    shutter: float = 0.0  # open share of the frame, in [0, 1]; above 0 frames are blurred, and sharp/ has them sharp
+    shutter: float = 0.0  # open share of the frame, in [0, 1]; above 0, frames are blurred and sharp/ holds sharp twins
     unshadowed: bool = False  # shading without noise: diffuse light of the first hit, without shadows
     max_depth: int = 4  # path segments: 1 sees lights only, 2 direct light, 3 one bounce of indirect light
-    # (a scene with a medium, where light bends often, asks for more by itself)
+    # (a scene with a medium raises it by itself, because light scatters often there)
 
 
 @dataclass
 class Recipe:
-    """A data set. Clips of `train` and `test` are never of the same scene."""
+    """A data set. Clips of `train` and `test` never show the same scene."""
 
     name: str = MISSING
     seed: int = 0
@@ -63,7 +63,7 @@ class Recipe:
 
 @dataclass(frozen=True)
 class ClipPlan:
-    """One clip to render: a unit that depends on nothing but what is written here."""
+    """One clip to render: a unit that depends on nothing but these fields."""
 
     recipe: str
     seed: int
@@ -71,27 +71,33 @@ class ClipPlan:
     number: int  # among the clips of its family in its split
     group: Group
     sharp: bool = False  # the sharp twin of a blurred clip
-    animation: Path | None = None  # of somebody else's scene, in place of a family
-    start: int = 0  # the animation's frame that is the clip's first
+    animation: Path | None = None  # the animation of a user's own scene, in place of a family
+    start: int = 0  # the animation's frame that becomes the clip's first
 
     @property
     def name(self) -> str:
-        """train/rooms_003: what the clip's randomness is derived from; a sharp twin has that of the blurred clip."""
+        """Return the clip's name, such as train/rooms_003; its randomness is derived from it.
+
+        A sharp twin has the name, and so the randomness, of its blurred clip.
+        """
         return f"{self.split}/{_scene_name(self.group)}_{self.number:03d}"
 
     @property
     def folder(self) -> str:
-        """train/rooms_003 or sharp/train/rooms_003: in the output. Apart, so that no split mixes the two kinds."""
+        """Return the clip's folder in the output: train/rooms_003, or sharp/train/rooms_003 for a sharp twin.
+
+        Sharp twins lie apart, so that no split mixes the two kinds.
+        """
         return f"{SHARP}/{self.name}" if self.sharp else self.name
 
     @property
     def blurred(self) -> bool:
-        """Whether the samples of a frame are spread over the shutter."""
+        """Return whether the samples of a frame are spread over the shutter."""
         return self.group.shutter > 0 and not self.sharp
 
 
 def make_stage(unit: ClipPlan) -> Stage:
-    """Build the scene of a clip in Mitsuba: the same whenever and wherever it is asked for."""
+    """Build the scene of a clip in Mitsuba; the result is the same whenever and wherever it is built."""
     group = unit.group
     how = group.width, group.height, group.max_depth, unshadowed_integrator() if group.unshadowed else None
     if unit.animation is not None:
@@ -100,7 +106,7 @@ def make_stage(unit: ClipPlan) -> Stage:
 
 
 def make_scene(unit: ClipPlan) -> Scene:
-    """Make the scene of a clip of a family."""
+    """Make the scene of a clip from its family."""
     rng = derive_generator(unit.seed, unit.name, "scene")
     return FAMILIES[unit.group.scene](rng, unit.split, unit.group.parameters)
 
@@ -117,10 +123,10 @@ def read_recipe(path: Path) -> Recipe:
 
 
 def recipe_text(recipe: Recipe, folder: Path = Path()) -> str:
-    """The recipe with every default written out, and what renders it: equal texts give equal clips.
+    """Return the recipe with every default written out, and the version of nte: equal texts give equal clips.
 
-    folder: of the recipe's file. Of somebody's own scene there is the digest of its XML and its keyframes; meshes and
-    textures are not looked into.
+    folder: the folder of the recipe's file. For a user's own scene the text has the digest of its XML and keyframes;
+    meshes and textures are not read.
     """
     lines = [f"# Rendered by nte {__version__} with these settings."]
     for scene in sorted({group.scene for split in SPLITS for group in getattr(recipe, split) if is_own(group)}):
@@ -131,9 +137,10 @@ def recipe_text(recipe: Recipe, folder: Path = Path()) -> str:
 
 
 def plan(recipe: Recipe, folder: Path = Path()) -> list[ClipPlan]:
-    """The clips of a recipe, in order; each blurred one is followed by its sharp twin. folder: of the recipe's file.
+    """Return the clips of a recipe, in order; each blurred clip is followed by its sharp twin.
 
-    Clips of one animation follow each other in it, frame after frame, training before test.
+    folder: the folder of the recipe's file. Clips of one animation follow each other in it, frame after frame, training
+    before test.
     """
     plans, frames = [], Counter[Path]()
     for split in SPLITS:
@@ -152,7 +159,7 @@ def plan(recipe: Recipe, folder: Path = Path()) -> list[ClipPlan]:
 
 
 def is_own(group: Group) -> bool:
-    """Whether the scene is somebody's own: a file, not a family."""
+    """Say whether the scene is a user's own: a file, not a family."""
     return Path(group.scene).suffix in (".yaml", ".yml")
 
 

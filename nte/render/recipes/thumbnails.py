@@ -15,12 +15,15 @@ from nte.render.passes.radiance import radiance
 from nte.render.recipes.recipe import ClipPlan, make_stage, plan, read_recipe
 from nte.render.world.scene import Pixels
 
-PICTURES = 4  # of a strip, spread evenly over the clip
-COLOURS = 255  # a palette keeps a strip under 40 kB whatever noise is left in it
+PICTURES = 4  # pictures in a strip, spread evenly over the clip
+COLOURS = 255  # a palette keeps a strip under 40 kB, however noisy it is
 
 
 def thumbnails(recipe: Path, out: Path, size: int = 96, spp: int = 144) -> list[Path]:
-    """A PNG for the first training clip of every family and set of parameters in the recipe; returns their paths."""
+    """Write a PNG for the first training clip of every family and set of parameters in the recipe; return the paths.
+
+    size: pixels of one picture. spp: samples per pixel.
+    """
     first: dict[str, ClipPlan] = {}
     for unit in plan(read_recipe(recipe), recipe.parent):
         if unit.split == "train":
@@ -36,12 +39,12 @@ def thumbnails(recipe: Path, out: Path, size: int = 96, spp: int = 144) -> list[
 
 
 def strip_name(scene: str, parameters: dict[str, object]) -> str:
-    """fence, or fence-lights-3: the file that shows a group of clips."""
+    """Return the name of the file that shows a group of clips: fence, or fence-lights-3."""
     return "-".join([scene, *(f"{key}-{value}".lower() for key, value in parameters.items())])
 
 
 def strip(unit: ClipPlan, size: int, spp: int) -> Pixels:
-    """Frames of a clip side by side, (size, PICTURES · size, 3) uint8, as the display transform shows them."""
+    """Render frames of a clip side by side, (size, PICTURES · size, 3) uint8, as the display transform shows them."""
     group = replace(unit.group, width=size, height=size)
     stage = make_stage(replace(unit, group=group))
     frames = []
@@ -49,14 +52,14 @@ def strip(unit: ClipPlan, size: int, spp: int) -> Pixels:
         with stage.at(time) as moment:
             frames.append(radiance(moment, spp, seed=int(time)))
     image = torch.from_numpy(np.concatenate(frames, axis=2))[None]
-    # The middle of the scene's own brightness, not the mean: a lamp in view must not darken the rest.
+    # Exposure from the geometric mean, so that a lamp in view does not darken the rest.
     exposure = 0.18 / torch.exp(torch.log(image.mean(1).clamp(min=1e-4)).mean())
     shown = display(image, exposure[None] * 1.5)[0].permute(1, 2, 0)
     return np.asarray((shown * 255).round().byte().numpy())
 
 
 def main(arguments: Sequence[str] | None = None) -> None:
-    """The command."""
+    """Run the command."""
     parser = argparse.ArgumentParser(description="Strips of small pictures of the scenes in recipes.")
     parser.add_argument("recipes", nargs="+", type=Path)
     parser.add_argument("--out", type=Path, default=Path("datasets/thumbnails"))

@@ -1,1 +1,1 @@
-"""Procedural scenes: what they are built from, and families/ of them."""
+"""Procedural scenes: the parts that they are built from, and `families` of them."""

@@ -1,4 +1,4 @@
-"""Sun and sky through a window in the side wall of a room, dimmed lamps, and something of glass in the light."""
+"""Sun and sky through a window in the side wall of a room, with dimmed lamps and a glass object in the light."""
 
 from collections.abc import Sequence
 from dataclasses import replace
@@ -11,9 +11,10 @@ from nte.render.world.scene import Camera, Material, Scene, SceneObject
 
 
 def let_daylight_in(size: Size, rng: np.random.Generator, objects: Sequence[SceneObject], camera: Camera) -> Scene:
-    """The scene of a room of this width, height and depth; objects: second and third are its side walls.
+    """Return the scene of a room with a window in a side wall, and with the room's own lights dimmed.
 
-    The last of the objects turns to glass.
+    size: width, height and depth of the room. objects: the second and third must be its side walls; the last becomes
+    glass.
     """
     width, height, depth = size
     side = int(rng.integers(2))

@@ -1,4 +1,4 @@
-"""What a family of scenes is: a function of random choices and of parameters that a recipe may set."""
+"""A family of scenes: a function of random choices, and of parameters that a recipe may set."""
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, fields
@@ -19,17 +19,17 @@ _HELD_OUT = (0.4, 0.6)  # the share of every split range that belongs to the tes
 
 
 class Dice(np.random.Generator):
-    """A generator that knows whether it makes a training or a test scene."""
+    """A random generator that knows whether it makes a training or a test scene."""
 
     def __init__(self, rng: np.random.Generator, split: str) -> None:
         super().__init__(rng.bit_generator)
         self.split = split
 
     def apart(self, low: float, high: float) -> float:
-        """A number in [low, high] that is never the same in training and in test scenes.
+        """Return a number in [low, high] that is never the same in training and in test scenes.
 
-        Test scenes draw from the middle fifth of the range, training scenes from both sides of it: what a
-        network is tested on lies within what it has learned, but it has not seen it.
+        Test scenes draw from the middle fifth of the range, training scenes from both sides of it. So a network is
+        tested within the range that it has learned from, on values that it has not seen.
         """
         start, end = _HELD_OUT
         share = self.uniform()
@@ -43,7 +43,7 @@ class Dice(np.random.Generator):
 
 @dataclass(frozen=True)
 class Family(Generic[Parameters]):
-    """Scenes of one kind. `parameters` is a dataclass whose defaults are what a recipe gets if it sets nothing.
+    """Scenes of one kind. `parameters` is a dataclass whose defaults apply to whatever a recipe does not set.
 
     media: whether light is scattered on its way, so that it cannot be separated at the first surface.
     """
@@ -73,7 +73,7 @@ class Family(Generic[Parameters]):
 
 
 def between(default: Number, low: float, high: float) -> Number:
-    """Make a dataclass field for a number in [low, high]; whole if the default is."""
+    """Make a dataclass field for a number in [low, high]; a whole number if the default is one."""
     expected = f"{'a whole number' if type(default) is int else 'a number'} from {low:g} to {high:g}"
     return _setting(default, expected, lambda value: low <= value <= high)
 
@@ -89,7 +89,7 @@ def switch(default: bool) -> bool:
 
 
 def describe(family: Family[Parameters]) -> dict[str, tuple[str, str]]:
-    """Map the name of each parameter to what is allowed, and the default."""
+    """Map the name of each parameter to what is allowed and its default."""
     return {entry.name: (entry.metadata["expected"], str(entry.default).lower()) for entry in fields(family.parameters)}
 
 

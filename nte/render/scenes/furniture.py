@@ -1,4 +1,4 @@
-"""Furniture and tableware of real size, in metres, each one mesh; all stands on y = 0 and faces −z."""
+"""Furniture and tableware of real size, in metres, each as one mesh that stands on y = 0 and faces −z."""
 
 import numpy as np
 
@@ -8,7 +8,7 @@ from nte.render.world.transforms import translation
 
 
 def chair() -> Mesh:
-    """Four legs, a seat, and a back of three rails at +z."""
+    """Make a chair: four legs, a seat, and a back of three rails at +z."""
     legs = [block((0.05, 0.45, 0.05), (x, 0, z), 0.5) for x in (-0.19, 0.19) for z in (-0.19, 0.19)]
     seat = cushion((0.46, 0.06, 0.46), 0.025, (0, 0.43, 0), 0.5)
     posts = [block((0.05, 0.5, 0.05), (x, 0.45, 0.19), 0.5) for x in (-0.19, 0.19)]
@@ -17,14 +17,14 @@ def chair() -> Mesh:
 
 
 def table(width: float, depth: float, height: float = 0.74) -> Mesh:
-    """A slab on four legs."""
+    """Make a table: a slab on four legs."""
     top = block((width, 0.05, depth), (0, height - 0.05, 0), 1.0)
     x, z = width / 2 - 0.08, depth / 2 - 0.08
     return merged([top, *(block((0.07, height - 0.05, 0.07), (a * x, 0, b * z)) for a in (-1, 1) for b in (-1, 1))])
 
 
 def round_table(radius: float, height: float = 0.74) -> Mesh:
-    """A disc on a turned foot."""
+    """Make a round table: a disc on a turned foot."""
     top = height - 0.05
     profile = [
         (0, 0), (0.6 * radius, 0), (0.6 * radius, 0.03), (0.07, 0.08), (0.05, top / 2), (0.09, top - 0.02),
@@ -34,7 +34,7 @@ def round_table(radius: float, height: float = 0.74) -> Mesh:
 
 
 def shelf(width: float, height: float, depth: float, boards: int) -> Mesh:
-    """Two sides, a back at +z, and boards."""
+    """Make a shelf: two sides, a back at +z, and boards."""
     sides = [block((0.04, height, depth), (x, 0, 0)) for x in (-width / 2, width / 2)]
     back = block((width, height, 0.02), (0, 0, depth / 2))
     levels = np.linspace(0.05, height - 0.04, boards)
@@ -42,7 +42,7 @@ def shelf(width: float, height: float, depth: float, boards: int) -> Mesh:
 
 
 def books(rng: np.random.Generator, width: float) -> Mesh:
-    """A row of upright books as wide as this."""
+    """Make a row of upright books, `width` wide in all."""
     row, x = [], -width / 2
     while x < width / 2 - 0.08:
         thickness, height = rng.uniform(0.03, 0.07), rng.uniform(0.2, 0.3)
@@ -52,7 +52,7 @@ def books(rng: np.random.Generator, width: float) -> Mesh:
 
 
 def bed() -> Mesh:
-    """A frame with a headboard at +z; 1.5 by 2.1."""
+    """Make a bed: a frame with a headboard at +z, 1.5 by 2.1."""
     return merged([
         block((1.5, 0.28, 2.1), (0, 0.08, 0)), block((1.5, 0.95, 0.07), (0, 0, 1.05)),
         *(block((0.08, 0.1, 0.08), (x, 0, z)) for x in (-0.68, 0.68) for z in (-0.95, 0.95)),
@@ -60,24 +60,24 @@ def bed() -> Mesh:
 
 
 def lamp_shade(radius: float = 0.2, height: float = 0.25) -> Mesh:
-    """A cone without ends, seen from both sides, about y = 0."""
+    """Make a lamp shade: a cone without ends, visible from both sides, about y = 0."""
     r, h = radius, height
     return turned([(r, 0), (0.6 * r, h), (0.57 * r, h), (0.97 * r, 0)], rows=40)
 
 
 def stand(height: float) -> Mesh:
-    """A lamp's foot and pole."""
+    """Make the foot and pole of a lamp."""
     return turned([(0, 0), (0.16, 0), (0.16, 0.02), (0.03, 0.05), (0.015, 0.1), (0.015, height), (0, height)], 24, 60)
 
 
 def plate(radius: float = 0.13) -> Mesh:
-    """A plate with a rim."""
+    """Make a plate with a rim."""
     r = radius
     return turned([(0, 0), (0.6 * r, 0), (r, 0.022), (r, 0.028), (0.65 * r, 0.01), (0, 0.008)], rows=60)
 
 
 def glass(height: float = 0.16) -> Mesh:
-    """A stemmed glass with a wall of its own thickness, so that light is bent as by a real one."""
+    """Make a stemmed glass whose wall has a thickness, so that it bends light as a real glass does."""
     h = height
     return turned([
         (0, 0), (0.035, 0), (0.035, 0.004), (0.009, 0.012), (0.008, 0.4 * h), (0.03, 0.5 * h), (0.038, 0.7 * h),
@@ -86,7 +86,7 @@ def glass(height: float = 0.16) -> Mesh:
 
 
 def bottle(height: float = 0.3) -> Mesh:
-    """A closed bottle."""
+    """Make a closed bottle."""
     h = height
     return turned([
         (0, 0), (0.036, 0), (0.04, 0.01), (0.04, 0.6 * h), (0.03, 0.72 * h), (0.014, 0.8 * h), (0.014, 0.97 * h),
@@ -95,7 +95,7 @@ def bottle(height: float = 0.3) -> Mesh:
 
 
 def apple(rng: np.random.Generator) -> tuple[Mesh, Mesh]:
-    """Body and stem of an apple of about unit radius, dented at both ends, standing on y = 0."""
+    """Make body and stem of an apple of about unit radius, dented at both ends, standing on y = 0."""
     waist, dent = rng.uniform(0.95, 1.08), rng.uniform(0.3, 0.42)
     body = turned([
         (0, 0.18), (0.12, 0.1), (0.3, 0), (0.55, 0.06), (0.85 * waist, 0.5), (waist, 1.0), (0.86 * waist, 1.5),

@@ -1,4 +1,4 @@
-"""Meshes at rest: parametric surfaces with smooth normals, and faceted solids. All about one unit in radius."""
+"""Meshes at rest: parametric surfaces with smooth normals, and faceted solids, all about one unit in radius."""
 
 from collections.abc import Callable
 
@@ -13,14 +13,14 @@ Surface = Callable[[Floats, Floats], Floats]  # u, v in [0, 1], each (N,) → po
 
 
 def parametric(surface: Surface, columns: int, rows: int) -> Mesh:
-    """A smooth mesh from points(u, v) on a grid; uv are the parameters themselves.
+    """Make a smooth mesh from surface(u, v) on a grid of columns × rows; its uv are the parameters themselves.
 
-    Seen from outside, u runs to the right where v runs up. Normals are finite differences, so a seam in
-    the texture is none in the shading.
+    Seen from outside, u runs to the right where v runs up. Normals are finite differences, so a seam of the texture
+    does not show in the shading.
     """
     u, v = (g.ravel() for g in np.meshgrid(np.linspace(0, 1, columns + 1), np.linspace(0, 1, rows + 1)))
     step = 1e-4
-    inner_v = np.clip(v, step, 1 - step)  # at a pole the derivative along u vanishes: look beside it
+    inner_v = np.clip(v, step, 1 - step)  # at a pole the derivative along u vanishes, so it is taken beside the pole
     along_u = surface(u + step, inner_v) - surface(u - step, inner_v)
     along_v = surface(u, inner_v + step) - surface(u, inner_v - step)
     corner = (np.arange(rows)[:, None] * (columns + 1) + np.arange(columns)).ravel()
@@ -30,7 +30,7 @@ def parametric(surface: Surface, columns: int, rows: int) -> Mesh:
 
 
 def faceted(solid: trimesh.Trimesh, texture_size: float = 2.0) -> Mesh:
-    """Any trimesh with flat faces, textured from the side that each face looks to.
+    """Make a mesh with flat faces from any trimesh, textured along the axis that each face looks to.
 
     texture_size: scene units that one period of the texture covers.
     """
@@ -44,7 +44,10 @@ def faceted(solid: trimesh.Trimesh, texture_size: float = 2.0) -> Mesh:
 
 
 def rectangle(corner: npt.ArrayLike, right: npt.ArrayLike, up: npt.ArrayLike, texture_size: float = 1.0) -> Mesh:
-    """corner + s·right + t·up for s, t in [0, 1], facing right × up; one texture period is texture_size units."""
+    """Make the rectangle corner + s·right + t·up for s, t in [0, 1], which faces right × up.
+
+    texture_size: scene units that one period of the texture covers.
+    """
     c, r, u = (np.asarray(x, float) for x in (corner, right, up))
     positions = np.stack([c, c + r, c + r + u, c + u])
     size = np.array([np.linalg.norm(r), np.linalg.norm(u)]) / texture_size
@@ -55,7 +58,7 @@ def rectangle(corner: npt.ArrayLike, right: npt.ArrayLike, up: npt.ArrayLike, te
 def revolved(
     radius: Callable[[Floats], Floats], height: Callable[[Floats], Floats], columns: int = 40, rows: int = 24
 ) -> Mesh:
-    """A lathe: the profile (radius(v), height(v)) turned about the y axis, from the bottom up."""
+    """Make a surface of revolution: the profile (radius(v), height(v)), from the bottom up, about the y axis."""
 
     def surface(u: Floats, v: Floats) -> Floats:
         angle = -2 * np.pi * u
@@ -65,17 +68,17 @@ def revolved(
 
 
 def sphere() -> Mesh:
-    """The unit sphere."""
+    """Make the unit sphere."""
     return revolved(lambda v: np.sin(np.pi * v), lambda v: -np.cos(np.pi * v))
 
 
 def cylinder() -> Mesh:
-    """A closed cylinder of radius 0.7 and height 2, its rims a little rounded."""
+    """Make a closed cylinder of radius 0.7 and height 2, with slightly rounded rims."""
     return revolved(lambda v: 0.7 * _squared(np.sin(np.pi * v)), lambda v: -_squared(np.cos(np.pi * v)), rows=40)
 
 
 def vase(rng: np.random.Generator) -> Mesh:
-    """A lathe with a random wavy profile, closed at both ends."""
+    """Make a surface of revolution with a random wavy profile, closed at both ends."""
     waves, phase, depth = rng.uniform(0.8, 2.0), rng.uniform(0, 2 * np.pi), rng.uniform(0.15, 0.3)
 
     def radius(v: Floats) -> Floats:
@@ -86,12 +89,12 @@ def vase(rng: np.random.Generator) -> Mesh:
 
 
 def torus(rng: np.random.Generator) -> Mesh:
-    """A ring of radius 0.7 in the plane y = 0."""
+    """Make a ring of radius 0.7 in the plane y = 0."""
     return tube(lambda u: _circle(u, 0.7), rng.uniform(0.22, 0.32))
 
 
 def knot(rng: np.random.Generator) -> Mesh:
-    """A trefoil, or another torus knot."""
+    """Make a trefoil or another torus knot."""
     turns, loops = [(2, 3), (3, 2), (2, 5)][rng.integers(3)]
 
     def curve(u: Floats) -> Floats:
@@ -103,7 +106,7 @@ def knot(rng: np.random.Generator) -> Mesh:
 
 
 def tube(curve: Callable[[Floats], Floats], radius: float, columns: int = 48, rows: int = 20) -> Mesh:
-    """A tube about a closed curve(u) whose tangent is never vertical."""
+    """Make a tube about a closed curve(u) whose tangent is never vertical."""
 
     def surface(u: Floats, v: Floats) -> Floats:
         tangent = curve(u + 1e-3) - curve(u - 1e-3)
@@ -116,7 +119,7 @@ def tube(curve: Callable[[Floats], Floats], radius: float, columns: int = 48, ro
 
 
 def boulder(rng: np.random.Generator) -> Mesh:
-    """A sphere displaced by a few smooth random waves."""
+    """Make a sphere that is displaced by a few smooth random waves."""
     directions = _unit(rng.normal(size=(6, 3))) * rng.uniform(1.5, 4.0, (6, 1))
     phases = rng.uniform(0, 2 * np.pi, 6)
 
@@ -130,12 +133,12 @@ def boulder(rng: np.random.Generator) -> Mesh:
 
 
 def box(rng: np.random.Generator) -> Mesh:
-    """A box with random proportions."""
+    """Make a box of random proportions."""
     return faceted(trimesh.creation.box(rng.uniform(0.8, 1.7, 3)))
 
 
 def gem() -> Mesh:
-    """An icosahedron."""
+    """Make an icosahedron."""
     return faceted(trimesh.creation.icosahedron())
 
 
@@ -145,7 +148,7 @@ def _circle(u: Floats, radius: float) -> Floats:
 
 
 def _squared(x: Floats) -> Floats:
-    """Pushes a sine towards a square wave: a circle becomes a rounded square."""
+    """A sine pushed towards a square wave, which turns a circle into a rounded square."""
     return np.asarray(np.tanh(4 * x) / np.tanh(4.0))
 
 

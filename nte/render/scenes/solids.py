@@ -1,6 +1,6 @@
-"""Things to build scenes from, in scene units: blocks, limbs, sheets, lathed pieces, and putting them together.
+"""Solids to build scenes from, in scene units: blocks, limbs, sheets, turned pieces, and functions that combine them.
 
-What is placed on the ground stands on y = 0 at rest.
+Pieces for the ground stand on y = 0 at rest.
 """
 
 from collections.abc import Callable, Sequence
@@ -17,15 +17,15 @@ Size = tuple[float, float, float]
 
 
 def block(size: Size, at: npt.ArrayLike = (0, 0, 0), texture_size: float = 2.0) -> Mesh:
-    """A box of this width (x), height (y) and depth (z), standing at `at`."""
+    """Make a box of this width (x), height (y) and depth (z) that stands at `at`."""
     box = trimesh.creation.box(size, transform=translation((0, size[1] / 2, 0)))
     return placed(faceted(box, texture_size), translation(at))
 
 
 def cushion(size: Size, rounding: float, at: npt.ArrayLike = (0, 0, 0), texture_size: float = 1.5) -> Mesh:
-    """A box with rounded edges, standing at `at`; rounding: their radius, at most half of the smallest side."""
+    """Make a box with rounded edges that stands at `at`. rounding: edge radius, at most half of the smallest side."""
     box = trimesh.creation.box((2, 2, 2)).subdivide().subdivide().subdivide()
-    directions = np.sign(box.vertices) * np.abs(box.vertices) ** 0.25  # crowds the vertices at the edges
+    directions = np.sign(box.vertices) * np.abs(box.vertices) ** 0.25  # moves the vertices towards the edges
     inner = np.array(size) / 2 - rounding
     core = np.clip(directions * np.array(size) / 2, -inner, inner)
     outward = directions * np.array(size) / 2 - core
@@ -37,7 +37,7 @@ def cushion(size: Size, rounding: float, at: npt.ArrayLike = (0, 0, 0), texture_
 
 
 def capsule(length: float, radius: float) -> Mesh:
-    """A limb that hangs from the origin: a rod with round ends, from y = 0 to y = −length."""
+    """Make a limb that hangs from the origin: a rod with round ends, from y = 0 to y = −length."""
     bend = radius / (length + 2 * radius)  # the share of the profile's height that each round end takes
 
     def profile(v: Floats) -> tuple[Floats, Floats]:
@@ -50,7 +50,7 @@ def capsule(length: float, radius: float) -> Mesh:
 
 
 def turned(profile: npt.ArrayLike, columns: int = 40, rows: int = 48) -> Mesh:
-    """A lathe: (N, 2) points (radius, height) from the bottom up, joined by a smooth line."""
+    """Make a surface of revolution from points (radius, height), (N, 2), bottom up, joined by a smooth line."""
     points = np.asarray(profile, float)
     steps = np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(points, axis=0), axis=1))])
     tangents = np.gradient(points, steps, axis=0)
@@ -66,14 +66,14 @@ def turned(profile: npt.ArrayLike, columns: int = 40, rows: int = 48) -> Mesh:
         value = (1 + 2 * t) * (1 - t) ** 2 * p + t * (1 - t) ** 2 * from_p
         return np.asarray(value + t * t * (3 - 2 * t) * q + t * t * (t - 1) * to_q)
 
-    # A radius of exactly 0 has no normal; the line may also dip below it between two points on the axis.
+    # A radius of exactly 0 has no normal, and the line may dip below 0 between two points on the axis.
     return revolved(lambda v: np.maximum(along(v, 0), 1e-5), lambda v: along(v, 1), columns, rows)
 
 
 def sheet(
     width: float, depth: float, height: Callable[[Floats, Floats], Floats], texture_size: float = 2.0, cells: int = 96
 ) -> Mesh:
-    """A cloth or relief that faces up, about the origin: height(x, z) for x in ±width/2, z in ±depth/2."""
+    """Make a cloth or relief that faces up, centred at the origin: height(x, z) for x in ±width/2, z in ±depth/2."""
 
     def surface(u: Floats, v: Floats) -> Floats:
         x, z = (u - 0.5) * width, (0.5 - v) * depth
@@ -87,7 +87,7 @@ def framed(
     corner: npt.ArrayLike, right: npt.ArrayLike, up: npt.ArrayLike, hole: tuple[float, float, float, float],
     texture_size: float = 4.0,
 ) -> Mesh:  # fmt: skip
-    """A rectangle as shapes.rectangle makes it, with an opening (left, right, bottom, top), shares of its sides."""
+    """Make a rectangle (see shapes.rectangle) with an opening: left, right, bottom, top, as shares of its sides."""
     c, r, u = (np.asarray(x, float) for x in (corner, right, up))
     left, end, bottom, top = hole
     parts = [(0.0, left, 0.0, 1.0), (end, 1.0, 0.0, 1.0), (left, end, 0.0, bottom), (left, end, top, 1.0)]
@@ -97,7 +97,7 @@ def framed(
 
 
 def placed(mesh: Mesh, matrix: Floats, scale: float | Size = 1.0, texture: float | None = None) -> Mesh:
-    """The mesh scaled and then moved by a rigid 4×4; texture: multiplies uv."""
+    """Return the mesh scaled and then moved by a rigid 4×4. texture: factor on uv."""
     scales = np.broadcast_to(np.asarray(scale, float), 3)
     normals = mesh.normals / scales @ matrix[:3, :3].T
     normals /= np.linalg.norm(normals, axis=1, keepdims=True)
@@ -107,7 +107,7 @@ def placed(mesh: Mesh, matrix: Floats, scale: float | Size = 1.0, texture: float
 
 
 def merged(meshes: Sequence[Mesh]) -> Mesh:
-    """Several meshes as one, for things of one material that move together."""
+    """Return several meshes as one, for parts of one material that move together."""
     starts = np.cumsum([0, *(len(mesh.positions) for mesh in meshes[:-1])])
     return Mesh(
         np.concatenate([mesh.positions for mesh in meshes]),

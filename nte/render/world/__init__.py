@@ -1,1 +1,1 @@
-"""What there is to render, and when: scenes, cameras, transforms, keyframes and seeds. NumPy only, no Mitsuba."""
+"""Worlds to render: scenes, cameras, transforms, keyframes and seeds. NumPy only, no Mitsuba."""

@@ -1,7 +1,4 @@
-"""Keyframes: a YAML file that says which XML scene is animated, and how its shapes, lights and camera move.
-
-docs/own_scenes.md is its user's page.
-"""
+"""Keyframes: a YAML file that says which XML scene is animated, and how its shapes, lights and camera move."""
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
@@ -16,24 +13,24 @@ from nte.errors import NteError
 from nte.render.world.transforms import Floats, Track, look_at, rotation, translation
 
 INTERPOLATIONS = ("linear", "smooth")
-_TRIES = 33  # places on the way between two keyframes
+_TRIES = 33  # times between two keyframes at which a scale is checked
 
 
 @dataclass
 class Key:
-    """Where something is in a frame, beside its place in the XML: scaled, turned, then moved."""
+    """The place of an object or light in a frame, relative to its place in the XML: scaled, turned, then moved."""
 
     frame: float = MISSING
     translate: list[float] = field(default_factory=lambda: [0.0, 0.0, 0.0])  # scene units
     rotate: list[float] = field(default_factory=lambda: [0.0, 0.0, 0.0])  # degrees about x, then y, then z
     scale: list[float] = field(default_factory=lambda: [1.0, 1.0, 1.0])
     pivot: list[float] = field(default_factory=lambda: [0.0, 0.0, 0.0])  # world point that turning and scaling keep
-    brightness: float = 1.0  # of a light, times what the XML says
+    brightness: float = 1.0  # of a light: factor on what the XML says
 
 
 @dataclass
 class CameraKey:
-    """Where the camera is in a frame, and what it looks at; world space, scene units."""
+    """The place of the camera in a frame, and what it looks at; world space, scene units."""
 
     frame: float = MISSING
     origin: list[float] = MISSING
@@ -45,16 +42,16 @@ class CameraKey:
 class Animation:
     """An XML scene and its motion."""
 
-    xml: str = MISSING  # path, from the file that says it
-    values: dict[str, str] = field(default_factory=dict)  # of the XML's <default> entries, by name
-    interpolation: str = "linear"  # between keyframes; smooth: without a jump of speed at them
+    xml: str = MISSING  # path, relative to the animation's file
+    values: dict[str, str] = field(default_factory=dict)  # for the XML's <default> entries, by name
+    interpolation: str = "linear"  # between keyframes: linear, or smooth (speed does not jump at keyframes)
     objects: dict[str, list[Key]] = field(default_factory=dict)  # by the id of a shape
-    lights: dict[str, list[Key]] = field(default_factory=dict)  # by the id of an emitter that is no shape
-    camera: list[CameraKey] = field(default_factory=list)  # nothing: it stays where the XML has it
+    lights: dict[str, list[Key]] = field(default_factory=dict)  # by the id of an emitter that is not a shape
+    camera: list[CameraKey] = field(default_factory=list)  # without keyframes it stays where the XML has it
 
 
 def read_animation(path: Path) -> Animation:
-    """Read and check an animation; `xml` becomes a path that can be opened. Raises NteError naming the key."""
+    """Read and check an animation, and make `xml` a path that can be opened. Raises NteError naming the key."""
     animation = load_config(Animation, path)
     if animation.interpolation not in INTERPOLATIONS:
         choices = ", ".join(INTERPOLATIONS)
@@ -81,12 +78,12 @@ def read_animation(path: Path) -> Animation:
 
 
 def moves(keys: Sequence[Key]) -> bool:
-    """Whether any keyframe puts the object elsewhere than the XML does."""
+    """Say whether any keyframe puts the object elsewhere than the XML does."""
     return any(any(key.translate) or any(key.rotate) or {*key.scale} != {1} for key in keys)
 
 
 def object_track(keys: Sequence[Key], interpolation: str) -> Track:
-    """The transform, 4×4, that keyframes add to a place in the XML, at a time in frames."""
+    """Return the 4×4 transform that keyframes add to a place in the XML, as a function of the time in frames."""
     move, turn, size, pivot = (
         _curve([key.frame for key in keys], [getattr(key, name) for key in keys], interpolation)
         for name in ("translate", "rotate", "scale", "pivot")
@@ -103,7 +100,10 @@ def object_track(keys: Sequence[Key], interpolation: str) -> Track:
 
 
 def brightness_curve(keys: Sequence[Key], interpolation: str) -> Callable[[float], float] | None:
-    """Times what a light in the XML sends out, at a time in frames; None if no keyframe changes it."""
+    """Return the factor on a light's brightness in the XML, as a function of the time in frames.
+
+    None if no keyframe changes the brightness. The factor is never negative.
+    """
     if all(key.brightness == 1 for key in keys):
         return None
     curve = _curve([key.frame for key in keys], [[key.brightness] for key in keys], interpolation)
@@ -111,7 +111,7 @@ def brightness_curve(keys: Sequence[Key], interpolation: str) -> Callable[[float
 
 
 def camera_track(keys: Sequence[CameraKey], interpolation: str) -> Track:
-    """Camera → world, 4×4, at a time in frames."""
+    """Return camera → world, 4×4, as a function of the time in frames."""
     origin, target, up = (
         _curve([key.frame for key in keys], [getattr(key, name) for key in keys], interpolation)
         for name in ("origin", "target", "up")
@@ -120,12 +120,12 @@ def camera_track(keys: Sequence[CameraKey], interpolation: str) -> Track:
 
 
 def _curve(frames: Sequence[float], values: Sequence[Sequence[float]], kind: str) -> Callable[[float], Floats]:
-    """Values (K,) at a time: through the keyframes, before the first and after the last as there."""
+    """Values (K,) as a function of time, through the keyframes; constant before the first and after the last."""
     at, points = np.asarray(frames, float), np.asarray(values, float)
     if len(at) == 1:
         return lambda time: points[0]
     chords = np.diff(points, axis=0) / np.diff(at)[:, None]
-    # Catmull-Rom slopes, for keyframes at any distance; at rest at both ends, as it is beyond them.
+    # Catmull-Rom slopes, for keyframes at any distance; 0 at both ends, because values are constant beyond them.
     slopes = np.zeros_like(points)
     slopes[1:-1] = (points[2:] - points[:-2]) / (at[2:] - at[:-2])[:, None]
 
@@ -143,7 +143,7 @@ def _curve(frames: Sequence[float], values: Sequence[Sequence[float]], kind: str
 
 
 def _check_scales(where: str, keys: Sequence[Key], interpolation: str) -> None:
-    """Raise NteError for a scale of 0, in a keyframe or on the way between two of them."""
+    """Raise NteError for a scale of 0, in a keyframe or on the way between two keyframes."""
     for number, key in enumerate(keys):
         if 0 in key.scale:
             raise NteError(f"{where}[{number}].scale is {key.scale}: a transform with a scale of 0 is singular")
@@ -158,7 +158,7 @@ def _check_scales(where: str, keys: Sequence[Key], interpolation: str) -> None:
 
 
 def _check_keys(where: str, keys: Sequence[Key | CameraKey], vectors: Sequence[str]) -> None:
-    """Raise NteError for keyframes out of order and vectors that have not three finite numbers."""
+    """Raise NteError for keyframes out of order and for vectors other than three finite numbers."""
     if not keys:
         raise NteError(f"{where} is empty: expected at least one keyframe")
     for number, key in enumerate(keys):

@@ -1,4 +1,4 @@
-"""What an animated scene is: meshes with materials that move, area lights, and a camera. No Mitsuba here."""
+"""An animated scene: meshes with materials that move, area lights, and a camera. Independent of Mitsuba."""
 
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -20,7 +20,7 @@ NEAR, FAR = 0.01, 1000.0  # clipping planes of the families' cameras, scene unit
 class Mesh:
     """Triangles at rest: positions, unit normals (V, 3) and uv (V, 2) float32, faces (F, 3) uint32.
 
-    Faces turn counter-clockwise seen from outside. A faceted mesh has its own vertices on every face.
+    Corners of a face run counter-clockwise seen from outside. In a faceted mesh every face has vertices of its own.
     """
 
     positions: Pixels
@@ -31,11 +31,11 @@ class Mesh:
 
 @dataclass(frozen=True)
 class Material:
-    """How a surface looks: `color` (H, W, 3) is a periodic texture in [0, 1], linear; (1, 1, 3) is plain.
+    """The look of a surface: `color` (H, W, 3) is a periodic texture in [0, 1], linear; (1, 1, 3) is a plain colour.
 
-    It is the diffuse reflectance, the specular colour of a metal, and what glass lets through. roughness:
-    perceptual, in [0, 1]; 1 for diffuse. Two surfaces are for what holds a medium: a `veil` reflects a twentieth of
-    the light as diffuse does and lets the rest pass straight on, `none` cannot be seen at all.
+    `color` is the diffuse reflectance, the specular colour of a metal, or the share of light that glass lets through.
+    roughness: perceptual, in [0, 1]; 1 for diffuse. Two surfaces are for meshes that hold a medium: a `veil` reflects a
+    twentieth of the light as diffuse does and lets the rest pass straight on; `none` is invisible.
     """
 
     color: Pixels
@@ -45,11 +45,12 @@ class Material:
 
 @dataclass(frozen=True)
 class Medium:
-    """What fills a closed mesh and scatters light, in the directions of Henyey and Greenstein's lobe.
+    """The filling of a closed mesh that scatters light, in the directions of the Henyey-Greenstein phase function.
 
-    extinction: per scene unit, where the density is 1. albedo: the share of it that is scattered, the rest is
-    absorbed. anisotropy: mean cosine of scattering, from −1 to 1. density: time in frames → (Z, Y, X) float32 ≥ 0 at
-    the middles of equal cells of the mesh's bounding box at rest, where it then must stay; 1 everywhere if None.
+    extinction: per scene unit, where the density is 1. albedo: the share of the extinction that is scattered; the rest
+    is absorbed. anisotropy: mean cosine of scattering, from −1 to 1. density: maps a time in frames to (Z, Y, X)
+    float32 ≥ 0 at the centres of equal cells of the mesh's bounding box at rest; None means 1 everywhere. A mesh with a
+    density must stay at rest.
     """
 
     extinction: float
@@ -60,9 +61,9 @@ class Medium:
 
 @dataclass(frozen=True)
 class SceneObject:
-    """A rigid mesh on a track; an area light where `radiance` is given, filled where `medium` is.
+    """A rigid mesh on a track; an area light if `radiance` is given, filled if `medium` is given.
 
-    All that the renderer asks of its motion is `at(time)`.
+    The renderer reads its motion only through `at(time)`.
     """
 
     mesh: Mesh
@@ -72,7 +73,7 @@ class SceneObject:
     medium: Medium | None = None
 
     def at(self, time: float) -> tuple[Floats, Floats]:
-        """World positions and normals (V, 3) of the vertices at a time in frames."""
+        """Return world positions and normals (V, 3) of the vertices at a time in frames."""
         matrix = self.track(time)
         positions = transform_points(matrix, self.mesh.positions)
         return positions, transform_directions(matrix, self.mesh.normals)
@@ -80,7 +81,7 @@ class SceneObject:
 
 @dataclass(frozen=True)
 class DeformingObject:
-    """A mesh whose vertices each go their own way; `mesh` gives faces and uv, and the vertices' number."""
+    """A mesh in which every vertex moves by itself; `mesh` gives faces, uv and the number of vertices."""
 
     mesh: Mesh
     material: Material
@@ -89,15 +90,15 @@ class DeformingObject:
     medium: Medium | None = None
 
     def at(self, time: float) -> tuple[Floats, Floats]:
-        """World positions and normals (V, 3) of the vertices at a time in frames."""
+        """Return world positions and normals (V, 3) of the vertices at a time in frames."""
         return self.shape(time)
 
 
 @dataclass(frozen=True)
 class Camera:
-    """On a track (camera → world, see look_at); fov: horizontal, degrees.
+    """A camera on a track (camera → world, see look_at). fov: horizontal, degrees.
 
-    aperture: radius of a thin lens in scene units, 0 is a pinhole; focus: depth at which it shows points sharply.
+    aperture: radius of a thin lens in scene units; 0 is a pinhole. focus: depth at which points are sharp.
     """
 
     track: Track
@@ -108,7 +109,7 @@ class Camera:
     far: float = FAR
 
     def view(self, time: float) -> Floats:
-        """4×4, world → camera, at a time in frames."""
+        """Return the 4×4 matrix world → camera at a time in frames."""
         matrix = self.track(time)
         turn = matrix[:3, :3].T
         view = np.eye(4)
@@ -116,9 +117,9 @@ class Camera:
         return view
 
     def projection(self, width: int, height: int) -> Floats:
-        """4×4, camera → [0, 1]² with y down; times the size it lands on pixel centres at +0.5.
+        """Return the 4×4 matrix camera → [0, 1]², with y down; times the image's size, pixel centres lie at +0.5.
 
-        Equals mi.perspective_projection without its jitter; the camera's +x is to the left.
+        Equals mi.perspective_projection without its jitter. The camera's +x is to the left.
         """
         scale = 0.5 / np.tan(np.radians(self.fov) / 2)
         z = self.far / (self.far - self.near)
@@ -130,10 +131,10 @@ class Camera:
 class Scene:
     """Objects and a camera. The instance number of objects[i] is i + 1.
 
-    environment: radiance from infinitely far, linear: the same from everywhere, or (H, W, 3) with rows from
-    straight up to straight down and columns from −z over +x, +z and −x (kit.sky makes one).
-    least_depth: path segments without which the scene is not itself, where a recipe's `max_depth` asks for fewer;
-    light in a medium bends many times.
+    environment: radiance from infinitely far, linear: one colour for all directions, or (H, W, 3) with rows from
+    straight up to straight down and columns from −z over +x, +z and −x (scenes.kit.sky makes one).
+    least_depth: path segments that the scene needs at least; it replaces a smaller `max_depth` of a recipe. Light in a
+    medium scatters many times.
     """
 
     objects: tuple[SceneObject | DeformingObject, ...]

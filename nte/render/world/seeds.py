@@ -1,4 +1,4 @@
-"""Seeds for everything random in a recipe, each derived only from what it belongs to."""
+"""Seeds for everything random in a recipe; each depends only on what it belongs to."""
 
 import hashlib
 
@@ -6,12 +6,12 @@ import numpy as np
 
 
 def derive_seed(*parts: int | str) -> int:
-    """A 32-bit seed that depends on all parts and nothing else: no order of rendering, process or machine."""
+    """Return a 32-bit seed that depends on all parts and nothing else: no order of rendering, process or machine."""
     text = "/".join(map(str, parts)).encode()
     return int.from_bytes(hashlib.blake2b(text, digest_size=4).digest(), "little")
 
 
 def derive_generator(*parts: int | str) -> np.random.Generator:
-    """A NumPy generator for the same parts, with 128 bits of them."""
+    """Return a NumPy generator that depends on all parts and nothing else, seeded with 128 bits."""
     text = "/".join(map(str, parts)).encode()
     return np.random.default_rng(int.from_bytes(hashlib.blake2b(text, digest_size=16).digest(), "little"))

@@ -1,8 +1,8 @@
-"""Rigid transforms and tracks: where something is at a time.
+"""Rigid transforms, and tracks that say where something is at a time.
 
-Matrices are 4×4 float64 on column vectors, object → world. The world has y up. Times are in frames and may
-be fractional or negative: motion needs the frames before the first and after the last, motion blur the
-times in between.
+Matrices are 4×4 float64 on column vectors, object → world. The world has y up. Times are in frames and may be
+fractional or negative: motion needs the frame before the first and the frame after the last, motion blur the times in
+between.
 """
 
 from collections.abc import Callable, Sequence
@@ -16,14 +16,14 @@ Path3 = Callable[[float], Floats]  # time in frames → point (3,)
 
 
 def translation(offset: npt.ArrayLike) -> Floats:
-    """4×4 that moves by `offset` (3,)."""
+    """Return the 4×4 matrix that moves by `offset` (3,)."""
     matrix = np.eye(4)
     matrix[:3, 3] = offset
     return matrix
 
 
 def rotation(axis: npt.ArrayLike, angle: float) -> Floats:
-    """4×4 that turns by `angle` radians about `axis` (3,), counter-clockwise seen against the axis."""
+    """Return the 4×4 that turns by `angle` radians about `axis` (3,), counter-clockwise seen against the axis."""
     x, y, z = np.asarray(axis, float) / np.linalg.norm(axis)
     cross = np.array([[0, -z, y], [z, 0, -x], [-y, x, 0]])
     matrix = np.eye(4)
@@ -32,7 +32,10 @@ def rotation(axis: npt.ArrayLike, angle: float) -> Floats:
 
 
 def look_at(eye: npt.ArrayLike, target: npt.ArrayLike, up: Sequence[float] | Floats = (0.0, 1.0, 0.0)) -> Floats:
-    """Camera → world in Mitsuba's convention: the camera looks along +z, +x is to its left, +y towards `up`."""
+    """Return camera → world, 4×4, in Mitsuba's convention.
+
+    The camera looks along +z; +x is to its left, +y towards `up`.
+    """
     origin = np.asarray(eye, float)
     forward = np.asarray(target, float) - origin
     forward /= np.linalg.norm(forward)
@@ -44,23 +47,23 @@ def look_at(eye: npt.ArrayLike, target: npt.ArrayLike, up: Sequence[float] | Flo
 
 
 def still(matrix: Floats | None = None) -> Track:
-    """A track that does not move."""
+    """Return a track that does not move; the identity if no 4×4 matrix is given."""
     fixed = np.eye(4) if matrix is None else matrix
     return lambda time: fixed
 
 
 def moving(path: Path3, axis: npt.ArrayLike, spin: float, phase: float = 0.0) -> Track:
-    """A track along a path, turning about `axis` by `spin` radians per frame."""
+    """Return a track along a path that turns about `axis` by `spin` radians per frame, from `phase` at time 0."""
     return lambda time: translation(path(time)) @ rotation(axis, phase + spin * time)
 
 
 def attached(parent: Track, child: Track) -> Track:
-    """The track of what moves by `child` within `parent`: an arm on a shoulder."""
+    """Return the track of something that moves by `child` within `parent`, such as an arm on a shoulder."""
     return lambda time: parent(time) @ child(time)
 
 
 def transform_points(matrix: Floats, points: npt.NDArray[np.floating]) -> Floats:
-    """Apply a rigid 4×4 to points (N, 3)."""
+    """Apply a 4×4 to points (N, 3)."""
     return points @ matrix[:3, :3].T + matrix[:3, 3]
 
 

@@ -1,1 +1,1 @@
-"""A scene from a Mitsuba XML file, as its author wrote it, moved by keyframes."""
+"""A user's own scene: a Mitsuba XML file, loaded as its author wrote it and moved by keyframes."""

@@ -14,9 +14,9 @@ _SENSORS = ("PerspectiveCamera", "ThinLensCamera")
 
 
 def xml_camera(scene: MitsubaScene, animation: Animation) -> Camera:
-    """Read the first sensor of an XML scene, on the animation's own track if it has one.
+    """Read the first sensor of an XML scene as a camera, on the animation's own track if it has one.
 
-    Raises NteError for a sensor that nte cannot render with.
+    Raises NteError for a scene without a sensor and for a sensor that nte cannot render with.
     """
     if not scene.sensors():
         raise NteError(f"{animation.xml}: has no sensor: expected a perspective or thinlens camera")
@@ -34,7 +34,7 @@ def xml_camera(scene: MitsubaScene, animation: Animation) -> Camera:
     matrix[:3, :3] /= np.linalg.norm(matrix[:3, :3], axis=0)
     track = still(matrix)
     if animation.camera:
-        # Many an XML has a camera that mirrors; it stays so.
+        # Many XML files have a camera that mirrors the image; keyframes keep the mirroring.
         mirror = np.diag([np.sign(np.linalg.det(matrix[:3, :3])), 1.0, 1.0, 1.0])
         moved = camera_track(animation.camera, animation.interpolation)
         track = lambda time: np.asarray(moved(time) @ mirror)  # noqa: E731

@@ -1,8 +1,8 @@
-"""A scene of two levels: what stands still as one part, and every shape that moves as one of its own.
+"""A scene of two levels: everything that stands still as one part, and every moving shape as a part of its own.
 
-Mitsuba (3.9.1) builds its acceleration structure anew, over all triangles, whenever anything in it moves. Below a
-level of instances it builds it several times faster, moving is a transform instead of new vertices, and several scenes
-can share all shapes: one for the time of a frame, and one for the time before, which the next frame only has to leave.
+Mitsuba (3.9.1) rebuilds its acceleration structure over all triangles whenever anything moves. Below a level of
+instances it rebuilds several times faster, and moving a shape takes a transform instead of new vertices. Several scenes
+can share all shapes: one scene for the time of a frame and one for the time before, so each frame moves only one.
 """
 
 from collections.abc import Iterable, Mapping, Sequence
@@ -21,8 +21,8 @@ class Levels:
     """One Mitsuba scene over shared shapes, as it is at one time."""
 
     scene: MitsubaScene
-    still: Shape | None  # the instance of all that stands still, a shape; None if there is nothing
-    moving: Mapping[str, Shape]  # the instances of what moves, by the names of their shapes
+    still: Shape | None  # the instance of everything that stands still; None if nothing does
+    moving: Mapping[str, Shape]  # the instances of the moving shapes, by the names of the shapes
     parameters: Parameters  # mi.traverse of the scene
     time: float | None = None
 
@@ -31,7 +31,7 @@ class Levels:
         return [*self.moving.values(), *([] if self.still is None else [self.still])]
 
     def move(self, transforms: Mapping[str, Floats], time: float) -> None:
-        """Put the moving shapes where the transforms 4×4 take them from the XML: one rebuild."""
+        """Move the moving shapes from their places in the XML by 4×4 transforms; costs one rebuild."""
         mi = load_mitsuba()
         for name, instance in self.moving.items():
             parameters = mi.traverse(instance)
@@ -49,10 +49,10 @@ def can_be_grouped(shape: Shape) -> bool:
 
 
 def levels(scene: MitsubaScene, shapes: Sequence[Shape], moving: Iterable[str], count: int) -> list[Levels]:
-    """Make `count` scenes of two levels out of one; nothing if what moves cannot be grouped, or an instance is there.
+    """Make `count` scenes of two levels out of one scene.
 
-    shapes: of the scene. moving: names of shapes. Shapes that cannot be grouped but stand still, and lights, remain
-    where they are.
+    shapes: the scene's shapes. moving: names of shapes. Returns an empty list if a moving shape cannot be grouped, or
+    if the XML has instances of its own. Lights, and shapes that stand still and cannot be grouped, stay where they are.
     """
     moving = set(moving)
     free = [shape for shape in shapes if not can_be_grouped(shape)]
@@ -76,7 +76,7 @@ def _levels(scene: MitsubaScene, shapes: Sequence[Shape], moving: set[str]) -> L
         parts[name] = {"type": "instance", "group": {"type": "ref", "id": f"{name}_group"}}
     lights = [light.id() for light in scene.emitters()]
     made = mi.load_dict(parts, parallel=False, optimize=False)
-    # A dictionary gives what it holds its keys as names.
+    # load_dict has renamed the plugins after their keys in the dictionary; restore their names.
     for thing, name in zip([*shapes, *scene.emitters()], [*names, *lights], strict=True):
         thing.set_id(name)
     by_name = {shape.id(): shape for shape in made.shapes()}

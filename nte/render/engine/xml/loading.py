@@ -1,4 +1,4 @@
-"""Loading somebody else's scene as it is: nothing in the XML needs a name or a change for nte's sake."""
+"""Loading of a user's own scene as it is: the XML needs no names and no changes for nte."""
 
 import os
 from itertools import chain, count
@@ -12,14 +12,14 @@ from nte.render.engine.types import MitsubaScene, Struct
 from nte.render.world.keyframes import Animation
 
 _Loaded = tuple[MitsubaScene, bool]
-_kept: dict[str, _Loaded] = {}  # at most one: the scene that was loaded to be checked, until it is rendered
+_kept: dict[str, _Loaded] = {}  # at most one scene: the one that was loaded for a check, until it is rendered
 
 
 def load_xml(animation: Animation, keep: bool = False) -> _Loaded:
-    """Load the mi.Scene of an animation's XML, and say whether there are media in it.
+    """Load the mi.Scene of an animation's XML, and say whether it contains media.
 
-    keep: for the next call, which takes it instead of loading it again if the XML and its values are the same. Raises
-    NteError for what Mitsuba does not load, in its own words.
+    keep: keep the scene for the next call, which reuses it if the XML and its values are the same. Raises NteError,
+    in Mitsuba's own words, for what Mitsuba cannot load.
     """
     key = repr((animation.xml, os.stat(animation.xml).st_mtime_ns, sorted(animation.values.items())))
     loaded = _kept.pop(key, None) or _load(animation)
@@ -30,7 +30,7 @@ def load_xml(animation: Animation, keep: bool = False) -> _Loaded:
 
 
 def forget_scene() -> None:
-    """Let go of a scene that was kept: others in the process would not be recorded beside it (Scenery.frozen)."""
+    """Let go of a scene that was kept: beside it, other scenes could not be recorded (see Scenery.frozen)."""
     _kept.clear()
 
 
@@ -39,8 +39,8 @@ def _load(animation: Animation) -> _Loaded:
     config = mi.parser.ParserConfig(mi.variant())
     # Merging shapes of one material would lose their names.
     config.merge_meshes = config.merge_equivalent = False
-    # One after the other: what other threads still build when one fails outlived the failure, and a later rendering of
-    # a medium in the same process died of it.
+    # Serially: when a plugin fails, what other threads are still building outlives the failure, and a later rendering
+    # of a medium in the same process crashed.
     config.parallel = False
     usual = mi.file_resolver()
     beside = mi.FileResolver(usual)  # the XML's own folder first; a <path> in it adds others
@@ -54,8 +54,8 @@ def _load(animation: Animation) -> _Loaded:
         _check_transforms(animation.xml, state)
         media = any(node.type == mi.ObjectType.Medium for node in _used(state))
         made = mi.parser.instantiate(config, state)
-    except (RuntimeError, TypeError) as error:  # how Mitsuba says that something is wrong with a scene
-        # Where the first line ends in a colon, the second says what it is about.
+    except (RuntimeError, TypeError) as error:  # Mitsuba's exceptions for a faulty scene
+        # Where the first line ends in a colon, the second line names the subject.
         first, *more = (line.strip() for line in str(error).strip().splitlines())
         text = f"{first} {more[0]}" if more and first.endswith(":") else first
         raise NteError(f"{animation.xml}: {text.partition('] ')[2] if text.startswith('[') else text}") from error
@@ -68,11 +68,10 @@ def _load(animation: Animation) -> _Loaded:
 
 
 def _drop_unused(state: Struct) -> None:
-    """Take out of the parsed XML what nte does not use: plugins that this Mitsuba has not, or has no more, are no
-    obstacle there.
+    """Remove from the parsed XML what nte does not use, so that plugins which this Mitsuba lacks do no harm there.
 
-    That is integrators and samplers, of films all but the size, on which a field of view may depend, sensors beside
-    the first, those that are shapes, and materials, textures and media that no shape or light refers to.
+    Removed are integrators, samplers, everything of films except the size (a field of view may depend on it),
+    sensors after the first, sensors that are shapes, and materials, textures and media that no shape or light uses.
     """
     kinds = load_mitsuba().ObjectType
     sensors = 0
@@ -92,14 +91,14 @@ def _drop_unused(state: Struct) -> None:
 
 
 def _plain_film(film: Struct) -> None:
-    """Make a film of any kind a plugin that there is, of the same size."""
+    """Replace a film of any kind by an hdrfilm of the same size."""
     film.props.set_plugin_name("hdrfilm")
     for key in [key for key in film.props.keys() if key not in ("width", "height")]:  # noqa: SIM118
         del film.props[key]
 
 
 def _used(state: Struct) -> list[Struct]:
-    """The nodes that the scene still refers to, through others or by itself."""
+    """The nodes that the scene still refers to, directly or through others."""
     found: dict[int, Struct] = {}
     ahead = [state.root]
     while ahead:
@@ -110,8 +109,10 @@ def _used(state: Struct) -> list[Struct]:
 
 
 def _name_all(state: Struct) -> None:
-    """Give shapes and lights of the scene that have no id one: the name of its file, else its kind; the second of
-    a name gets _2. So the XML needs no editing."""
+    """Name the shapes and lights that have no id, so that the XML needs no editing.
+
+    The name is that of the shape's file, else its kind; the second of a name gets _2.
+    """
     mi = load_mitsuba()
     taken = {node.props.id() for node in state.nodes}
     for _, node in _children(state, state.root):
@@ -125,7 +126,7 @@ def _name_all(state: Struct) -> None:
 
 
 def _check_transforms(xml: str, state: Struct) -> None:
-    """Raise NteError for a shape or camera that is flattened to nothing, of which Mitsuba would make NaN."""
+    """Raise NteError for a shape or camera with a singular transform, from which Mitsuba would compute NaN."""
     mi = load_mitsuba()
     for node in state.nodes:
         if node.type in (mi.ObjectType.Shape, mi.ObjectType.Sensor) and "to_world" in node.props:
@@ -138,8 +139,7 @@ def _check_transforms(xml: str, state: Struct) -> None:
 def _children(state: Struct, node: Struct) -> list[tuple[str, Struct]]:
     """The nodes that a node of the parsed XML refers to, by the names of its properties.
 
-    Only those are read: Mitsuba takes a property that was read for one that is known, and would not name one that is
-    misspelt.
+    Reads references only: Mitsuba treats a property that was read as known, and would no longer report a misspelt one.
     """
     reference = load_mitsuba().Properties.Type.ResolvedReference
     keys = [key for key in node.props.keys() if node.props.type(key) == reference]  # noqa: SIM118

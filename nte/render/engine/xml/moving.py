@@ -1,4 +1,4 @@
-"""What moves or dims in an XML scene: the parameters of Mitsuba that keyframes change."""
+"""The parameters of Mitsuba by which keyframes move or dim parts of an XML scene."""
 
 from collections.abc import Mapping, Sequence
 
@@ -10,16 +10,17 @@ from nte.render.engine.types import MitsubaScene, Parameters, Shape, Struct
 from nte.render.world.keyframes import Key
 from nte.render.world.transforms import Floats, transform_points
 
-_ROUND = ("Sphere", "Cylinder")  # stay so, whatever a transform says
+_ROUND = ("Sphere", "Cylinder")  # stay round: unequal scales are refused
 _SCALES = ("scale", "sun_scale", "sky_scale")
 _EMISSION = tuple(f"{kind}.{form}" for kind in ("intensity", "irradiance", "radiance") for form in ("value", "data"))
 _VERTICES = ("vertex_positions", "vertex_normals")
 
 
 def place_of(name: str, keys: Sequence[Key], parameters: Parameters, shapes: Sequence[Shape]) -> dict[str, Floats]:
-    """Find the parameters that say where a shape or light is, by their names, with their values at rest.
+    """Find the parameters that place a shape or light, by name, with their values at rest.
 
-    keys: its keyframes. parameters: of the scene. Raises NteError for what cannot be moved, or not like this.
+    keys: its keyframes. parameters: the scene's parameters. Raises NteError for something that cannot be moved, or
+    cannot be moved in this way.
     """
     known = {key.rpartition(".")[2]: key for key, _ in parameters.items() if key.rpartition(".")[0] == name}
     chosen = [known[kind] for kind in (*_VERTICES, "to_world", "position") if kind in known]
@@ -32,16 +33,16 @@ def place_of(name: str, keys: Sequence[Key], parameters: Parameters, shapes: Seq
 
 
 def brightness_of(name: str, scene: MitsubaScene) -> tuple[Parameters, Mapping[str, Struct]]:
-    """Find the parameters of a light, a shape or not, and the values in the XML of those that say how bright it is.
+    """Find the parameters of a light, and the XML's values of those parameters that set its brightness.
 
-    Raises NteError where there is none.
+    name: the id of a light or of a shape that is one. Raises NteError where there is no such light or parameter.
     """
     mi = load_mitsuba()
     for emitter in scene.emitters():
         shape = emitter.get_shape()
         if name in (emitter.id(), shape.id() if shape else None):
             parameters: Parameters = mi.traverse(emitter)
-            # A projector has a scale and an irradiance; an 8-bit texture's numbers are codes, not light.
+            # A projector has a scale and an irradiance. The numbers of an 8-bit texture are codes, not light.
             chosen = [key for key, _ in parameters.items() if key in _SCALES] or [
                 key for key, value in parameters.items() if key in _EMISSION and not isinstance(value, mi.TensorXu8)
             ]
@@ -55,13 +56,13 @@ def brightness_of(name: str, scene: MitsubaScene) -> tuple[Parameters, Mapping[s
 
 
 def array_of(name: str, value: Struct) -> Floats:
-    """Return the value of a parameter; a transform's 4×4 without Dr.Jit's axis of lanes."""
+    """Return the value of a parameter as an array; a transform as 4×4, without Dr.Jit's axis of lanes."""
     is_transform = name.rpartition(".")[2] == "to_world"
     return np.array(value.matrix, float).reshape(4, 4) if is_transform else np.array(value, float)
 
 
 def moved_by(matrix: Floats, name: str, value: Floats) -> Struct:
-    """Return the value of a parameter, as Mitsuba takes it, after a transform 4×4."""
+    """Return the value of a parameter after a 4×4 transform, as Mitsuba takes it."""
     mi = load_mitsuba()
     kind = name.rpartition(".")[2]
     if kind == "to_world":

@@ -1,7 +1,7 @@
 """Places on shapes of any kind: the point of the object at rest, with its normal and curvature there.
 
-Objects move by transforms, which carry all three from the time at which a ray meets them to rest, as they are in the
-XML, and from there to any other time.
+Objects move by transforms. A transform carries point, normal and curvature from the time at which a ray meets them to
+rest (the object's place in the XML), and from rest to any other time.
 """
 
 from collections.abc import Sequence
@@ -23,7 +23,7 @@ class Rest:
     width = 15
 
     def __init__(self, tracks: Sequence[Track | None]) -> None:
-        """tracks: what is added to the place in the XML, of each instance; None: it stays there."""
+        """Take each instance's track: its motion, added to its place in the XML; None for one that stays there."""
         self._tracks = tracks
 
     def columns(self, hit: Hit, ray: Ray) -> list[Lanes]:
@@ -31,12 +31,12 @@ class Rest:
 
     @staticmethod
     def interaction(hit: Hit, ray: Ray) -> Interaction:
-        """Return what `columns_of` has to know of a hit."""
+        """Return the interaction that `columns_of` needs for a hit."""
         mi = load_mitsuba()
         return hit.compute_surface_interaction(ray, mi.RayFlags.All | mi.RayFlags.dNSdUV)
 
     def columns_of(self, hit: Hit, ray: Ray, si: Interaction) -> list[Lanes]:
-        """Return `columns` of an interaction that is known already: to compute it costs much where shapes are many."""
+        """Return `columns` from an interaction that is known already; computing it is expensive with many shapes."""
         dr = load_drjit()
         met = hit.is_valid()
         curvature = dr.select(si.shape.is_mesh(), _of_triangle(hit, ray, si), _of_solid(si))
@@ -74,14 +74,17 @@ class Rest:
         return there
 
     def _moving(self, instance: Indices) -> list[tuple[npt.NDArray[np.bool_], Track]]:
-        """The rows of each object that moves, and its track."""
+        """The rows of each moving object, and its track."""
         numbers = np.unique(instance[instance > 0])
         tracks = [(number, self._tracks[number - 1]) for number in numbers]
         return [(instance == number, track) for number, track in tracks if track is not None]
 
 
 def _carried(matrix: Floats, place: Floats) -> Floats:
-    """Places after a transform 4×4: n' = M⁻ᵀ n / |M⁻ᵀ n|, and its change C' = (1 − n'n'ᵀ) M⁻ᵀ C M⁻¹ / |M⁻ᵀ n|."""
+    """Places after a 4×4 transform M.
+
+    n' = M⁻ᵀ n / |M⁻ᵀ n|, and its change C' = (1 − n'n'ᵀ) M⁻ᵀ C M⁻¹ / |M⁻ᵀ n|.
+    """
     inverse = np.linalg.inv(matrix[:3, :3])
     normal = place[:, _NORMAL] @ inverse
     length = np.maximum(np.linalg.norm(normal, axis=1), 1e-30)[:, None]
@@ -92,10 +95,11 @@ def _carried(matrix: Floats, place: Floats) -> Floats:
 
 
 def _of_triangle(hit: Hit, ray: Ray, si: Interaction) -> Lanes:
-    """Curvature (9,) of a triangle's shading normals; 0 without them.
+    """Curvature (9,) of a triangle's shading normals; 0 without shading normals.
 
-    From its corners, which a hit with their barycentrics gives, in instances too. Mitsuba's own derivatives do not go
-    together here: those of the normal are by barycentrics, those of the point by texture coordinates.
+    Computed from the triangle's corners, which a hit with their barycentrics gives, also in instances. Mitsuba's own
+    derivatives do not fit together here: it differentiates the normal by barycentrics and the point by texture
+    coordinates.
     """
     mi, dr = load_mitsuba(), load_drjit()
 
@@ -112,12 +116,12 @@ def _of_triangle(hit: Hit, ray: Ray, si: Interaction) -> Lanes:
 
 
 def _of_solid(si: Interaction) -> Lanes:
-    """Curvature (9,) of a sphere, a cylinder or a plane, of which Mitsuba knows how point and normal change."""
+    """Curvature (9,) of a sphere, a cylinder or a plane, from Mitsuba's derivatives of point and normal."""
     return _change((si.dn_du, si.dn_dv), (si.dp_du, si.dp_dv), si.sh_frame.n)
 
 
 def _change(turns: tuple[Lanes, Lanes], steps: tuple[Lanes, Lanes], normal: Lanes) -> Lanes:
-    """The matrix (9,) that takes two steps along a surface to two turns of its normal, which stays a unit vector."""
+    """The matrix (9,) that maps two steps along a surface to two turns of its normal, which stays a unit vector."""
     mi, dr = load_mitsuba(), load_drjit()
     first, second = (mi.Vector3f(step) for step in steps)
     across = dr.cross(first, second)

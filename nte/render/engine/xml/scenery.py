@@ -1,4 +1,4 @@
-"""What kernels read of an XML scene: shapes of any kind, on two levels where something moves, and any BSDF."""
+"""The data that kernels read of an XML scene: shapes of any kind, on two levels where something moves, and any BSDF."""
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
@@ -20,8 +20,8 @@ class XmlScenery(Scenery):
     """A Mitsuba scene from an XML file as it is now. Vectorised variants only."""
 
     places: Rest
-    distant_lights: Sequence[str]  # names of the lights that are no shapes
-    levels: list[Levels] = field(default_factory=list)  # scenes over the same shapes; the last is the present one
+    distant_lights: Sequence[str]  # names of the lights that are not shapes
+    levels: list[Levels] = field(default_factory=list)  # scenes over the same shapes; the last is the current one
 
     @cached_property
     def instances(self) -> Indices:
@@ -34,17 +34,17 @@ class XmlScenery(Scenery):
         return numbers_by_key([key_of(shape) for shape in shapes], [*range(1, 1 + len(self.shapes)), *moved])
 
     def instance_of(self, emitter: Emitter) -> int:
-        """Return the instance number of a light; lights that are no shapes are numbered after the shapes."""
+        """Return the instance number of a light; lights that are not shapes are numbered after the shapes."""
         if emitter.get_shape():
             return super().instance_of(emitter)
         return 1 + len(self.shapes) + self.distant_lights.index(emitter.id())
 
     def frozen(self, function: Callable[Concatenate[Scenery, Arrays], Result]) -> Callable[Arrays, Result]:
-        """Trace the function in every frame: not every plugin that an XML may name tells Dr.Jit all that it holds."""
+        """Trace the function in every frame: Dr.Jit cannot see all state of every plugin that an XML may name."""
         return undisturbed()(partial(function, self))
 
     def met(self, hit: Hit, ray: Ray) -> list[Lanes]:
-        """Return what a ray meets: the key of the shape, or of the instance of which it is a part, and its place."""
+        """Return what a ray meets: its place there, after the key of the shape or of the instance that moves it."""
         mi, dr = load_mitsuba(), load_drjit()
         si = self.places.interaction(hit, ray)
         instance = dr.reinterpret_array(mi.UInt32, hit.instance)
@@ -56,7 +56,7 @@ class XmlScenery(Scenery):
     def carried(self, hit: Hit) -> Hit:
         """Return a hit of rays that were traced at another time, as if they were traced now.
 
-        Each time has instances of its own, and those of another time stand elsewhere.
+        Each time has instances of its own, so the hit's instance is replaced by the current one.
         """
         if not self.levels:
             return hit
@@ -69,10 +69,10 @@ class XmlScenery(Scenery):
         return carried
 
     def albedo(self, si: Interaction, hit: Lanes) -> Lanes:
-        """Return diffuse reflectance, or what a metal or glass does to light that it turns (3,).
+        """Return the diffuse reflectance (3,); for a metal or glass, the share of light that it reflects or transmits.
 
-        A BSDF without a diffuse lobe is asked for one direction of its own choice: the weight is Fresnel's
-        reflectance, and 1 where it either reflects or transmits.
+        A BSDF without a diffuse lobe is sampled once, in one direction. The weight is the Fresnel reflectance of a
+        metal, and 1 where the BSDF reflects or transmits.
         """
         mi, dr, bsdf = load_mitsuba(), load_drjit(), si.bsdf()
         lobes = mi.BSDFFlags.DiffuseReflection | mi.BSDFFlags.DiffuseTransmission
@@ -82,11 +82,11 @@ class XmlScenery(Scenery):
         return dr.select(other, dr.clip(weight, 0, 1), bsdf.eval_diffuse_reflectance(si, hit))
 
     def roughness(self, si: Interaction, hit: Lanes) -> Lanes:
-        """Return perceptual roughness in [0, 1]: √α if there is one, 0 of mirrors and clear glass, 1 if diffuse."""
+        """Return perceptual roughness in [0, 1]: √α if the BSDF has α, 0 for mirrors and clear glass, 1 if diffuse."""
         mi, dr, bsdf = load_mitsuba(), load_drjit(), si.bsdf()
         smooth = hit & ~mi.has_flag(bsdf.flags(), mi.BSDFFlags.Diffuse | mi.BSDFFlags.Glossy)
         found = dr.select(smooth, mi.Float(0), 1)
-        # With two of them, as of brushed metal, α is their geometric mean.
+        # For two values, as brushed metal has, α is their geometric mean.
         for names, power in ((("alpha_u", "alpha_v"), 0.25), (("alpha",), 0.5), (("roughness",), 1.0)):
             known, value = hit, mi.Float(1)
             for name in names:

@@ -1,7 +1,7 @@
-"""The stage of somebody's own Mitsuba scene: an XML file as it is, with what an animation moves in it.
+"""The stage of a user's own Mitsuba scene: an XML file as it is, with the parts that an animation moves.
 
-Shapes stay Mitsuba's, of any kind, and instances of shapegroups as well: what a frame needs to know of a point is
-which shape it is on, and that shape's keyframes carry it to any other time. Vectorised variants only.
+Shapes of any kind stay Mitsuba's own, and so do instances of shapegroups. For each point, a frame needs to know only
+which shape it is on; the keyframes of that shape carry the point to any other time. Vectorised variants only.
 """
 
 from collections.abc import Callable, Mapping, Sequence
@@ -30,14 +30,17 @@ _Value = TypeVar("_Value")
 
 @dataclass(frozen=True)
 class XmlObject:
-    """A shape of the XML; `track` is what its keyframes add to its place there, None if it stays."""
+    """A shape of the XML; `track` is the motion that keyframes add to its place there, None if it stays."""
 
     name: str
     track: Track | None = None
 
 
 class XmlStage:
-    """The XML scene of an animation (see Stage). Its film, sampler and integrator are nte's, as for every clip."""
+    """The XML scene of an animation; see `nte.render.engine.stage.Stage`.
+
+    Film, sampler and integrator are nte's own, as for every clip.
+    """
 
     def __init__(
         self,
@@ -49,11 +52,11 @@ class XmlStage:
         start: float = 0,
         keep: bool = False,
     ) -> None:
-        """Load the XML and check what the animation names in it. Raises NteError for what cannot be rendered.
+        """Load the XML and check the names that the animation uses. Raises NteError for what cannot be rendered.
 
         width, height: pixels. max_depth: path segments. integrator: path tracing if None. start: the animation's frame
-        that is frame 0 here. keep: the loaded scene for the next stage of the same XML, if no moment of this one is
-        ever opened.
+        that becomes frame 0. keep: keep the loaded scene for the next stage of the same XML, if no moment of this stage
+        is ever opened.
         """
         mi = load_mitsuba()
         self.width, self.height, self._start = width, height, start
@@ -80,7 +83,7 @@ class XmlStage:
             (*brightness_of(name, mi_scene), _shifted(curve, start)) for name, curve in curves.items() if curve
         ]
         self.is_lit = len(mi_scene.emitters()) > 0
-        # Lights that are no shapes are numbered after the shapes.
+        # Lights that are not shapes are numbered after the shapes.
         places = Rest([*(obj.track for obj in self.objects), *(self._from_start(light_tracks.get(n)) for n in lights)])
         sensor = mi.load_dict(camera_sensor(self._camera, width, height, self.media))
         self._view: Parameters = mi.traverse(sensor)
@@ -99,7 +102,7 @@ class XmlStage:
             distant=distant,
             distant_lights=lights,
         )
-        self._tracks: dict[str, Track] | None = None  # of the shapes that move as instances; None until that is known
+        self._tracks: dict[str, Track] | None = None  # of the shapes that move as instances; None until known
         self._time: float | None = None
 
     @property
@@ -109,18 +112,18 @@ class XmlStage:
 
     @property
     def places(self) -> Places:
-        """Return what says where places on surfaces are, at any time."""
+        """Return the object that knows where places on surfaces are at any time."""
         return self._scenery.places
 
     @property
     def distant(self) -> float:
-        """Return how far away, in scene units, a point at infinity is put when it has to be a point."""
+        """Return the distance, in scene units, at which a point at infinity is put when it must be a point."""
         return self._scenery.distant
 
     def at(self, time: float) -> AbstractContextManager[Moment]:
-        """Put every shape and light that moves, and the camera, where they are at a time in frames.
+        """Move every animated shape and light, and the camera, to a time in frames, and hand out the moment for passes.
 
-        Hands out what passes take. Raises RuntimeError where another moment of this stage is open already.
+        Raises RuntimeError where another moment of this stage is still open.
         """
         return opened(self._scenery, time, self._put)
 
@@ -147,14 +150,17 @@ class XmlStage:
         self._time = time
 
     def _divide(self) -> dict[str, Track]:
-        """Let shapes move as instances, in a scene for each of two times, where they can; lights move as they did."""
+        """Let shapes move as instances where they can, in one scene for each of two times; lights move as before.
+
+        Returns the tracks of the shapes that now move as instances.
+        """
         names = {obj.name for obj in self.objects}
         moving = [name for name in self._moved if name in names]
         self._scenery.levels += levels(self._scenery.mi_scene, self._scenery.shapes, moving, 2)
         return {name: self._moved.pop(name)[1] for name in moving} if self._scenery.levels else {}
 
     def _choose(self, time: float, tracks: Mapping[str, Track]) -> None:
-        """Take the scene that is at this time, or move the one that was used longest ago: it comes to the end."""
+        """Take the scene that is at this time already, or move the one that was used longest ago; put it last."""
         made = self._scenery.levels
         chosen = next((each for each in made if each.time == time), made[0])
         if chosen.time != time:
@@ -168,7 +174,7 @@ class XmlStage:
 
 
 def _shifted(curve: Callable[[float], _Value], start: float) -> Callable[[float], _Value]:
-    """A track or another curve as the clip's frames see it, whose frame 0 is the animation's frame `start`."""
+    """A track or another curve in the clip's frames: the clip's frame 0 is the animation's frame `start`."""
     return lambda time: curve(time + start)
 
 
@@ -182,10 +188,13 @@ def _check_names(xml: str, what: str, given: Mapping[str, object], known: Sequen
 
 
 def check_scene(animation: Animation, components: bool) -> None:
-    """Raise NteError, before anything is rendered, for what the XML does not load or have; for components: lights."""
-    stage = XmlStage(animation, 8, 8, 2, keep=True)  # which is all that loading costs: rendering goes on with it
+    """Raise NteError, before anything is rendered, for an XML scene that cannot be loaded or lacks what it must have.
+
+    components: whether light components are asked for; they need a light, and no media.
+    """
+    stage = XmlStage(animation, 8, 8, 2, keep=True)  # rendering reuses the loaded scene: no extra cost
     media, lit = stage.media, stage.is_lit
-    del stage  # not kept by the error's traceback
+    del stage  # so that the error's traceback does not keep it alive
     if components and media:
         raise NteError(f"{animation.xml}: light in its media has no components: expected components: false")
     if components and not lit:

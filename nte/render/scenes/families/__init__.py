@@ -1,4 +1,4 @@
-"""Families of procedural scenes, by the name that recipes use."""
+"""Families of procedural scenes, by the names that recipes use."""
 
 from typing import Any
 

@@ -1,4 +1,4 @@
-"""A laid table: glasses, bottles, plates and fruit, lit mostly by light that has bounced; render 5 or more deep."""
+"""A laid table with glasses, bottles, plates and fruit, lit mostly by indirect light: use a max_depth of 5 or more."""
 
 from dataclasses import dataclass
 
@@ -11,7 +11,7 @@ from nte.render.scenes.solids import block, merged, placed
 from nte.render.world.scene import Mesh, Pixels, Scene, SceneObject, Surface
 from nte.render.world.transforms import Floats, rotation, still, translation
 
-_HALF, _DEPTH, _HEIGHT, _TOP = 2.4, 4.6, 2.7, 0.74  # the room, and the table's height
+_HALF, _DEPTH, _HEIGHT, _TOP = 2.4, 4.6, 2.7, 0.74  # of the room, and height of the table
 
 
 @dataclass
@@ -23,7 +23,7 @@ class Parameters:
 
 
 def make_dining(dice: Dice, parameters: Parameters) -> Scene:
-    """The table stands along x; the light is a panel that shines up at the ceiling, and a window."""
+    """Make a table along x, lit by a panel that shines up at the ceiling and by a window."""
     objects = [*_room(dice), *_table(dice, parameters.guests), *_middle(dice)]
     slide = dice.apart(0.02, 0.06) * dice.choice([-1, 1]) * parameters.moving_camera
     eye = kit.drifting((dice.uniform(-0.3, 0.3) - 4 * slide, 1.4, 0.5), (slide, 0, 0))
@@ -50,7 +50,7 @@ def _room(dice: Dice) -> list[SceneObject]:
 
 
 def _table(dice: Dice, guests: int) -> list[SceneObject]:
-    """Table, cloth, chairs, and at every place a plate, a knife and a fork, and a glass."""
+    """A table with cloth and chairs, and at every place a plate, a knife, a fork and a glass."""
     wood = kit.textured(dice, kit.shades(dice.uniform(0.03, 0.12), 0.55), marble)
     linen = kit.textured(dice, kit.shades(dice.uniform(), 0.4, (0.9, 0.75, 0.55)), checker, stripes)
     runner = shapes.rectangle((-0.95, _TOP + 0.004, 1.9 - 0.5), (0, 0, 1.0), (1.9, 0, 0), 0.8)
@@ -59,7 +59,7 @@ def _table(dice: Dice, guests: int) -> list[SceneObject]:
         for side in (-1, 1):
             turn = rotation(kit.UP, 0.0 if side > 0 else np.pi)
             place = translation((along, 0, 1.9)) @ turn
-            if side > 0:  # those in front would hide the table
+            if side > 0:  # chairs in front would hide the table
                 drawn_up = translation((0, 0, 0.75)) @ rotation(kit.UP, dice.uniform(-0.2, 0.2))
                 seats.append(placed(furniture.chair(), place @ drawn_up))
             plates.append(placed(furniture.plate(), place @ translation((0, _TOP, 0.32))))

@@ -24,7 +24,7 @@ class Parameters:
 
 
 def make_pinkroom(dice: Dice, parameters: Parameters) -> Scene:
-    """Bed and shelf at the back, a table with chairs in front, lamps, and what moves between them."""
+    """Make a room with a bed and a shelf at the back, a table with chairs in front, lamps, and things that move."""
     objects = [*_room(dice), *_bed(dice), *_shelf(dice), *_seats(dice), *_lights(dice, parameters), *_movers(dice)]
     glide = dice.uniform(0.3, 0.5) * dice.choice([-1, 1]) * parameters.moving_camera
     eye = kit.swaying((dice.uniform(-0.3, 0.3), 1.55, -1.2), (glide, 0, 0), 0.2)

@@ -24,7 +24,7 @@ class Parameters:
 
 
 def make_restaurant(dice: Dice, parameters: Parameters) -> Scene:
-    """A room with four laid tables, hanging lamps over them, and windows on one side."""
+    """Make a room with four laid tables, a hanging lamp over each, and windows on one side."""
     objects = _room(dice, parameters)
     seat = kit.textured(dice, kit.shades(dice.uniform(0.0, 0.1), 0.6), marble, stripes)
     top = kit.textured(dice, kit.shades(dice.apart(0.0, 1.0), 0.5, (0.7, 0.5, 0.3)), marble)
@@ -75,7 +75,7 @@ def _table(
 
 
 def _camera(dice: Dice, speed: float) -> Camera:
-    """Slides sideways past the tables, turning against its way."""
+    """A camera that slides sideways past the tables and turns the other way."""
     side = dice.choice([-1, 1])
     slide, swing = speed * dice.apart(0.05, 0.12) * side, speed * dice.uniform(0.1, 0.25) * side
     eye = kit.drifting((-6 * slide, dice.uniform(1.35, 1.7), -0.9), (slide, 0, 0.2 * abs(slide)))

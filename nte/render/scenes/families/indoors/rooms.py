@@ -1,8 +1,8 @@
 """Rooms: textured walls, moving objects that hide and uncover them, a moving camera, area lights.
 
-Scene units are about metres, y is up. The room spans x in ±width/2, y in [0, height], z in [0, depth]; the
-camera stands near z = 0 and looks along +z. Speeds are chosen for 128 pixels: objects sweep over several
-pixels per frame, the camera moves the background by one to three.
+Scene units are about metres, y is up. The room spans x in ±width/2, y in [0, height], z in [0, depth]; the camera
+stands near z = 0 and looks along +z. Speeds suit images of 128 pixels: objects move by several pixels per frame, and
+the camera moves the background by one to three.
 """
 
 from collections.abc import Callable
@@ -17,7 +17,7 @@ from nte.render.scenes.patterns import plain, random_texture
 from nte.render.world.scene import Camera, Colour, Material, Mesh, Scene, SceneObject
 from nte.render.world.transforms import Floats, Path3, Track, look_at, moving, rotation, still, translation
 
-_LIGHT_ALBEDO = np.full((1, 1, 3), 0.8, np.float32)  # so that dividing by albedo does nothing odd to lights
+_LIGHT_ALBEDO = np.full((1, 1, 3), 0.8, np.float32)  # not dark, so that dividing by albedo keeps lights reasonable
 _OBJECTS = 15  # the same in every room: Dr.Jit's kernels depend on the number, and compiling takes 0.6 s
 _UP = (0.0, 1.0, 0.0)
 
@@ -31,13 +31,13 @@ class _Room:
 
 @dataclass
 class Parameters:
-    """window: whether sun and sky shine in through an opening in a side wall, upon things of glass among others."""
+    """window: whether sun and sky shine in through an opening in a side wall; one of the objects is then glass."""
 
     window: bool = switch(False)
 
 
 def make_room(rng: np.random.Generator, parameters: Parameters) -> Scene:
-    """A random room with everything in it."""
+    """Make a random room with walls, furniture, moving objects, lights and a camera."""
     room = _Room(rng.uniform(5.0, 7.0), rng.uniform(3.2, 4.2), rng.uniform(6.0, 8.0))
     objects = [*_walls(room, rng), *_lights(room, rng), *_movers(room, rng)]
     objects += _furniture(room, rng, _OBJECTS - len(objects))
@@ -73,7 +73,7 @@ def _walls(room: _Room, rng: np.random.Generator) -> list[SceneObject]:
 
 
 def _furniture(room: _Room, rng: np.random.Generator, count: int) -> list[SceneObject]:
-    """Things that stand still, for parallax."""
+    """Objects that stand still, for parallax."""
     return [
         _object(rng, still(translation(_place(room, rng, size)) @ rotation(_UP, rng.uniform(0, 6))), size)
         for size in rng.uniform(0.4, 0.8, count)
@@ -81,7 +81,7 @@ def _furniture(room: _Room, rng: np.random.Generator, count: int) -> list[SceneO
 
 
 def _movers(room: _Room, rng: np.random.Generator) -> list[SceneObject]:
-    """Things that sweep, circle, bounce and tumble; among them always something glossy and something of metal."""
+    """Objects that sweep, circle, bounce and tumble; at least one is glossy and one is metal."""
     count = int(rng.integers(4, 7))
     surfaces = ["glossy", "metal", *rng.choice(["diffuse", "diffuse", "glossy", "metal"], count - 2)]
     movers = []
@@ -102,21 +102,21 @@ def _object(rng: np.random.Generator, track: Track, size: float, surface: str | 
 def _material(rng: np.random.Generator, surface: str | None) -> Material:
     color = random_texture(rng) if rng.uniform() < 0.8 else plain(rng)
     if surface == "metal":
-        return Material(0.35 + 0.6 * color, "metal", rng.uniform(0.15, 0.5))  # metals reflect most light
+        return Material(0.35 + 0.6 * color, "metal", rng.uniform(0.15, 0.5))  # real metals reflect most light
     if surface == "glossy":
         return Material(color, "glossy", rng.uniform(0.15, 0.5))
     return Material(color)
 
 
 def _place(room: _Room, rng: np.random.Generator, size: float) -> Floats:
-    """A point where a thing of radius `size` is inside the room and out of the camera's way."""
+    """A point where an object of radius `size` is inside the room and out of the camera's way."""
     low = np.array([-room.width / 2 + size, size, 2.6])
     high = np.array([room.width / 2 - size, min(room.height - size - 0.3, 2.2), room.depth - size])
     return rng.uniform(low, np.maximum(high, low + 0.1))
 
 
 def _sweep(room: _Room, rng: np.random.Generator, size: float) -> Path3:
-    """To and fro across the view, some 0.15 to 0.35 units per frame at the fastest."""
+    """A path to and fro across the view, at some 0.15 to 0.35 units per frame where it is fastest."""
     middle = _place(room, rng, size) * (0.2, 1, 1)
     reach = room.width / 2 - size - 0.2 * abs(middle[0]) - 0.1
     rate, phase = rng.uniform(0.15, 0.35) / reach, rng.uniform(0, 2 * np.pi)
@@ -124,7 +124,7 @@ def _sweep(room: _Room, rng: np.random.Generator, size: float) -> Path3:
 
 
 def _circle(room: _Room, rng: np.random.Generator, size: float) -> Path3:
-    """Round a vertical axis in the middle of the room, turning either way."""
+    """A path round a vertical axis in the middle of the room, in either direction."""
     radius = rng.uniform(0.7, min(room.width, room.depth - 2.6) / 2 - size)
     middle = np.array([0, _place(room, rng, size)[1], (room.depth + 2.6 - size) / 2])
     rate, phase = rng.choice([-1, 1]) * rng.uniform(0.12, 0.3) / radius, rng.uniform(0, 2 * np.pi)
@@ -132,7 +132,7 @@ def _circle(room: _Room, rng: np.random.Generator, size: float) -> Path3:
 
 
 def _bounce(room: _Room, rng: np.random.Generator, size: float) -> Path3:
-    """Up and down on the spot, with a slow drift sideways."""
+    """A path up and down on the spot, with a slow drift sideways."""
     ground = _place(room, rng, size) * (0.6, 0, 1) + (0, size, 0)
     jump = min(room.height - 2 * size - 0.3, 2.0)
     rate, drift, phase = rng.uniform(0.12, 0.22), rng.uniform(-0.06, 0.06), rng.uniform(0, np.pi)
@@ -198,7 +198,7 @@ def _camera(room: _Room, rng: np.random.Generator) -> Camera:
     sway = np.array([rng.uniform(0.4, 1.1), rng.uniform(0.0, 0.3), rng.uniform(0.0, 0.4)])
     gaze = np.array([rng.uniform(0.3, 1.3), rng.uniform(0.0, 0.3), 0.0])
     rate, gaze_rate = rng.uniform(0.1, 0.18, 2) * rng.choice([-1, 1], 2)
-    # Near a phase of 0 the movement is at its fastest; a clip that begins at a turning point hardly moves.
+    # The movement is fastest near phase 0; a clip that begins at a turning point would hardly move.
     phase, gaze_phase = rng.uniform(-0.8, 0.2, (2, 3)) * np.sign([[rate], [gaze_rate]])
 
     def track(time: float) -> Floats:

@@ -12,7 +12,7 @@ from nte.render.world.scene import Camera, Mesh, Scene, SceneObject
 from nte.render.world.transforms import Floats, still, translation
 
 _PAIRS = 5  # of columns
-_STEP, _AISLE, _HALF, _HEIGHT = 2.4, 2.0, 4.2, 4.6  # between columns; half widths of the nave and of the hall
+_STEP, _AISLE, _HALF, _HEIGHT = 2.4, 2.0, 4.2, 4.6  # between columns; half widths of the nave and the hall; height
 
 
 @dataclass
@@ -24,7 +24,7 @@ class Parameters:
 
 
 def make_temple(dice: Dice, parameters: Parameters) -> Scene:
-    """A nave between two rows of columns, braziers behind them, skylights above, a statue at the end."""
+    """Make a nave between two rows of columns, with braziers behind them, skylights above and a statue at the end."""
     objects = [*_hall(dice, parameters), *_columns(dice), *_lights(dice)]
     hue = dice.uniform()
     statue = merged([block((1.0, 0.8, 1.0)), placed(shapes.vase(dice), translation((0, 1.6, 0)), 0.8)])
@@ -61,7 +61,7 @@ def _columns(dice: Dice) -> list[SceneObject]:
 
 
 def fluted_column(height: float, radius: float, flutes: int = 12) -> Mesh:
-    """A shaft with grooves, swelling a little, between a base and a capital."""
+    """Make a shaft with grooves that swells a little, between a base and a capital."""
 
     def shaft(u: Floats, v: Floats) -> Floats:
         angle = -2 * np.pi * u
@@ -87,7 +87,7 @@ def _lights(dice: Dice) -> list[SceneObject]:
 
 
 def _camera(dice: Dice, speed: float) -> Camera:
-    """Runs along the nave and swings its gaze from side to side."""
+    """A camera that runs along the nave and swings its gaze from side to side."""
     way, swing = speed * dice.uniform(0.05, 0.12), speed * dice.apart(0.2, 0.5) * dice.choice([-1, 1])
     start = (dice.uniform(-0.8, 0.8), dice.uniform(1.3, 1.9), -1.6)
     eye = kit.drifting(start, (0.3 * way * dice.choice([-1, 1]), 0, way))

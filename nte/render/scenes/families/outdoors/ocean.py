@@ -1,4 +1,4 @@
-"""Open water: two trains of waves with the sky's reflection. The surface deforms, and its foam moves with it."""
+"""Open water: two trains of waves that reflect the sky. The surface deforms, and its foam moves with it."""
 
 from dataclasses import dataclass, replace
 
@@ -16,7 +16,7 @@ _WIDTH, _DEPTH, _CELLS = 14.0, 50.0, 180
 
 @dataclass
 class Parameters:
-    """height: of the waves. roughness: of the water. buoy: whether one floats there."""
+    """height: of the waves. roughness: of the water. buoy: whether a buoy floats there."""
 
     height: float = between(0.22, 0.0, 0.5)
     roughness: float = between(0.12, 0.05, 0.5)
@@ -25,7 +25,7 @@ class Parameters:
 
 @dataclass(frozen=True)
 class _Train:
-    """Gerstner waves: points circle, so that crests are sharper than troughs."""
+    """A train of Gerstner waves: points move in circles, so crests are sharper than troughs."""
 
     direction: Floats  # (2,), unit, in x and z
     length: float
@@ -34,13 +34,13 @@ class _Train:
     phase: float
 
     def offsets(self, x: Floats, z: Floats, time: float) -> Floats:
-        """(N, 3) of the points that rest at x, z."""
+        """Return the offsets (N, 3) of the points that rest at x, z, at a time in frames."""
         angle = self._angle(x, z, time)
         along = self.height * np.cos(angle)
         return np.stack([along * self.direction[0], self.height * np.sin(angle), along * self.direction[1]], 1)
 
     def slopes(self, x: Floats, z: Floats, time: float) -> tuple[Floats, Floats]:
-        """∂height and ∂(way along the direction) by the way along the direction, each (N,)."""
+        """Return ∂height and ∂(offset along the direction), both by the way along the direction, each (N,)."""
         angle, pace = self._angle(x, z, time), 2 * np.pi / self.length * self.height
         return pace * np.cos(angle), -pace * np.sin(angle)
 
@@ -50,7 +50,7 @@ class _Train:
 
 
 def make_ocean(dice: Dice, parameters: Parameters) -> Scene:
-    """A low sun before the camera, water up to the horizon, a buoy that rides the waves."""
+    """Make a low sun in front of the camera, water up to the horizon, and a buoy that rides the waves."""
     trains = _trains(dice, parameters.height)
     water = _rest()
     foam = kit.textured(dice, np.array([[0.75, 0.8, 0.8], [0.05, 0.22, 0.28], [0.02, 0.1, 0.16]]), marble, noise)
@@ -88,7 +88,7 @@ def _trains(dice: Dice, height: float) -> tuple[_Train, _Train]:
 
 
 def _rest() -> Mesh:
-    """Flat water, its cells small near the camera and large towards the horizon."""
+    """Flat water, with cells that are small near the camera and large towards the horizon."""
     flat = sheet(_WIDTH, _DEPTH, lambda x, z: 0 * x, texture_size=3.0, cells=_CELLS)
     far = flat.positions[:, 2] / _DEPTH + 0.5  # 0 near, 1 at the horizon
     positions = flat.positions.copy()
@@ -99,7 +99,7 @@ def _rest() -> Mesh:
 
 
 def _surface(trains: tuple[_Train, ...], rest: Floats, time: float) -> tuple[Floats, Floats]:
-    """Positions and normals (N, 3) of the points that rest at `rest` (N, 3)."""
+    """Positions and normals (N, 3) at a time of the points that rest at `rest` (N, 3)."""
     x, z = rest[:, 0], rest[:, 2]
     along_x, along_z = np.tile([1.0, 0.0, 0.0], (len(x), 1)), np.tile([0.0, 0.0, 1.0], (len(x), 1))
     positions = rest.copy()

@@ -22,7 +22,7 @@ class Parameters:
 
 
 def make_apples(dice: Dice, parameters: Parameters) -> Scene:
-    """A cloth with folds, apples on it, one light that swings over them."""
+    """Make a cloth with folds, apples on it, and one light that swings over them."""
     heights = _folds(dice)
     weave = kit.textured(dice, kit.shades(dice.apart(0.0, 1.0), 0.35, (0.85, 0.7, 0.5)), checker, stripes, dots)
     objects = [kit.thing(sheet(14, 14, heights, 1.8, cells=140), weave, still())]
@@ -37,7 +37,7 @@ def make_apples(dice: Dice, parameters: Parameters) -> Scene:
 
 
 def _folds(dice: Dice) -> kit.Height:
-    """Waves across the cloth that lie flat at no place."""
+    """Waves across the cloth, which is nowhere flat."""
     directions, phases = dice.normal(size=(5, 2)) * 1.7, dice.uniform(0, 6, 5)
 
     def height(x: Floats, z: Floats) -> Floats:
@@ -48,7 +48,7 @@ def _folds(dice: Dice) -> kit.Height:
 
 
 def _places(dice: Dice, count: int, rolling: bool) -> list[tuple[float, float]]:
-    """Places on the cloth, an apple apart where there is room; the first has a free way in front if it rolls."""
+    """Places on the cloth, an apple apart where there is room; if the first apple rolls, its way is free."""
     places = [(0.0, -0.9)] if rolling else []
     while len(places) < count:
         for _ in range(200):
@@ -60,7 +60,7 @@ def _places(dice: Dice, count: int, rolling: bool) -> list[tuple[float, float]]:
 
 
 def _apple(dice: Dice, x: float, z: float, heights: kit.Height, rolls: bool) -> list[SceneObject]:
-    """Body and stem, leaning a little on the cloth."""
+    """Body and stem of an apple that leans a little on the cloth."""
     size = dice.uniform(0.3, 0.38)
     lean = rotation(dice.normal(size=3) * (1, 0.1, 1), dice.uniform(0, 0.5))
     ground = float(heights(np.array([x]), np.array([z]))[0]) - 0.03

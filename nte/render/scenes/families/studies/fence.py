@@ -1,4 +1,4 @@
-"""A fence that moves fast before area lights: shadows that run over textured ground faster than anything visible."""
+"""A fence that moves fast before area lights: its shadows cross textured ground faster than anything visible moves."""
 
 from dataclasses import dataclass
 
@@ -17,7 +17,7 @@ _TINTS: tuple[Colour, ...] = ((1.0, 0.95, 0.85), (0.75, 0.85, 1.0), (1.0, 0.7, 0
 
 @dataclass
 class Parameters:
-    """lights: area lights behind the fence. moving_lights: whether they travel. moving_camera: so does the camera."""
+    """lights: area lights behind the fence. moving_lights: whether they travel. moving_camera: likewise the camera."""
 
     lights: int = between(1, 1, 4)
     moving_lights: bool = switch(False)
@@ -25,7 +25,7 @@ class Parameters:
 
 
 def make_fence(dice: Dice, parameters: Parameters) -> Scene:
-    """The ground is seen from above; the lights stand behind the fence, so that shadows come towards the viewer."""
+    """Make a fence over ground seen from above; the lights stand behind it, so shadows fall towards the viewer."""
     soil = kit.textured(dice, kit.shades(dice.apart(0.05, 0.35), 0.35, (0.8, 0.55, 0.3)), checker, bricks, noise, dots)
     bricks_behind = kit.textured(dice, kit.shades(dice.uniform(), 0.4, (0.85, 0.6, 0.4)), bricks, marble)
     objects = [kit.ground(40, 12, soil, texture_size=3.0), kit.wall((20, 5), (-20, 5), 6, bricks_behind)]
@@ -37,7 +37,7 @@ def make_fence(dice: Dice, parameters: Parameters) -> Scene:
 
 
 def _fence(dice: Dice) -> SceneObject:
-    """Slats between two rails, running sideways by three to eight pixels per frame at 128 pixels."""
+    """Slats between two rails, which run sideways by three to eight pixels per frame at 128 pixels."""
     height, width = dice.uniform(1.1, 1.5), dice.uniform(0.14, 0.24)
     slats = [
         block((width, height + 0.1 * np.sin(2.1 * i), 0.05), ((i - _LENGTH / 2) * _SPACING, 0.05, 0), 1.0)
@@ -50,7 +50,7 @@ def _fence(dice: Dice) -> SceneObject:
 
 
 def _stones(dice: Dice) -> list[SceneObject]:
-    """Two low things on the ground, for shadows that bend."""
+    """Two low objects on the ground, on which shadows bend."""
     stones = []
     for side in (-1, 1):
         size = (dice.uniform(0.3, 0.6), dice.uniform(0.15, 0.35), dice.uniform(0.3, 0.6))
@@ -61,7 +61,7 @@ def _stones(dice: Dice) -> list[SceneObject]:
 
 
 def _light(dice: Dice, number: int, parameters: Parameters) -> SceneObject:
-    """A panel behind the fence, just above what the camera sees; lights beside the first travel sideways."""
+    """A panel behind the fence, just above the camera's view; if lights move, those after the first travel sideways."""
     x = dice.uniform(-1.5, 1.5) + (0.0, 2.5, -2.5, 0.5)[number]
     reach = dice.uniform(0.8, 1.6) * dice.choice([-1, 1]) * parameters.moving_lights
     rate, phase = dice.uniform(0.15, 0.3), dice.uniform(-0.8, 0.8)

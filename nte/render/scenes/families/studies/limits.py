@@ -1,4 +1,4 @@
-"""What the paper of reliable motion vectors names as its limits, a case each, on the same small stage.
+"""The limits that the paper of reliable motion vectors names, one case each, on the same small stage.
 
 Zeng et al. 2021, «Temporally Reliable Motion Vectors for Real-time Ray Tracing», section 7.
 """
@@ -17,18 +17,18 @@ from nte.render.world.transforms import Floats, look_at, rotation, still, transl
 CASES = (
     "out_of_image", "two_lights", "two_lobes", "sudden_light", "curved_reflector", "thin_shadow", "behind", "cut",
 )  # fmt: skip
-_EVENT = 5  # the frame that a sudden change is first seen in
+_EVENT = 5  # the first frame that shows a sudden change
 
 
 @dataclass
 class Parameters:
-    """case: which limit."""
+    """case: which limit the scene shows."""
 
     case: str = one_of(*CASES)
 
 
 def make_limits(dice: Dice, parameters: Parameters) -> Scene:
-    """A floor, a wall, two things that stand, and what the case needs."""
+    """Make a floor, a wall, two standing objects, and what the case needs."""
     case = parameters.case
     floor = kit.textured(dice, kit.shades(dice.apart(0, 1), 0.3, (0.8, 0.6, 0.4)), checker, dots)
     paper = kit.textured(dice, kit.shades(dice.uniform(), 0.4, (0.85, 0.6, 0.4)), bricks, stripes)
@@ -53,7 +53,7 @@ def _standing(dice: Dice) -> list[SceneObject]:
 
 def _lights(dice: Dice, case: str) -> list[SceneObject]:
     """One panel overhead, unless the case is about light."""
-    if case == "two_lights":  # they cross, and so do the shadows of what stands between them and the floor
+    if case == "two_lights":  # the lights cross, and so do the shadows of the objects below them
         rate, middle = dice.apart(0.2, 0.35), (0, 0, 0.8)
         sides = ((-1, (1.0, 0.75, 0.5)), (1, (0.5, 0.75, 1.0)))
         return [
@@ -71,19 +71,19 @@ def _lights(dice: Dice, case: str) -> list[SceneObject]:
 
 
 def _actors(dice: Dice, case: str) -> list[SceneObject]:
-    """What moves, apart from lights and camera."""
+    """The objects that move, apart from lights and camera."""
     way = dice.choice([-1.0, 1.0])
     pace = dice.apart(0.12, 0.25)
     box = cushion((0.6, 0.6, 0.6), 0.06, texture_size=1.0)
-    height = 0.5 * (case == "two_lights")  # in the air, so that its shadows come apart
+    height = 0.5 * (case == "two_lights")  # in the air, so that its two shadows separate
     crossing = kit.following(kit.drifting((-_EVENT * pace * way, height, 0.8), (pace * way, 0, 0)))
     match case:
         case "two_lights" | "out_of_image":
             return [kit.thing(box, _bright(dice), crossing)]
-        case "two_lobes":  # a near and a far thing, mirrored in one floor, run against each other
+        case "two_lobes":  # a near and a far object, mirrored in one floor, move in opposite directions
             far = kit.following(kit.drifting((_EVENT * pace * way, 0.9, 2.6), (-pace * way, 0, 0)))
             return [kit.thing(box, _bright(dice), crossing), kit.thing(box, _bright(dice), far)]
-        case "sudden_light":  # a shutter before the light, open from one frame to the next
+        case "sudden_light":  # a shutter before the light, which opens from one frame to the next
             lid = block((1.6, 1.6, 0.05), (0, -0.8, 0))
 
             def shutter(time: float) -> Floats:
@@ -129,5 +129,5 @@ def _bright(dice: Dice) -> Pixels:
 
 
 def _lying(place: tuple[float, float, float]) -> Floats:
-    """A rod that hangs, turned to lie along z."""
+    """A hanging rod, turned to lie along z."""
     return np.asarray(translation(place) @ rotation((1, 0, 0), -np.pi / 2))

@@ -1,4 +1,4 @@
-"""One kind of motion each, for filters that blur it. Frames are sharp; tracks are defined within the shutter too."""
+"""Scenes with one kind of motion each, for filters that blur it. Tracks are defined within the shutter too."""
 
 from dataclasses import dataclass
 
@@ -21,7 +21,7 @@ class Parameters:
 
 
 def make_motion_blur(dice: Dice, parameters: Parameters) -> Scene:
-    """A stage with three posts and two things that cross, spin or stand."""
+    """Make a stage with three posts and two objects that cross, spin or stand."""
     pace = parameters.speed * dice.apart(0.75, 1.3) * dice.choice([-1, 1])
     floor = kit.textured(dice, kit.shades(dice.uniform(), 0.3, (0.8, 0.6, 0.35)), checker, dots)
     paper = kit.textured(dice, kit.shades(dice.uniform(), 0.45, (0.9, 0.6, 0.3)))

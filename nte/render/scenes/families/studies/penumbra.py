@@ -1,4 +1,4 @@
-"""A light that moves over a relief with a few bars above it: penumbrae on an uneven receiver, nothing else moves."""
+"""Lights that move over a relief with a few bars above it: penumbrae on an uneven receiver, and nothing else moves."""
 
 from dataclasses import dataclass
 
@@ -13,7 +13,7 @@ from nte.render.world.transforms import Floats, rotation, still, translation
 
 @dataclass
 class Parameters:
-    """light_size: side of each light. lights: how many move. bars: how many throw shadows."""
+    """light_size: side of each light. lights: how many move. bars: how many cast shadows."""
 
     light_size: float = between(0.5, 0.05, 2.0)
     lights: int = between(1, 1, 3)
@@ -21,7 +21,7 @@ class Parameters:
 
 
 def make_penumbra(dice: Dice, parameters: Parameters) -> Scene:
-    """Seen obliquely from above; the relief has bumps, ridges and steps."""
+    """Make a relief with bumps, ridges and steps, seen obliquely from above."""
     color = kit.textured(dice, kit.shades(dice.apart(0.0, 1.0), 0.4, (0.85, 0.72, 0.6)))
     objects = [kit.thing(sheet(14, 14, _relief(dice), 3.0, cells=200), color, still())]
     if parameters.bars:
@@ -53,7 +53,7 @@ def _relief(dice: Dice) -> kit.Height:
 
 
 def _bar(dice: Dice, number: int, count: int) -> Mesh:
-    """A rod that floats over the relief, lower ones with harder shadows."""
+    """A rod that floats over the relief; lower rods have harder shadows."""
     x = (number + 0.5) / count * 3.6 - 1.8 + dice.uniform(-0.2, 0.2)
     place = (x, dice.uniform(0.6, 1.2), dice.uniform(-0.6, 1.0))
     lying = rotation(kit.UP, dice.uniform(0, np.pi)) @ rotation((0, 0, 1), np.pi / 2 + dice.uniform(-0.3, 0.3))

@@ -1,4 +1,4 @@
-"""Toys on a floor, and boxes that pass in front of bright and of dark background, also at the image's border."""
+"""Toys on a floor, and boxes that pass in front of bright and dark background, also at the image's border."""
 
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -25,7 +25,7 @@ class Parameters:
 
 
 def make_pica(dice: Dice, parameters: Parameters) -> Scene:
-    """A floor, a banded wall, toys that stand, boxes that pass between them and the camera."""
+    """Make a floor, a banded wall, standing toys, and boxes that pass between them and the camera."""
     floor = kit.textured(dice, kit.shades(dice.uniform(), 0.25, (0.8, 0.65, 0.45)), checker, dots)
     objects = [kit.ground(16, 14, floor, texture_size=3.5), *_wall(dice), *_toys(dice)]
     objects += [_box(dice, number) for number in range(parameters.boxes)]
@@ -37,7 +37,7 @@ def make_pica(dice: Dice, parameters: Parameters) -> Scene:
 
 
 def _wall(dice: Dice) -> list[SceneObject]:
-    """Upright bands: what is uncovered is very bright here and very dark there."""
+    """Upright bands, so that what is uncovered is very bright in some places and very dark in others."""
     width, hue = 12 / _BANDS, dice.apart(0, 1)
     bands = []
     for i in range(_BANDS):
@@ -49,7 +49,7 @@ def _wall(dice: Dice) -> list[SceneObject]:
 
 
 def _toys(dice: Dice) -> list[SceneObject]:
-    """Things on a loose grid, each of its own loud colour."""
+    """Objects on a loose grid, each in a loud colour of its own."""
     places = [(x, z) for z in (0.2, 1.6, 3.0) for x in np.linspace(-2.4, 2.4, 5)]
     toys = []
     for i in dice.permutation(len(places))[:_TOYS]:
@@ -77,13 +77,13 @@ def _box(dice: Dice, number: int) -> SceneObject:
 
 
 def _pile(dice: Dice) -> Mesh:
-    """Three blocks on each other."""
+    """Three stacked blocks."""
     turns = dice.uniform(-0.1, 0.1, 3)
     return merged([block((0.42 - 0.08 * i, 0.3, 0.36), (turns[i], 0.3 * i, 0), 1.0) for i in range(3)])
 
 
 def _rings(dice: Dice) -> Mesh:
-    """Three rings on each other, the largest below."""
+    """Three stacked rings, the largest at the bottom."""
     return merged([placed(shapes.torus(dice), translation((0, 0.1 + 0.18 * i, 0)), 0.45 - 0.1 * i) for i in range(3)])
 
 

@@ -24,7 +24,7 @@ class Parameters:
 
 
 def make_robot(dice: Dice, parameters: Parameters) -> Scene:
-    """The robot in a corner with a textured floor, a big soft light and a small one that gives it a shadow."""
+    """Make the robot in a corner with a textured floor, a big soft light, and a small light that gives it a shadow."""
     floor = kit.textured(dice, kit.shades(dice.uniform(), 0.3, (0.8, 0.6, 0.4)), checker, dots)
     paper = kit.textured(dice, kit.shades(dice.uniform(), 0.35, (0.8, 0.65, 0.45)))
     side = dice.choice([-1, 1])
@@ -41,7 +41,7 @@ def make_robot(dice: Dice, parameters: Parameters) -> Scene:
 
 
 def _robot(dice: Dice, action: str) -> list[SceneObject]:
-    """Body, head, arms and legs. Angles turn about x: forward is towards −z of the body."""
+    """Body, head, arms and legs. Angles turn about x; forward is −z of the body."""
     rate, reach, phase = dice.apart(0.3, 0.6), dice.uniform(0.5, 0.75), dice.uniform(0, 6)
     body = _walking(dice, rate, reach, phase) if action == "walk" else _on_the_spot(dice, rate)
     stride = reach if action == "walk" else 0.0
@@ -80,7 +80,7 @@ def _robot(dice: Dice, action: str) -> list[SceneObject]:
 
 
 def _joint(at: tuple[float, float, float], axis: tuple[float, float, float], angle: kit.Angle) -> Track:
-    """Turns about an axis at a place of its parent."""
+    """A track that turns about an axis at a place of its parent."""
     return lambda time: translation(at) @ rotation(axis, angle(time))
 
 
@@ -89,7 +89,7 @@ def _wave(rate: float, reach: float, phase: float, middle: float = 0.0) -> kit.A
 
 
 def _walking(dice: Dice, rate: float, reach: float, phase: float) -> Track:
-    """Across the view, half turned to it, rising twice a step; feet hardly slide."""
+    """A track across the view, half turned to it, that rises twice a step; feet hardly slide."""
     side = dice.choice([-1, 1])
     speed = 2 * (_THIGH + _SHIN) * np.sin(reach) * rate / np.pi * 0.7
     turn = rotation(kit.UP, -side * (np.pi / 2 - dice.uniform(0.1, 0.5)))
@@ -102,7 +102,7 @@ def _walking(dice: Dice, rate: float, reach: float, phase: float) -> Track:
 
 
 def _on_the_spot(dice: Dice, rate: float) -> Track:
-    """Faces the camera, turns to and fro on the spot and leans with it."""
+    """A track that faces the camera, turns to and fro on the spot and leans along."""
     turn, height = dice.uniform(-0.4, 0.4), _THIGH + _SHIN + 0.07
 
     def track(time: float) -> Floats:

@@ -1,4 +1,4 @@
-"""Balls that bounce and circle in soft light, out of focus near and far: shadows that harden as a ball comes down."""
+"""Balls that bounce and circle in soft light, out of focus near and far; shadows sharpen as a ball comes down."""
 
 from dataclasses import dataclass, replace
 
@@ -15,7 +15,7 @@ from nte.render.world.transforms import Floats, rotation, translation
 class Parameters:
     """spheres: how many. light_size: side of the light, which sets how soft the shadows are.
 
-    aperture: radius of the lens, 0 is a pinhole; in focus is what is at the middle of the ring of balls.
+    aperture: radius of the lens; 0 is a pinhole. The middle of the ring of balls is in focus.
     """
 
     spheres: int = between(8, 1, 16)
@@ -24,7 +24,7 @@ class Parameters:
 
 
 def make_spheres(dice: Dice, parameters: Parameters) -> Scene:
-    """A floor and two walls; every other ball bounces, the rest roll on circles."""
+    """Make a floor and two walls with balls; every other ball bounces, the rest roll on circles."""
     side = parameters.light_size
     tints = kit.shades(dice.apart(0, 1), 0.3, (0.85, 0.65, 0.45))
     objects = [

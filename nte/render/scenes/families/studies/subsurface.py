@@ -11,19 +11,19 @@ from nte.render.world.scene import Material, Medium, Scene, SceneObject
 from nte.render.world.transforms import Floats, rotation, still, translation
 
 _LEAST_DEPTH = 32
-_MIDDLE = 4.5  # the frame at which the beam is level: the middle of ten
+_MIDDLE = 4.5  # the frame at which the beam is level, the middle of ten frames
 
 
 @dataclass
 class Parameters:
-    """extinction: of the slab, per unit; it is 0.6 thick. tilt: 1 turns the beam by 6 to 10 degrees per frame."""
+    """extinction: of the slab, per unit; the slab is 0.6 thick. tilt: 1 turns the beam by 6 to 10 degrees per frame."""
 
     extinction: float = between(12.0, 4.0, 40.0)
     tilt: float = between(1.0, 0.0, 3.0)
 
 
 def make_subsurface(dice: Dice, parameters: Parameters) -> Scene:
-    """The slab stands on a table before a torch that turns about its lens; the viewer is on the other side."""
+    """Make a slab on a table, lit from behind by a torch that turns about its lens, seen from the other side."""
     absorbed = np.array([0.002, 0.006, 0.015]) * dice.uniform(0.3, 2.0)
     r, g, b = 1 - dice.permutation(absorbed)
     veil = Material(kit.plain(dice.uniform(), 0.2, 0.8), "veil")
@@ -35,7 +35,7 @@ def make_subsurface(dice: Dice, parameters: Parameters) -> Scene:
     slant, rate = dice.uniform(-0.4, 0.4), np.radians(parameters.tilt * dice.apart(6, 10) * dice.choice([-1, 1]))
 
     def swing(time: float) -> Floats:
-        """The torch shines along its own −y."""
+        """Place and turn the torch, which shines along its own −y."""
         turn = rotation((np.sin(slant), np.cos(slant), 0), rate * (time - _MIDDLE))
         return translation(place) @ turn @ rotation((1, 0, 0), np.pi / 2)
 
