@@ -13,6 +13,7 @@ import pytest
 import torch
 from hypothesis import settings
 
+from tests.shared import made_once
 from tests.synthetic import disc_clip
 
 torch.set_num_threads(1)
@@ -58,5 +59,8 @@ def _no_scene_outlives_its_test() -> Iterator[None]:
 @pytest.fixture(scope="session")
 def noisy_disc(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """A clip of four noisy frames of 40×24 in which a disc moves to the right. Only to be read."""
-    folder = tmp_path_factory.mktemp("clips") / "disc"
-    return disc_clip(folder, frames=4, seed=1, size=(24, 40), start=(10.0, 12.0), radius=6.0)
+
+    def make(folder: Path) -> None:
+        disc_clip(folder / "disc", frames=4, seed=1, size=(24, 40), start=(10.0, 12.0), radius=6.0)
+
+    return made_once(tmp_path_factory, "noisy_disc", make) / "disc"

@@ -155,8 +155,8 @@ class _Pair:
                 alike = float(seen @ mean) > ALONG * float(seen.norm() * mean.norm())
                 if float((seen - mean).norm()) >= APART and (alike or bool(given[cell].isfinite())):
                     found.append(Contradiction(cell, _pair(mean), _pair(seen), error))
-        accompanied = [piece for piece in found if self._has_company(piece, found)]
-        return accompanied if len(accompanied) >= COMPANY * len(found) else [], share
+        accompanied = sum(self._has_company(piece, found) for piece in found)
+        return found if accompanied >= COMPANY * len(found) else [], share
 
     def _has_company(self, piece: Contradiction, found: list[Contradiction]) -> bool:
         """Tell whether one of the nearest other pieces moves nearly alike, which chance hardly ever finds."""

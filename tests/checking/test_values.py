@@ -99,12 +99,12 @@ def test_what_passed_close_to_the_camera_may_have_been_far_outside(tmp_path: Pat
         motion[:, 50:, :40] = np.geomspace(500, 1e7, 40)
         return {"motion": motion}
 
-    report = check(tmp_path, near)
+    report = checked(tmp_path, near)
     assert report.verdict == "plausible"
     assert "note: motion: longer than four images in 1680 pixels of motion, the first in frame 0" in describe(report)
 
 
 def test_an_albedo_of_the_sky_shows_no_surface(tmp_path: Path) -> None:
     sky = {"albedo": np.ones((3, 64, 96)), "depth": np.zeros((1, 64, 96))}
-    report = check(tmp_path, lambda f, i: {**sky, "normal": 0 * f["normal"], "instance": sky["depth"]})
+    report = checked(tmp_path, lambda f, i: {**sky, "normal": 0 * f["normal"], "instance": sky["depth"]})
     assert [finding for finding in report.findings if finding.channel == "depth"] == []

@@ -203,7 +203,7 @@ def test_times_outside_the_shutter_are_refused():
 
 
 def test_missing_channels_name_the_recipe_that_has_them():
-    with pytest.raises(NteError, match=r"needs time, shutter_motion, shutter_depth.*shutter: 1"):
+    with pytest.raises(NteError, match=r"needs time, shutter_motion, shutter_depth.*groups that set shutter"):
         check_needs(MotionBlur(), ("color",), "clip")
 
 
