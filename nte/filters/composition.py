@@ -5,10 +5,10 @@ from typing import Annotated, Literal, TypeAlias
 
 from nte.denoiser import Denoiser, Result, State, sanitised
 from nte.errors import NteError
+from nte.frames.channels import COMPONENTS
 from nte.frames.frame import Frame
 from nte.options import Allowed
 
-COMPONENTS = ("visibility", "glossy", "indirect")  # those with noise; emission and direct have none
 EACH = "components"  # as a target: a denoiser for each of them
 
 # The option `target` of a filter that can denoise one of them.
