@@ -26,14 +26,11 @@ def network_type(kind: Any) -> type[TrainableDenoiser]:
         raise NteError(f"'network.kind' is {kind!r}, {known}")
     try:
         found = getattr(import_module(module), name, None)
-    except ModuleNotFoundError as error:
-        if error.name is None or not f"{module}.".startswith(f"{error.name}."):
-            raise  # what it imports is missing
-        way = "install it, or name its folder in PYTHONPATH"
-        raise NteError(f"'network.kind' is '{kind}': there is no module '{error.name}': {way}") from error
     except Exception as error:  # whatever the file does when it is imported
-        what = f"{type(error).__name__}: {error}".splitlines()[0]
-        raise NteError(f"'network.kind' is '{kind}': {module} cannot be imported: {what}") from error
+        what = f"{module} cannot be imported: {type(error).__name__}: {error}".splitlines()[0]
+        if isinstance(error, ModuleNotFoundError) and f"{module}.".startswith(f"{error.name}."):
+            what = f"there is no module '{error.name}': install it, or name its folder in PYTHONPATH"
+        raise NteError(f"'network.kind' is '{kind}': {what}") from error
     if not (isinstance(found, type) and issubclass(found, TrainableDenoiser)):
         raise NteError(f"'network.kind' is '{kind}': {module} has no TrainableDenoiser of that name; {known}")
     if not issubclass(getattr(found, "Config", object), NetworkConfig):

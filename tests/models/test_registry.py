@@ -117,6 +117,7 @@ def test_a_class_without_choices_of_its_own() -> None:
     [
         ("raise ValueError('first\\nsecond')", "ValueError: first$"),
         ("from nte import nothing", "ImportError: cannot import name 'nothing'"),
+        ("import nothing_such", "ModuleNotFoundError: No module named 'nothing_such'"),
         ("def f(:", "SyntaxError"),
     ],
 )

@@ -153,7 +153,7 @@ def test_what_does_not_fit_is_one_line(run: Path, clip: Path, tmp_path: Path, ca
     (tmp_path / "tiny.yaml").write_text(CONFIG.format(clip=clip, runs=tmp_path / "runs"))
     for override, said in (
         ("network.width=0", "network.width is 0, expected at least 1"),
-        ("network.depth=1", "'network.depth': Key 'depth' not in 'TinyConfig'; it has kind, width"),
+        ("network.depth=1", "'network.depth': unknown key, did you mean width? expected one of kind, width"),
         ("network.kind=kpcn", "'network.kind' is 'kpcn', expected temporal, or package.module:Class"),
         ("network.kind=7", "'network.kind' is 7, expected temporal"),
         ("network.kind='nowhere.at_all:Network'", "there is no module 'nowhere': install it, or name its folder in"),
