@@ -28,7 +28,7 @@ NAMES: dict[str, tuple[str, str, str]] = {
 }
 
 
-def load_denoiser(spec: str, device: str = "cpu") -> Denoiser:
+def load_denoiser(spec: str | Path, device: str = "cpu") -> Denoiser:
     """The denoiser that `spec` names: a run folder, an .onnx file, or `name:key=value,key=value`. A checkpoint
     in a run folder stands for it as well: RUN/best.safetensors.
 
@@ -41,6 +41,7 @@ def load_denoiser(spec: str, device: str = "cpu") -> Denoiser:
     >>> nte.load_denoiser("taa:alpha=0.2,clamp=clip").needs
     ('color', 'motion')
     """
+    spec = str(spec)
     wrapper, plus, inner = spec.partition("+")
     if plus and wrapper.partition(":")[0] == "estimate":
         return _estimated(spec, wrapper.partition(":")[2], load_denoiser(inner, device), device)

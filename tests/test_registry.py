@@ -30,6 +30,13 @@ def test_every_name_is_a_denoiser(name: str) -> None:
     assert isinstance(load_denoiser(name), Denoiser)
 
 
+def test_what_training_and_export_return_can_be_loaded(tmp_path: Path) -> None:
+    with pytest.raises(NteError, match="is no run folder: config is missing"):
+        load_denoiser(tmp_path)
+    with pytest.raises(NteError, match=r"m\.onnx: does not exist"):
+        load_denoiser(tmp_path / "m.onnx")
+
+
 def test_options_become_the_types_of_their_fields() -> None:
     taa = load_denoiser("taa: clamp=clip , alpha=0.25")
     assert isinstance(taa, Taa)
