@@ -115,11 +115,11 @@ def _rule(hint: Any) -> _Rule:
         known = f"one of {AUTO}, true, false"
         return _Rule(_word_or_auto, lambda value: value is None or isinstance(value, bool), known)
     if hint is int:
-        return _Rule(int, lambda value: isinstance(value, Integral) and not isinstance(value, bool), "a whole number")
+        return _Rule(int, _is_whole, "a whole number")
     if hint is float:
         return _Rule(float, lambda value: isinstance(value, Real) and not isinstance(value, bool), "a number")
     if hint == tuple[int, ...]:
-        return _Rule(_whole_numbers, lambda value: isinstance(value, tuple), "whole numbers such as 10-4-2-2")
+        return _Rule(_whole_numbers, _are_whole, "whole numbers such as 10-4-2-2")
     raise TypeError(f"{hint} cannot be the type of an option")
 
 
@@ -129,6 +129,14 @@ def _word(text: str) -> bool:
 
 def _word_or_auto(text: str) -> bool | None:
     return None if text.lower() == AUTO else _word(text)
+
+
+def _is_whole(value: object) -> bool:
+    return isinstance(value, Integral) and not isinstance(value, bool)
+
+
+def _are_whole(values: object) -> bool:
+    return isinstance(values, tuple) and all(map(_is_whole, values))
 
 
 def _whole_numbers(text: str) -> tuple[int, ...]:

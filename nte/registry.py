@@ -2,12 +2,14 @@
 
 from collections.abc import Mapping
 from importlib import import_module
+from os.path import isdir, isfile  # false of text that is no name of a file, such as options that are longer
 from pathlib import Path
 from typing import Any
 
 from nte.denoiser import Denoiser, Filter
 from nte.errors import NteError, needs_extra
-from nte.filters.composition import COMPONENTS, EACH, Composition
+from nte.filters.composition import EACH, Composition
+from nte.frames.channels import COMPONENTS
 from nte.options import Options
 
 # name → (module, class, the extra that installs what it imports); modules are imported on demand
@@ -26,7 +28,7 @@ NAMES: dict[str, tuple[str, str, str]] = {
 }
 
 
-def load_denoiser(spec: str, device: str = "cpu") -> Denoiser:
+def load_denoiser(spec: str | Path, device: str = "cpu") -> Denoiser:
     """Load the denoiser that `spec` describes.
 
     `spec` is a run folder, a checkpoint in a run folder (RUN/best.safetensors), an .onnx file, or
@@ -40,6 +42,7 @@ def load_denoiser(spec: str, device: str = "cpu") -> Denoiser:
     >>> nte.load_denoiser("taa:alpha=0.2,clamp=clip").needs
     ('color', 'motion')
     """
+    spec = str(spec)
     wrapper, plus, inner = spec.partition("+")
     if plus and wrapper.partition(":")[0] == "estimate":
         return _estimated(spec, wrapper.partition(":")[2], load_denoiser(inner, device), device)
@@ -48,14 +51,14 @@ def load_denoiser(spec: str, device: str = "cpu") -> Denoiser:
         from nte.runtime.session import OnnxDenoiser
 
         return OnnxDenoiser(path, [onnx_provider(device)])
-    if (path / "config.yaml").is_file() or path.suffix == ".safetensors":
+    if isfile(path / "config.yaml") or path.suffix == ".safetensors":
         load = _import("nte.training.run", "load_run", "train", spec)
         check_device(device)
         loaded: Denoiser = load(path, device=device)
         return loaded
     name, _, text = spec.partition(":")
     if name not in NAMES:
-        if path.is_dir():
+        if isdir(path):
             raise NteError(f"'{spec}' is no run folder: config.yaml is missing")
         known = ", ".join(NAMES)
         raise NteError(f"'{spec}' is no denoiser: expected a run folder, an .onnx file, or one of {known}")
@@ -113,8 +116,12 @@ def check_device(device: str) -> None:
 
 def _parse(spec: str, options: str) -> dict[str, str]:
     """A mapping from key to value, both as they are typed."""
-    pairs = [item.partition("=") for item in options.split(",") if item]
-    for key, equals, value in pairs:
+    typed: dict[str, str] = {}
+    for item in filter(None, options.split(",")):
+        key, equals, value = map(str.strip, item.partition("="))
         if not equals or not value:
             raise NteError(f"'{spec}': '{key}' is no option: expected name:key=value,key=value")
-    return {key.strip(): value.strip() for key, _, value in pairs}
+        if key in typed:
+            raise NteError(f"'{spec}': {key} is given twice, as '{typed[key]}' and '{value}': expected it once")
+        typed[key] = value
+    return typed

@@ -140,6 +140,15 @@ def test_wrong_usage_is_status_2(arguments: tuple[str, ...], capsys: pytest.Capt
     assert "error: " in line
 
 
+@pytest.mark.parametrize("arguments", [("train",), ("import", "blender", "x")])
+def test_changes_are_not_required(arguments: tuple[str, ...], capsys: pytest.CaptureFixture[str]) -> None:
+    with pytest.raises(SystemExit):
+        main(arguments)
+    told = capsys.readouterr().err
+    assert "are required: " in told
+    assert "key=value" not in told
+
+
 def test_options_and_overrides_of_train_mix(folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
     # Both overrides arrive: the second one is what is complained about.
     assert main(["train", "tiny.yaml", "seed=3", "--device", "cpu", "data.frames=none"]) == 2

@@ -77,7 +77,16 @@ def test_what_is_wrong_is_said_with_what_is_right(wrong: dict[str, str], message
 
 @pytest.mark.parametrize(
     "wrong",
-    [{"size": True}, {"size": 2.0}, {"free": "1"}, {"free": False}, {"fast": 1}, {"kind": None}, {"radii": [1]}],
+    [
+        {"size": True},
+        {"size": 2.0},
+        {"free": "1"},
+        {"free": False},
+        {"fast": 1},
+        {"kind": None},
+        {"radii": [1]},
+        {"radii": (1.5,)},
+    ],
 )
 def test_a_value_of_another_type_is_refused(wrong: dict[str, Any]) -> None:
     with pytest.raises(NteError, match=f"some: {next(iter(wrong))} is "):

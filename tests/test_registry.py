@@ -13,11 +13,11 @@ import torch
 
 from nte.denoiser import Denoiser, Filter, Noisy, Result, Session, sanitised
 from nte.errors import NteError
-from nte.filters.composition import COMPONENTS
 from nte.filters.estimated import EstimateOptions
 from nte.filters.svgf import SvgfOptions
 from nte.filters.taa import Taa, TaaOptions
 from nte.filters.trmv.options import TrmvOptions
+from nte.frames.channels import COMPONENTS
 from nte.frames.frame import Frame
 from nte.motion.search import SEARCHES
 from nte.options import Options, Positive
@@ -28,6 +28,13 @@ from tests.everything import floor_frame
 @pytest.mark.parametrize("name", [name for name in NAMES if name != "oidn"])
 def test_every_name_is_a_denoiser(name: str) -> None:
     assert isinstance(load_denoiser(name), Denoiser)
+
+
+def test_what_training_and_export_return_can_be_loaded(tmp_path: Path) -> None:
+    with pytest.raises(NteError, match="is no run folder"):
+        load_denoiser(tmp_path)
+    with pytest.raises(NteError, match=r"m\.onnx: does not exist"):
+        load_denoiser(tmp_path / "m.onnx")
 
 
 def test_options_become_the_types_of_their_fields() -> None:
@@ -45,6 +52,10 @@ def test_options_become_the_types_of_their_fields() -> None:
         ("taa:clmp=none", "'taa:clmp=none': unknown option 'clmp'; it has clamp, alpha"),
         ("taa:clamp", "'clamp' is no option: expected name:key=value"),
         ("taa:clamp=", "'clamp' is no option"),
+        ("taa:alpha=0.1, alpha =0.2", "alpha is given twice, as '0.1' and '0.2'"),
+        (f"taa:alpha={'9' * 400}", "taa: alpha is inf"),
+        (f"taa:clamp={'x' * 5000}", "taa: clamp is 'xxx"),
+        ("svgf:young=nan", "svgf: young is nan, expected a finite number of 0 or more"),
         ("taa:alpha=much", r"alpha is 'much', expected a weight of the current frame in \(0, 1\]"),
         ("svgf:iterations=2.5", "iterations is '2.5', expected a whole number"),
         ("taa:alpha=2", "taa: alpha is 2.0"),

@@ -23,7 +23,9 @@ def add(commands: Commands) -> None:
     blender = _kind(kinds, "blender", _blender, "multi-layer EXR of Blender's Cycles")
     for each in (exr, blender):
         each.add_argument("--reference", type=Path, metavar="SOURCE", help="the same frames without noise")
-        each.add_argument("overrides", nargs="*", metavar="key=value", help="changes to the map, such as view=left")
+        each.add_argument(
+            "overrides", nargs="*", default=[], metavar="key=value", help="changes to the map, such as view=left"
+        )
     noisebase = _kind(kinds, "noisebase", _noisebase, "noisebase: a sequence's zip, or a folder with a zip per frame")
     noisebase.add_argument("--spp", type=int, default=1, help="stored samples that color is the mean of (default: 1)")
 

@@ -10,7 +10,7 @@ def add(commands: Commands) -> None:
     """Add `train` to the subcommands of `nte`."""
     parser = command(commands, "train", _train, "train a network; writes runs/<name>/", "train")
     parser.add_argument("config", type=Path, metavar="CONFIG.yaml", help="clips, network, losses, optimiser, phases")
-    parser.add_argument("overrides", nargs="*", metavar="key=value", help="for example resume=true")
+    parser.add_argument("overrides", nargs="*", default=[], metavar="key=value", help="for example resume=true")
     add_device(parser, "auto")
     add_force(parser)
 

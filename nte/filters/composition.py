@@ -5,10 +5,10 @@ from typing import Annotated, Literal, TypeAlias
 
 from nte.denoiser import Denoiser, Result, State, sanitised
 from nte.errors import NteError
+from nte.frames.channels import COMPONENTS
 from nte.frames.frame import Frame
 from nte.options import Allowed
 
-COMPONENTS = ("visibility", "glossy", "indirect")  # the noisy components; emission and direct have no noise
 EACH = "components"  # the value of `target` that stands for one denoiser per component
 
 # The option `target` of a filter that can denoise a single component.

@@ -1,6 +1,7 @@
 """The table of networks: what `network.kind` in a training configuration means. A new network is a new row."""
 
 from importlib import import_module
+from inspect import Parameter, signature
 from typing import Any
 
 from nte.errors import NteError
@@ -20,18 +21,20 @@ def network_type(kind: Any) -> type[TrainableDenoiser]:
     """
     known = f"expected {', '.join(KINDS)}, or package.module:Class"
     place = KINDS.get(kind, kind) if isinstance(kind, str) else ""
-    module, colon, name = place.partition(":")
-    if not (colon and module and name):
+    module, _, name = place.partition(":")
+    if not (name and all(part.isidentifier() for part in module.split("."))):
         raise NteError(f"'network.kind' is {kind!r}, {known}")
     try:
         found = getattr(import_module(module), name, None)
-    except ModuleNotFoundError as error:
-        if error.name is None or not f"{module}.".startswith(f"{error.name}."):
-            raise  # the module exists, but an import inside it fails
-        way = "install it, or name its folder in PYTHONPATH"
-        raise NteError(f"'network.kind' is '{kind}': there is no module '{error.name}': {way}") from error
+    except Exception as error:  # whatever the file does when it is imported
+        what = f"{module} cannot be imported: {type(error).__name__}: {error}".splitlines()[0]
+        if isinstance(error, ModuleNotFoundError) and f"{module}.".startswith(f"{error.name}."):
+            what = f"there is no module '{error.name}': install it, or name its folder in PYTHONPATH"
+        raise NteError(f"'network.kind' is '{kind}': {what}") from error
     if not (isinstance(found, type) and issubclass(found, TrainableDenoiser)):
         raise NteError(f"'network.kind' is '{kind}': {module} has no TrainableDenoiser of that name; {known}")
+    if not issubclass(getattr(found, "Config", object), NetworkConfig):
+        raise NteError(f"'network.kind' is '{kind}': {name} has no Config, expected a dataclass based on NetworkConfig")
     return found
 
 
@@ -51,4 +54,26 @@ def make_network(config: NetworkConfig) -> TrainableDenoiser:
         if name not in {*channels, FORWARD, *SCALARS, *network.recurrent}:
             taken = ", ".join(sorted({*channels, *SCALARS, *network.recurrent}))
             raise NteError(f"network '{config.kind}': its forward takes '{name}', expected some of {taken}")
+    for parameter in signature(network.forward).parameters.values():
+        if parameter.kind is not Parameter.POSITIONAL_OR_KEYWORD:
+            raise NteError(
+                f"network '{config.kind}': its forward takes '{parameter}' in a way that export cannot give "
+                "it: expected plain parameters"
+            )
+    if FORWARD in network.inputs and not {"motion", "depth"} <= {*network.needs}:
+        raise NteError(
+            f"network '{config.kind}': its forward takes '{FORWARD}', which is made of motion and depth: "
+            "expected both in needs"
+        )
+    for name, tensor in network.recurrent.items():
+        if name in {*CHANNELS, *SCALARS}:
+            raise NteError(f"network '{config.kind}' carries '{name}', which is an input already: give it another name")
+        if tensor.source in CHANNELS and tensor.source not in network.inputs:
+            raise NteError(f"network '{config.kind}' carries '{tensor.source}' on, which its forward does not take")
+        if min(tensor.components, tensor.scale) < 1:
+            raise NteError(
+                f"network '{config.kind}' carries '{name}' as {tensor}, expected components and scale from 1"
+            )
+    if both := [name for name in network.outputs if name in network.inputs]:
+        raise NteError(f"network '{config.kind}' takes and gives '{both[0]}': give what it gives another name")
     return network

@@ -15,6 +15,7 @@ import torch
 from torch import Tensor, nn
 
 from nte.denoiser import Denoiser, Result, check_extras
+from nte.errors import NteError
 from nte.frames.channels import CHANNELS
 from nte.frames.frame import Frame
 from nte.motion.geometric import scatter_forward_motion
@@ -84,6 +85,9 @@ class TrainableDenoiser(nn.Module, Denoiser):
         scalars = {name: torch.tensor(value, device=device) for name, value in state.scalars.known().items()}
         inputs = {**channels, **scalars, **state.tensors, "reset": torch.tensor(reset, device=device)}
         made = self(**{name: inputs[name] for name in self.inputs})
+        if not isinstance(made, tuple) or len(made) != len(self.outputs):
+            found = f"{len(made)} tensors" if isinstance(made, tuple) else f"a {type(made).__name__}"
+            raise NteError(f"{type(self).__name__}.forward gives {found}, expected a tuple: {', '.join(self.outputs)}")
         outputs = dict(zip(self.outputs, made, strict=True))
         result = Result(outputs["image"], {name: outputs[name] for name in extras}).like(frame)
         return result, hand_on(state, self.recurrent, channels | outputs)

@@ -11,6 +11,8 @@ import sys
 from pathlib import Path
 from types import ModuleType
 
+from nte.errors import needs_extra
+
 
 class _Package(ModuleType):
     """The package as a function: `nte.render(recipe, out)`."""
@@ -33,7 +35,10 @@ class _Package(ModuleType):
         >>> nte.Clip(folder).frame(0)["reference"].shape
         (1, 3, 16, 16)
         """
-        from nte.render.recipes.clips import render_recipe
+        try:
+            from nte.render.recipes.clips import render_recipe
+        except ImportError as error:
+            raise ImportError(str(needs_extra("render", "rendering", error)), name=error.name) from error
 
         return render_recipe(recipe, out, jobs, force, progress, scheduler)
 

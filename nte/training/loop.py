@@ -62,7 +62,8 @@ def train(
     data = TrainingSteps(
         clips, channels, config.data, config.seed, fabric.global_rank, fabric.world_size, run.folder / DECODED
     )
-    chosen = _validation_set(config, clips, (*denoiser.needs, reference_of(denoiser.target)))
+    shown = denoiser.target, reference_of(denoiser.target)  # beside the network's image
+    chosen = _validation_set(config, clips, (*denoiser.needs, *shown))
     plan = Plan(
         fabric.world_size, [phase.length(data.epoch) for phase in config.phases], digests(clips), digests(chosen.clips)
     )
@@ -159,7 +160,7 @@ def _channels(denoiser: TrainableDenoiser, config: TrainConfig) -> tuple[str, ..
 def _validation_set(config: TrainConfig, clips: Sequence[Clip], channels: Sequence[str]) -> ValidationSet:
     """The validation clips of the configuration, or else the held-out last frames of some training clips."""
     own = open_clips(config.data.validation) if config.data.validation else []
-    for clip in own:
+    for clip in own or clips:
         if missing := [name for name in channels if name not in clip.channels]:
             have = ", ".join(clip.channels)
             raise NteError(f"{clip.folder}: validation needs the channel '{missing[0]}'; the clip has {have}")

@@ -5,8 +5,9 @@ import pytest
 
 from nte.denoiser import Session, check_needs
 from nte.errors import NteError
-from nte.filters.composition import COMPONENTS, Composition
+from nte.filters.composition import Composition
 from nte.filters.taa import Taa
+from nte.frames.channels import COMPONENTS
 from nte.frames.frame import Frame
 from nte.registry import load_denoiser
 from tests.filters.sequences import still_channels

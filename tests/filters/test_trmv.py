@@ -10,9 +10,9 @@ import torch
 
 from nte.denoiser import Session
 from nte.errors import NteError
-from nte.filters.composition import COMPONENTS
 from nte.filters.trmv import Trmv
 from nte.filters.trmv.options import TrmvOptions
+from nte.frames.channels import COMPONENTS
 from nte.frames.frame import Frame
 from nte.registry import load_denoiser
 from tests.filters.trmv_frames import Pixels, ball_normals, directions, plane

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from nte.render.components.frame import noisy, references
-from nte.render.engine.backend import is_scalar
+from nte.render.engine.backend import is_scalar, load_drjit, load_mitsuba
 from nte.render.engine.mesh_stage import MeshStage
 from nte.render.engine.stage import Moment, Stage
 from nte.render.engine.xml.stage import XmlStage
@@ -61,6 +61,16 @@ def test_no_pass_takes_a_moment_that_is_over(made: Stage):
     with pytest.raises(RuntimeError, match="the moment at time 3 is over"):
         points_at(moment, hits, 3)
     assert np.isfinite(points_at(made, hits, 4)).all()  # where things will be, the stage knows at any time
+
+
+def test_no_kernel_outlives_its_moment(made: Stage):
+    if is_scalar():
+        pytest.skip("nothing is frozen without LLVM")
+    with made.at(1) as moment:
+        kernel = moment.frozen(lambda scenery: load_drjit().arange(load_mitsuba().UInt32, scenery.width))
+        assert list(kernel()) == [*range(SIZE)]
+    with made.at(2), pytest.raises(RuntimeError, match="the moment at time 1 is over"):
+        kernel()
 
 
 def test_one_moment_at_a_time(made: Stage):

@@ -82,3 +82,5 @@ def test_a_function_that_needs_an_extra_says_which() -> None:
     for name, extra in {"check": "eval", "train": "train", "dual_motion": "eval"}.items():
         done = python(WITHOUT + f"import nte; assert '{name}' in dir(nte); nte.{name}")
         assert f"ImportError: nte.{name} needs the package 'torch': pip install 'nte-denoiser[{extra}]'" in done.stderr
+    done = python(WITHOUT + "import nte; nte.render('recipe.yaml', 'clips')")
+    assert "ImportError: rendering needs the package 'torch': pip install 'nte-denoiser[render]'" in done.stderr

@@ -20,6 +20,7 @@ from nte.info import describe
 from nte.registry import load_denoiser
 from nte.training.run import load_run
 from tests.synthetic import disc_frame, write_clip
+from tests.tiny_network import TinyNetwork
 from tests.training.runs import ROOT, assert_same_run, metrics
 
 EXTRAS = ("torch", "mitsuba", "lightning_fabric", "safetensors", "onnx", "tensorboard")
@@ -140,6 +141,21 @@ def test_it_runs_without_pytorch(model: Path, clip: Path, tmp_path: Path) -> Non
     )
     assert done.returncode == 0, done.stderr
     np.testing.assert_allclose(np.load(tmp_path / "images.npy"), images(load_denoiser(str(model)), clip), rtol=1e-4)
+
+
+def test_clips_whose_noisy_target_cannot_be_shown_are_refused_before_training(
+    clip: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture
+) -> None:
+    """Validation shows the noisy target beside the network's image: a network that does not take it needs it there."""
+    monkeypatch.setattr(TinyNetwork, "target", "glossy")
+    frames = [{name: v[0] for name, v in frame.numpy().channels.items()} for frame in Clip(clip)]
+    bare = write_clip(
+        tmp_path / "bare", [{**frame, "reference_glossy": frame["reference_indirect"]} for frame in frames]
+    )
+    (tmp_path / "tiny.yaml").write_text(CONFIG.format(clip=bare, runs=tmp_path / "runs"))
+    assert main(["train", str(tmp_path / "tiny.yaml"), "loss.irradiance=0", "--device", "cpu"]) == 2
+    assert "bare: validation needs the channel 'glossy'; the clip has" in capsys.readouterr().err
+    assert not (tmp_path / "runs").exists()
 
 
 def test_info_says_what_it_is(run: Path, model: Path) -> None:

@@ -12,7 +12,6 @@ from torch import Tensor
 from torch.profiler import record_function
 
 from nte.denoiser import Filter, Result, check_size, sanitised
-from nte.filters.composition import COMPONENTS
 from nte.filters.trmv.accumulation import Effect, History
 from nte.filters.trmv.cones import EQ_11, WEIGHTS
 from nte.filters.trmv.glossy import denoise_glossy
@@ -21,6 +20,7 @@ from nte.filters.trmv.indirect import Cones, denoise_indirect
 from nte.filters.trmv.inputs import FrameInputs, GBuffer, prepare
 from nte.filters.trmv.options import TrmvOptions
 from nte.filters.trmv.shadows import denoise_shadows
+from nte.frames.channels import COMPONENTS
 from nte.frames.frame import Frame
 
 _GEOMETRY = ("normal", "depth", "roughness", "motion")

@@ -111,7 +111,11 @@ class Moment:
 
     def frozen(self, function: Callable[Concatenate["Scenery", Arrays], Result]) -> Callable[Arrays, Result]:
         """Return `function`, of the scenery and of Dr.Jit arrays, as a kernel for this moment: see Scenery.frozen."""
-        return self.scenery.frozen(function)
+
+        def kernel(*arrays: Arrays.args, **named: Arrays.kwargs) -> Result:
+            return self.scenery.frozen(function)(*arrays, **named)  # of this moment only: kept past it, it raises
+
+        return kernel
 
     def end(self) -> None:
         """Let go of the stage: any later use of this moment raises RuntimeError."""
