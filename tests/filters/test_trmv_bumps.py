@@ -5,7 +5,8 @@ import numpy.typing as npt
 import pytest
 
 from nte.denoiser import Session
-from nte.filters.trmv import Trmv, TrmvOptions
+from nte.filters.trmv import Trmv
+from nte.filters.trmv.options import TrmvOptions
 from tests.filters.trmv_frames import plane
 
 Array = npt.NDArray[np.float64]
