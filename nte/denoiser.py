@@ -209,11 +209,15 @@ class Session:
         return self.step(frame).image
 
     def step(self, frame: Frame, extras: tuple[str, ...] = ()) -> Result:
-        """The next frame's image and the extras asked for. Raises NteError for missing channels."""
+        """The next frame's image and the extras asked for.
+
+        Raises NteError for missing channels, and for extras that the denoiser does not have.
+        """
         counted = self._counted + 1 if frame.index == self._given else frame.index
         self._given, self._counted = frame.index, counted
         frame = replace(frame, index=counted)
         check_needs(self.denoiser, frame.channels, f"frame {frame.index}")
+        check_extras(self.denoiser, extras)
         self._bad.look(frame)
         result, self._state = self.denoiser.step(frame, self._state, extras)
         return result

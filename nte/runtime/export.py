@@ -94,12 +94,21 @@ def export_onnx(denoiser: TrainableDenoiser, path: Path, progress: Callable[[str
 def compare_with_torch(
     denoiser: TrainableDenoiser, exported: OnnxDenoiser, size: tuple[int, int]
 ) -> tuple[float, float]:
-    """(99.9th percentile, maximum) of |a − b| / (|b| + 0.01), b PyTorch's output, over a recurrent sequence."""
+    """(99.9th percentile, maximum) of |a − b| / (|b| + 0.01), b PyTorch's output, over a recurrent sequence.
+
+    Raises NteError where PyTorch's output itself is not finite.
+    """
     ours, theirs = None, None
     errors = []
     with torch.no_grad():
         for frame in _test_sequence((*exported.needs, *exported.optional), size, CHECK_FRAMES):
             expected, ours = denoiser.step(frame, ours)
+            if not np.isfinite(expected.image).all():
+                raise NteError(
+                    f"not exported: in frame {frame.index} of a test with bad light and unknown vectors, the network's "
+                    "own image is NaN or infinite: its forward must make its inputs usable (nte.frames.usable), and "
+                    "its weights must be finite"
+                )
             found, theirs = exported.step(frame, theirs)
             errors.append(np.abs(found.image - expected.image) / (np.abs(expected.image) + 0.01))
     every = np.concatenate([e.ravel() for e in errors])
@@ -203,6 +212,6 @@ def _description(denoiser: TrainableDenoiser) -> dict[str, object]:
 
 
 def _convention(row: Channel) -> str:
-    """What the values of a channel mean: in short what datasets/README.md says."""
+    """What the values of a channel mean: in short what docs/clip_format.md says."""
     said = CONVENTIONS.get(row.name) or CONVENTIONS_OF_KINDS.get(row.kind) or row.unit
     return said if "NaN" in said or not row.nan_means else f"{said}; NaN = {row.nan_means}"

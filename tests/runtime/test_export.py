@@ -51,6 +51,14 @@ def test_the_comparison_sees_a_difference(network: TemporalDenoiser, model: Path
     assert compare_with_torch(other, exported, (33, 47))[0] > 1e-4
 
 
+def test_a_network_that_passes_bad_pixels_on_is_told_so(
+    network: TemporalDenoiser, model: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("nte.models.temporal.usable_radiance", lambda light, brightest: light)
+    with pytest.raises(NteError, match=r"^not exported: in frame 0 .* its forward must make its inputs usable"):
+        compare_with_torch(network, OnnxDenoiser(model), (33, 47))
+
+
 @pytest.mark.slow
 def test_a_graph_that_differs_is_not_written(
     network: TemporalDenoiser, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
