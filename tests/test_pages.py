@@ -50,4 +50,4 @@ def test_denoisers_of_ones_own_as_the_page_shows_them(tmp_path: Path, monkeypatc
     there: dict[str, object] = {"__name__": "own"}
     for block in blocks:
         exec(block, there)
-    assert (tmp_path / "report" / "index.html").is_file()
+    assert (tmp_path / "mean_report" / "index.html").is_file()
