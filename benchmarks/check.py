@@ -24,11 +24,13 @@ Change = Callable[[Pixels, Frame], Pixels]
 
 
 def times(x: float, y: float) -> Change:
-    return lambda motion, frame: motion * np.float32([x, y]).reshape(1, 2, 1, 1)
+    return lambda motion, frame: motion * np.array([x, y], np.float32).reshape(1, 2, 1, 1)
 
 
 def per_size(x: float, y: float) -> Change:
-    return lambda motion, frame: motion * np.float32([x / frame.size[1], y / frame.size[0]]).reshape(1, 2, 1, 1)
+    return lambda motion, frame: (
+        motion * np.array([x / frame.size[1], y / frame.size[0]], np.float32).reshape(1, 2, 1, 1)
+    )
 
 
 # name → (the change of the vectors, words of which the reason must contain one)

@@ -230,6 +230,7 @@ class Session:
         self._given, self._counted = frame.index, counted
         frame = replace(frame, index=counted)
         check_needs(self.denoiser, frame.channels, f"frame {frame.index}")
+        check_extras(self.denoiser, extras)
         self._bad.look(frame)
         result, self._state = self.denoiser.step(frame, self._state, extras)
         return result

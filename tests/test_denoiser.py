@@ -19,6 +19,7 @@ class Counting(Denoiser):
     """A denoiser whose image says how many frames its state has seen."""
 
     needs = ("color",)
+    extras = ("history_length",)
 
     def step(self, frame: Frame, state: Any, extras: tuple[str, ...] = ()) -> tuple[Result, Any]:
         seen = (state or 0) + 1
@@ -59,6 +60,19 @@ def test_denoising_is_lazy() -> None:
 def test_extras_are_handed_on() -> None:
     result = Session(Counting()).step(frames(1)[0], ("history_length",))
     assert result.extras["history_length"].max() == 1
+
+
+def test_an_extra_that_a_denoiser_does_not_have_is_refused_also_where_its_own_step_looks_at_none() -> None:
+    class Plain(Denoiser):
+        needs = ("color",)
+        extras = ("weight",)
+
+        def step(self, frame: Frame, state: object, extras: tuple[str, ...] = ()) -> tuple[Result, object]:
+            return Result(frame["color"], {"weight": frame["color"]}), state
+
+    assert [*Session(Plain()).step(frames(1)[0], ("weight",)).extras] == ["weight"]
+    with pytest.raises(NteError, match=r"^Plain has no extra 'wait'; it has weight$"):
+        next(denoise(Plain(), frames(1), ("wait",)))
 
 
 def test_a_missing_channel_is_named_before_the_denoiser_runs() -> None:

@@ -97,13 +97,20 @@ def compare_with_torch(
 ) -> tuple[float, float]:
     """Compare an exported model with PyTorch over a recurrent sequence of random frames of `size` (height, width).
 
-    Returns the 99.9th percentile and the maximum of |a − b| / (|b| + 0.01), where b is PyTorch's output.
+    Returns the 99.9th percentile and the maximum of |a − b| / (|b| + 0.01), where b is PyTorch's output. Raises NteError
+    where PyTorch's output itself is not finite.
     """
     ours, theirs = None, None
     errors = []
     with torch.no_grad():
         for frame in _test_sequence((*exported.needs, *exported.optional), size, CHECK_FRAMES):
             expected, ours = denoiser.step(frame, ours)
+            if not np.isfinite(expected.image).all():
+                raise NteError(
+                    f"not exported: in frame {frame.index} of a test with bad light and unknown vectors, the network's "
+                    "own image is NaN or infinite: its forward must make its inputs usable (nte.frames.usable), and "
+                    "its weights must be finite"
+                )
             found, theirs = exported.step(frame, theirs)
             errors.append(np.abs(found.image - expected.image) / (np.abs(expected.image) + 0.01))
     every = np.concatenate([e.ravel() for e in errors])

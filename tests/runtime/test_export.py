@@ -2,14 +2,19 @@
 
 import copy
 import json
+import re
+import shutil
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import onnx
 import pytest
 import torch
 
+from nte.denoiser import Session
 from nte.errors import NteError
+from nte.frames.scalars import sequence_scalars
 from nte.models.temporal import TemporalDenoiser
 from nte.runtime import export
 from nte.runtime.export import compare_with_torch, export_onnx
@@ -41,6 +46,24 @@ def test_the_same_weights_give_the_same_bytes(network: TemporalDenoiser, model: 
     assert (tmp_path / "again.onnx").read_bytes() == model.read_bytes()
 
 
+def test_the_loop_that_the_page_shows_is_that_of_nte(
+    model: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    Path("demo").mkdir()
+    shutil.copy(model, "demo/quickstart.onnx")
+    page = (Path(__file__).parents[2] / "export" / "README.md").read_text("utf-8")
+    (block,) = re.findall(r"```python\n(import json.*?)```", page, re.DOTALL)
+    shown: dict[str, Any] = {}
+    exec(block, shown)
+    frames, session = random_frames(3, (21, 34), batch=2), Session(OnnxDenoiser(model))
+    exposure, depth_scale = sequence_scalars(frames[0])
+    state = shown["begin"](2, 21, 34)
+    for index, frame in enumerate(frames):
+        image, state = shown["denoise"](dict(frame.channels), state, index == 0, exposure, depth_scale)
+        np.testing.assert_array_equal(image, session.denoise(frame))
+
+
 def test_the_comparison_sees_a_difference(network: TemporalDenoiser, model: Path) -> None:
     exported = OnnxDenoiser(model)
     typical, worst = compare_with_torch(network, exported, (33, 47))
@@ -49,6 +72,14 @@ def test_the_comparison_sees_a_difference(network: TemporalDenoiser, model: Path
     other = copy.deepcopy(network)
     other.unet.encoders[0][0].weight += 1e-3
     assert compare_with_torch(other, exported, (33, 47))[0] > 1e-4
+
+
+def test_a_network_that_passes_bad_pixels_on_is_told_so(
+    network: TemporalDenoiser, model: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("nte.models.temporal.usable_radiance", lambda light, brightest: light)
+    with pytest.raises(NteError, match=r"^not exported: in frame 0 .* its forward must make its inputs usable"):
+        compare_with_torch(network, OnnxDenoiser(model), (33, 47))
 
 
 @pytest.mark.slow
