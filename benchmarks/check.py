@@ -23,14 +23,16 @@ from nte.frames.frame import Frame
 Change = Callable[[Pixels, Frame], Pixels]
 
 
+def _scale(x: float, y: float) -> Pixels:
+    return np.array([x, y], np.float32).reshape(1, 2, 1, 1)
+
+
 def times(x: float, y: float) -> Change:
-    return lambda motion, frame: motion * np.array([x, y], np.float32).reshape(1, 2, 1, 1)
+    return lambda motion, frame: motion * _scale(x, y)
 
 
 def per_size(x: float, y: float) -> Change:
-    return lambda motion, frame: (
-        motion * np.array([x / frame.size[1], y / frame.size[0]], np.float32).reshape(1, 2, 1, 1)
-    )
+    return lambda motion, frame: motion * _scale(x / frame.size[1], y / frame.size[0])
 
 
 # name → (the change of the vectors, words of which the reason must contain one)

@@ -97,8 +97,8 @@ def compare_with_torch(
 ) -> tuple[float, float]:
     """Compare an exported model with PyTorch over a recurrent sequence of random frames of `size` (height, width).
 
-    Returns the 99.9th percentile and the maximum of |a − b| / (|b| + 0.01), where b is PyTorch's output. Raises NteError
-    where PyTorch's output itself is not finite.
+    Returns the 99.9th percentile and the maximum of |a − b| / (|b| + 0.01), where b is PyTorch's output. Raises
+    NteError where PyTorch's output itself is not finite.
     """
     ours, theirs = None, None
     errors = []
