@@ -164,10 +164,16 @@ def too_slow(rows: dict[str, dict[str, float]]) -> list[str]:
     """Return the promises about time and memory that do not hold."""
     base = rows["Farnebäck"]["ms"]
     limits = {"ours, half": (1.0, 60), "ours, full": (1.7, 120)}
-    slow = [f"{name} takes {rows[name]['ms'] / base:.2f} times Farnebäck's time" for name, (times, _) in limits.items()
-            if rows[name]["ms"] > times * base]  # fmt: skip
-    large = [f"{name} takes {rows[name]['peak_mb']:.0f} MB" for name, (_, most) in limits.items()
-             if rows[name].get("peak_mb", 0.0) >= most]  # fmt: skip
+    slow = [
+        f"{name} takes {rows[name]['ms'] / base:.2f} times Farnebäck's time"
+        for name, (times, _) in limits.items()
+        if rows[name]["ms"] > times * base
+    ]
+    large = [
+        f"{name} takes {rows[name]['peak_mb']:.0f} MB"
+        for name, (_, most) in limits.items()
+        if rows[name].get("peak_mb", 0.0) >= most
+    ]
     return slow + large
 
 

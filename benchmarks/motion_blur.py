@@ -39,7 +39,10 @@ from nte.text_table import aligned
 PROMISED = "crossing"
 OURS, PAPER, POST = "motion_blur", "motion_blur:preset=paper", ("post_blur", "mcguire")
 ROWS = {
-    "noisy": "noisy", "post_blur": "post_blur", "mcguire": "mcguire", OURS: OURS,
+    "noisy": "noisy",
+    "post_blur": "post_blur",
+    "mcguire": "mcguire",
+    OURS: OURS,
     "no history": f"{OURS}:history=false",
     "one iteration": f"{OURS}:iterations=1",
     "fixed steps": f"{OURS}:steps=fixed",
@@ -53,7 +56,7 @@ ROWS = {
     "paper, one iteration": f"{PAPER},iterations=1",
     "paper, fixed steps": f"{PAPER},steps=fixed",
     "paper, naive angle": f"{PAPER},angle=naive",
-}  # fmt: skip
+}
 DRAWN = ("post_blur", "mcguire", OURS, "as the paper")  # in the plots and strips
 Curve = npt.NDArray[np.float64]
 
@@ -175,9 +178,11 @@ def times(size: int, repeats: int = 3) -> list[tuple[float, float]]:
         moves = np.arange(size) < share * size
         motion = np.broadcast_to(np.where(moves, np.reshape([9.0, 2.0], (2, 1, 1)), 0)[None], (1, 2, size, size))
         channels = {
-            "color": rng.random((1, 3, size, size)), "time": rng.random((1, 1, size, size)),
-            "shutter_motion": motion, "shutter_depth": np.ones((1, 1, size, size)),
-        }  # fmt: skip
+            "color": rng.random((1, 3, size, size)),
+            "time": rng.random((1, 1, size, size)),
+            "shutter_motion": motion,
+            "shutter_depth": np.ones((1, 1, size, size)),
+        }
         frame = Frame({name: values.astype(np.float32) for name, values in channels.items()}).torch()
         denoiser, spent = MotionBlur(), []
         _, state = denoiser.step(frame, None)

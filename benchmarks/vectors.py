@@ -160,8 +160,10 @@ def occlusions(before: Channels, now: Channels) -> Case:
 
 
 CASES: dict[str, Callable[[Channels, Channels], Case]] = {
-    "visibility": shadows, "glossy": reflections, "indirect": occlusions,
-}  # fmt: skip
+    "visibility": shadows,
+    "glossy": reflections,
+    "indirect": occlusions,
+}
 
 
 def _completed(vectors: Tensor, now: Channels) -> tuple[Tensor, Tensor]:

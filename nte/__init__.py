@@ -45,7 +45,7 @@ if TYPE_CHECKING:
         reflection_motion,
         shadow_motion,
         shadow_point,
-    )  # fmt: skip
+    )
     from nte.motion.warp import warp
     from nte.render.recipes.clips import render_recipe as render
     from nte.runtime.export import export
@@ -65,12 +65,13 @@ _HOMES = {
     "nte.motion.correspondence": ("eval", ("find_motion",)),
     "nte.motion.geometric": ("eval", ("dual_motion", "frame_vectors", "scatter_forward_motion", "traditional_motion")),
     "nte.motion.reliable": (
-        "eval", ("mirror_image", "reflection_covariance", "reflection_motion", "shadow_motion", "shadow_point"),
+        "eval",
+        ("mirror_image", "reflection_covariance", "reflection_motion", "shadow_motion", "shadow_point"),
     ),
     "nte.motion.warp": ("eval", ("warp",)),
     "nte.runtime.export": ("train", ("export",)),
     "nte.training.loop": ("train", ("train",)),
-}  # fmt: skip
+}
 _HOME = {name: (module, extra) for module, (extra, names) in _HOMES.items() for name in names}
 
 

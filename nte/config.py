@@ -19,9 +19,11 @@ _RESOLVER = re.compile(r"\$\{[^}]*[:$]")
 
 
 def load_config(
-    schema: type[Schema], path: Path, overrides: Sequence[str] = (),
+    schema: type[Schema],
+    path: Path,
+    overrides: Sequence[str] = (),
     choose: Callable[[Callable[[str], Any]], Schema] | None = None,
-) -> Schema:  # fmt: skip
+) -> Schema:
     """Load an instance of the dataclass `schema` from a YAML file and `key=value` overrides.
 
     choose: makes the instance with the defaults, for schemas in which one key decides which others exist. It is called

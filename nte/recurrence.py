@@ -76,8 +76,9 @@ def begin(
         reset = np.ones(frame.batch, np.float32)
         state = NetworkState(
             {name: zeros(tensor.shape(*size)) for name, tensor in recurrent.items()},
-            SequenceScalars(unknown, unknown), size,
-        )  # fmt: skip
+            SequenceScalars(unknown, unknown),
+            size,
+        )
     else:
         refuse_other_size(frame, state.size)
         reset = np.zeros(frame.batch, np.float32) if frame.reset is None else _as_numpy(frame.reset)

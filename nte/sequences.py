@@ -131,9 +131,7 @@ def _frames_in(folder: Path) -> list[Path]:
     return sorted(path for path in folder.glob("*.[eE][xX][rR]") if path.is_file() and path.name[0] != ".")
 
 
-def _refuse_to_overwrite(
-    out: Path, written: Sequence[Path], sources: Sequence[Path], png: bool, force: bool
-) -> None:  # fmt: skip
+def _refuse_to_overwrite(out: Path, written: Sequence[Path], sources: Sequence[Path], png: bool, force: bool) -> None:
     """Raise NteError if a file would be lost: one that exists, a noisy frame itself, or one of two with one name."""
     if out.resolve() in {source.parent.resolve() for source in sources}:
         raise NteError(f"{out}: holds the noisy frames themselves: choose another folder")
@@ -145,9 +143,10 @@ def _refuse_to_overwrite(
 
 
 def _with_forward(
-    stored: Iterable[Mapping[str, Pixels]], paths: Sequence[Path],
+    stored: Iterable[Mapping[str, Pixels]],
+    paths: Sequence[Path],
     about: Callable[[int], About] = lambda index: {},
-) -> Iterator[Frame]:  # fmt: skip
+) -> Iterator[Frame]:
     """Make frames from stored channels (C, H, W).
 
     The forward motion of a frame becomes the previous_forward_motion of the next one. about: index → the frame's

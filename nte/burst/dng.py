@@ -71,9 +71,12 @@ def _tags(path: Path, page: _Page, first: _Page) -> DngTags:
     area = np.ravel(_value(page, _ACTIVE_AREA, (0, 0, 0, 0)))
     exposure = _numbers(_value(first, _BASELINE_EXPOSURE, (0,)), first, _BASELINE_EXPOSURE)
     return DngTags(
-        black.reshape(rows, columns), _numbers(_value(page, _BLACK_H, ()), page, _BLACK_H),
-        _numbers(_value(page, _BLACK_V, ()), page, _BLACK_V), (int(area[0]), int(area[1])), float(exposure[0]),
-    )  # fmt: skip
+        black.reshape(rows, columns),
+        _numbers(_value(page, _BLACK_H, ()), page, _BLACK_H),
+        _numbers(_value(page, _BLACK_V, ()), page, _BLACK_V),
+        (int(area[0]), int(area[1])),
+        float(exposure[0]),
+    )
 
 
 def _value(page: _Page, code: int, default: _Value) -> _Value:

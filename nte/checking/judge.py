@@ -58,9 +58,10 @@ def _who_explains(votes: Votes) -> Convention | None:
     """
     bad = len(votes.against)
     able = [
-        rival for rival in RIVALS
+        rival
+        for rival in RIVALS
         if votes.bad_by(rival) >= EXPLAINS_BAD * bad and votes.good_by[rival] >= EXPLAINS_GOOD * votes.compared
-    ]  # fmt: skip
+    ]
     if not able:
         return None
     most = max(votes.bad_by(rival) + votes.good_by[rival] for rival in able)

@@ -23,7 +23,7 @@ from nte.cli import (
     merge_burst,
     render,
     train,
-)  # fmt: skip
+)
 from nte.cli.parsing import Parser
 from nte.errors import NteError, needs_extra
 from nte.interrupt import terminable

@@ -16,21 +16,30 @@ def add(commands: Commands) -> None:
     )
     parser.add_argument("--bits", type=int, choices=(8, 16), default=16, help="of a .png or .tif (default: 16)")
     parser.add_argument(
-        "--brightness", type=_stops, default=0.0, metavar="STOPS",
+        "--brightness",
+        type=_stops,
+        default=0.0,
+        metavar="STOPS",
         help="make the picture brighter (below 0: darker), beside what a DNG asks for (default: 0)",
-    )  # fmt: skip
+    )
     parser.add_argument("--keep-defects", action="store_true", help="do not fill in hot and dead pixels of the sensor")
     parser.add_argument(
         "--reference", type=int, default=1, metavar="NUMBER", help="the file to align to (default: 1, the first)"
     )
     parser.add_argument(
-        "--noise", type=float, nargs=2, metavar=("A", "B"),
+        "--noise",
+        type=float,
+        nargs=2,
+        metavar=("A", "B"),
         help="variance A·x + B of a signal x, 1 the white level (default: fitted to the burst)",
-    )  # fmt: skip
+    )
     parser.add_argument(
-        "--radii", type=int, nargs="+", metavar="R",
+        "--radii",
+        type=int,
+        nargs="+",
+        metavar="R",
         help="of the search's patches, finest level first (default: 16 8 4 2)",
-    )  # fmt: skip
+    )
     add_force(parser)
 
 

@@ -239,11 +239,14 @@ def _rows(situation: Situation, found: Evaluation, against: str) -> list[Row]:
     nothing = dict.fromkeys(metric.name for metric in METRICS)  # for a denoiser that does not give this light
     return [
         {
-            "situation": situation.name, "method": title, "denoiser": spec, "clips": clips,
+            "situation": situation.name,
+            "method": title,
+            "denoiser": spec,
+            "clips": clips,
             "margin": _margin(rows, situation, spec, against),
             "parts": [
                 {"light": light, "region": region, **own.get(spec, nothing)} for (light, region), own in means.items()
             ],
         }
         for title, spec in situation.methods.items()
-    ]  # fmt: skip
+    ]

@@ -93,7 +93,7 @@ class AlignTaa(Filter[AlignTaaOptions]):
 
     def _blend(
         self, current: Tensor, mask: Tensor, aligned: Aligned, guides: Tensor | None, state: _State, frame: Frame
-    ) -> tuple[Tensor, Tensor]:  # fmt: skip
+    ) -> tuple[Tensor, Tensor]:
         """The blended image, and where it has a history."""
         past = warp_catmull_rom(state.output, aligned.motion).image.clamp(min=0)
         valid = aligned.valid & past.isfinite().all(1, keepdim=True)

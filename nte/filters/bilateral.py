@@ -160,9 +160,12 @@ def in_strips(work: Callable[[Strip], None], like: Tensor, axis: int) -> None:
 
 
 def _along_both(
-    values: Tensor, edges: Edges, deviation: Tensor | float,
-    taps: Callable[[Sequence[Tensor], int, Tensor | float], list[list[Tap]]], in_place: bool,
-) -> Tensor:  # fmt: skip
+    values: Tensor,
+    edges: Edges,
+    deviation: Tensor | float,
+    taps: Callable[[Sequence[Tensor], int, Tensor | float], list[list[Tap]]],
+    in_place: bool,
+) -> Tensor:
     """The values after the passes of `taps`, along x and then along y; `taps` gets weights, axis and deviation."""
     filtered, source = values if in_place else torch.empty_like(values), values
     for weights, axis in ((edges.along_x, 3), (edges.along_y, 2)):

@@ -76,9 +76,10 @@ class McGuire(Filter[McGuireOptions]):
             before = _in_front(behind, depth, extent)
             after = _in_front(depth, behind, extent)
             weight = (
-                before * _cone(apart, fast) + after * _cone(apart, speed)
+                before * _cone(apart, fast)
+                + after * _cone(apart, speed)
                 + 2 * _cylinder(apart, fast) * _cylinder(apart, speed)
-            ) * inside(place)  # fmt: skip
+            ) * inside(place)
             total = total + weight * there
             weights = weights + weight
         return total / weights

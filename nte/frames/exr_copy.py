@@ -15,9 +15,12 @@ from nte.frames.exr_header import Header, window_size
 
 # Lossless compressions: the channels that stay are decoded and encoded again, and must not change.
 _LOSSLESS = {
-    OpenEXR.NO_COMPRESSION, OpenEXR.RLE_COMPRESSION, OpenEXR.ZIPS_COMPRESSION, OpenEXR.ZIP_COMPRESSION,
+    OpenEXR.NO_COMPRESSION,
+    OpenEXR.RLE_COMPRESSION,
+    OpenEXR.ZIPS_COMPRESSION,
+    OpenEXR.ZIP_COMPRESSION,
     OpenEXR.PIZ_COMPRESSION,
-}  # fmt: skip
+}
 Place = tuple[int, str]  # the number of a part, and a channel's name in it
 Planes = Mapping[str, npt.NDArray[np.floating]] | Mapping[Place, npt.NDArray[np.floating]]
 

@@ -125,9 +125,12 @@ def all_usable(row: Channel, values: Array, brightest: float = ABSOLUTE) -> bool
     height, width = values.shape[-2:]
     reach = (NOISY_IMAGES if row.noisy else IMAGES) * min(height, width)
     ranges: dict[Kind, tuple[float, float]] = {
-        "radiance": (0.0, brightest), "reflectance": (0.0, 1.0), "depth": (NEAREST, FARTHEST),
-        "point": (-FARTHEST, FARTHEST), "motion": (-reach, reach),
-    }  # fmt: skip
+        "radiance": (0.0, brightest),
+        "reflectance": (0.0, 1.0),
+        "depth": (NEAREST, FARTHEST),
+        "point": (-FARTHEST, FARTHEST),
+        "motion": (-reach, reach),
+    }
     low, high = (0.0, 1.0) if row.kind == "scalar" else ranges.get(row.kind, (inf, -inf))
     return bool(values.min() >= low) and bool(values.max() <= high)  # NaN is neither
 

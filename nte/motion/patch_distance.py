@@ -171,7 +171,7 @@ def _subpixel(table: Tensor, place: Tensor, least: Tensor, floor: float) -> Tens
 
     nw, n, ne, w, e, sw, s, se = (
         beside(dx, dy) for dx, dy in ((-1, -1), (0, -1), (1, -1), (-1, 0), (1, 0), (-1, 1), (0, 1), (1, 1))
-    )  # fmt: skip
+    )
     corners = nw + ne + sw + se
     xx = (w + e - n - s).mul_(2).add_(corners).div_(4)  # the centre itself is 0
     yy = (n + s - w - e).mul_(2).add_(corners).div_(4)

@@ -59,11 +59,10 @@ def read_description(path: Path, text: str | None, inputs: Shapes, outputs: Sequ
         "smallest": type(info.get("smallest")) is int and 0 < info["smallest"] < 2**16,
         "conventions": isinstance(info.get("conventions"), dict),
         "sha256": isinstance(info.get("sha256"), str),
-        "state": isinstance(state, dict) and all(
-            isinstance(source, str) and (source in outputs or source in CHANNELS) for source in state.values()
-        ),
+        "state": isinstance(state, dict)
+        and all(isinstance(source, str) and (source in outputs or source in CHANNELS) for source in state.values()),
         "scales": isinstance(scales, dict) and all(type(n) is int and 0 < n < 2**16 for n in scales.values()),
-    }  # fmt: skip
+    }
     if wrong := next((key for key, fits in known.items() if not fits), None):
         raise NteError(f"{path}: '{wrong}' in the model's metadata is {info.get(wrong)!r:.60}: export it again")
     taken = {*info["needs"], *info["optional"], FORWARD, *SCALARS}

@@ -256,9 +256,12 @@ def _launch(device: str) -> Fabric:
     try:
         # Fabric's own mixed precision would round the inputs to bfloat16, including every motion vector.
         fabric = Fabric(
-            accelerator=kind, devices=devices, num_nodes=int(os.environ.get("GROUP_WORLD_SIZE", 1)),
-            strategy="ddp" if processes else "auto", precision="32-true",
-        )  # fmt: skip
+            accelerator=kind,
+            devices=devices,
+            num_nodes=int(os.environ.get("GROUP_WORLD_SIZE", 1)),
+            strategy="ddp" if processes else "auto",
+            precision="32-true",
+        )
         fabric.launch()
     except (ValueError, RuntimeError, AssertionError) as error:
         raise NteError(f"--device {device}: {str(error).splitlines()[0]}") from error

@@ -79,12 +79,15 @@ def _parts(rows: list[Row]) -> list[Row]:
     several = len(targets) > 1
     there = {(row["region"], row["target"]) for row in rows if row["frames"]}
     return [
-        {"region": region, "target": target if several else "",
-         "rows": _cells(means_of(rows, region, target), REGION_METRICS)}
+        {
+            "region": region,
+            "target": target if several else "",
+            "rows": _cells(means_of(rows, region, target), REGION_METRICS),
+        }
         for region in REGIONS[0 if several else 1 :]
         for target in targets
         if (region, target) in there
-    ]  # fmt: skip
+    ]
 
 
 def _cells(means: dict[str, dict[str, float | None]], metrics: tuple[Metric, ...]) -> dict[str, list[Row]]:

@@ -57,7 +57,10 @@ def normalise(sums: Tensor) -> Tensor:
     moving, static = sums[:, MOVING_WEIGHT, None], sums[:, STATIC_WEIGHT, None]
     return torch.cat(
         [
-            sums[:, MOVING_ALL] / moving.clamp(min=1e-12), moving.clamp(max=1),
-            sums[:, STATIC_COLOR] / static.clamp(min=1e-12), static.clamp(max=1),
-        ], 1,
-    )  # fmt: skip
+            sums[:, MOVING_ALL] / moving.clamp(min=1e-12),
+            moving.clamp(max=1),
+            sums[:, STATIC_COLOR] / static.clamp(min=1e-12),
+            static.clamp(max=1),
+        ],
+        1,
+    )

@@ -85,9 +85,12 @@ def read_samples(frame: Frame) -> tuple[Tensor, Size]:
     motion = motion * (longest / length.clamp(min=longest))
     seen = depth.isfinite() & (depth > 0)
     columns = [
-        frame["color"], motion, torch.where(time.isfinite(), time, 0.5),
-        torch.where(seen, depth, float("inf")), (length > MOVING_PX).float(),
-    ]  # fmt: skip
+        frame["color"],
+        motion,
+        torch.where(time.isfinite(), time, 0.5),
+        torch.where(seen, depth, float("inf")),
+        (length > MOVING_PX).float(),
+    ]
     return torch.cat(columns, 1).movedim(1, -1).reshape(-1, 8), size
 
 

@@ -39,9 +39,12 @@ def prepare(frame: Frame, before: GBuffer | None) -> FrameInputs:
     """Compute the inputs that the effects share from a sanitised PyTorch frame and the previous frame's G-buffer."""
     with record_function("trmv/guide"):
         gbuffer = GBuffer(
-            F.normalize(frame["normal"], dim=1), frame["depth"], frame["roughness"],
-            frame.get("position"), frame.get("geometric_normal"),
-        )  # fmt: skip
+            F.normalize(frame["normal"], dim=1),
+            frame["depth"],
+            frame["roughness"],
+            frame.get("position"),
+            frame.get("geometric_normal"),
+        )
         guide = make_guide(gbuffer.normal, gbuffer.depth, frame["roughness"])
         edges = make_edges(guide, RADIUS)
     with record_function("trmv/vectors"):

@@ -34,13 +34,15 @@ class MeshStage:
         max_depth = max(max_depth, scene.least_depth)
         media = any(obj.medium is not None for obj in scene.objects)
         self._meshes = {f"object_{i:03d}": make_mesh(obj) for i, obj in enumerate(scene.objects)}
-        mi_scene: MitsubaScene = mi.load_dict({
-            "type": "scene",
-            "integrator": path_integrator(max_depth, media),
-            "sensor": camera_sensor(scene.camera, width, height, media),
-            **environment(scene),
-            **self._meshes,
-        })  # fmt: skip
+        mi_scene: MitsubaScene = mi.load_dict(
+            {
+                "type": "scene",
+                "integrator": path_integrator(max_depth, media),
+                "sensor": camera_sensor(scene.camera, width, height, media),
+                **environment(scene),
+                **self._meshes,
+            }
+        )
         self._triangles = Triangles(scene)
         self._scenery = Scenery(
             camera=scene.camera,

@@ -53,10 +53,13 @@ def books(rng: np.random.Generator, width: float) -> Mesh:
 
 def bed() -> Mesh:
     """Make a bed: a frame with a headboard at +z, 1.5 by 2.1."""
-    return merged([
-        block((1.5, 0.28, 2.1), (0, 0.08, 0)), block((1.5, 0.95, 0.07), (0, 0, 1.05)),
-        *(block((0.08, 0.1, 0.08), (x, 0, z)) for x in (-0.68, 0.68) for z in (-0.95, 0.95)),
-    ])  # fmt: skip
+    return merged(
+        [
+            block((1.5, 0.28, 2.1), (0, 0.08, 0)),
+            block((1.5, 0.95, 0.07), (0, 0, 1.05)),
+            *(block((0.08, 0.1, 0.08), (x, 0, z)) for x in (-0.68, 0.68) for z in (-0.95, 0.95)),
+        ]
+    )
 
 
 def lamp_shade(radius: float = 0.2, height: float = 0.25) -> Mesh:

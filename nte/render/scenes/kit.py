@@ -86,8 +86,9 @@ def ground(
     return thing(mesh, color, still(), surface, roughness)
 
 
-def wall(start: tuple[float, float], end: tuple[float, float], height: float, color: Pixels,
-         texture_size: float = 4.0) -> SceneObject:  # fmt: skip
+def wall(
+    start: tuple[float, float], end: tuple[float, float], height: float, color: Pixels, texture_size: float = 4.0
+) -> SceneObject:
     """Make an upright rectangle between two points (x, z); `start` is on the left as one looks at its front."""
     across = (end[0] - start[0], 0.0, end[1] - start[1])
     return thing(shapes.rectangle((start[0], 0, start[1]), across, (0, height, 0), texture_size), color, still())

@@ -84,16 +84,19 @@ def sheet(
 
 
 def framed(
-    corner: npt.ArrayLike, right: npt.ArrayLike, up: npt.ArrayLike, hole: tuple[float, float, float, float],
+    corner: npt.ArrayLike,
+    right: npt.ArrayLike,
+    up: npt.ArrayLike,
+    hole: tuple[float, float, float, float],
     texture_size: float = 4.0,
-) -> Mesh:  # fmt: skip
+) -> Mesh:
     """Make a rectangle (see shapes.rectangle) with an opening: left, right, bottom, top, as shares of its sides."""
     c, r, u = (np.asarray(x, float) for x in (corner, right, up))
     left, end, bottom, top = hole
     parts = [(0.0, left, 0.0, 1.0), (end, 1.0, 0.0, 1.0), (left, end, 0.0, bottom), (left, end, top, 1.0)]
-    return merged([
-        rectangle(c + s0 * r + t0 * u, (s1 - s0) * r, (t1 - t0) * u, texture_size) for s0, s1, t0, t1 in parts
-    ])  # fmt: skip
+    return merged(
+        [rectangle(c + s0 * r + t0 * u, (s1 - s0) * r, (t1 - t0) * u, texture_size) for s0, s1, t0, t1 in parts]
+    )
 
 
 def placed(mesh: Mesh, matrix: Floats, scale: float | Size = 1.0, texture: float | None = None) -> Mesh:

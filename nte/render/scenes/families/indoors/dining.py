@@ -46,7 +46,7 @@ def _room(dice: Dice) -> list[SceneObject]:
         kit.thing(picture, kit.textured(dice, kit.shades(dice.uniform(), 0.8)), still()),
         kit.panel(1.6, 0.5, 10.0, still(translation((0, 2.1, 1.9)) @ up), (1.0, 0.85, 0.65)),
         kit.panel(1.4, 1.2, 9.0, still(translation((_HALF - 0.03, 1.6, 1.4)) @ sideways), (0.85, 0.92, 1.0)),
-    ]  # fmt: skip
+    ]
 
 
 def _table(dice: Dice, guests: int) -> list[SceneObject]:

@@ -44,7 +44,7 @@ def _room(dice: Dice) -> list[SceneObject]:
         kit.wall((_HALF, -2), (_HALF, _DEPTH), _HEIGHT, kit.textured(dice, pink, stripes), 2.2),
         kit.wall((-_HALF, -2), (_HALF, -2), _HEIGHT, kit.plain(_PINK, 0.3, 0.8)),
         kit.thing(rug, kit.textured(dice, kit.shades(dice.uniform(), 0.5), checker, dots, marble), still()),
-    ]  # fmt: skip
+    ]
 
 
 def _bed(dice: Dice) -> list[SceneObject]:
@@ -118,16 +118,21 @@ def _movers(dice: Dice) -> list[SceneObject]:
 
     bonnet = cushion((0.5, 0.14, 0.24), 0.05, (0, 0.06, 0), 0.5)
     cabin = cushion((0.26, 0.12, 0.2), 0.05, (0, 0.18, 0), 0.5)
-    wheels = merged([
-        placed(shapes.cylinder(), translation((x, 0.07, z)) @ rotation((1, 0, 0), np.pi / 2), (0.1, 0.02, 0.1))
-        for x in (-0.15, 0.15) for z in (-0.12, 0.12)
-    ])  # fmt: skip
+    wheels = merged(
+        [
+            placed(shapes.cylinder(), translation((x, 0.07, z)) @ rotation((1, 0, 0), np.pi / 2), (0.1, 0.02, 0.1))
+            for x in (-0.15, 0.15)
+            for z in (-0.12, 0.12)
+        ]
+    )
 
     def loud() -> Pixels:
         return kit.textured(dice, kit.shades(dice.uniform(), 0.75, (0.9, 0.6, 0.35)), checker, dots, stripes)
 
     moving: list[tuple[Mesh, Pixels, Track]] = [
-        (placed(shapes.sphere(), np.eye(4), 0.2), loud(), ball), (merged([bonnet, cabin]), loud(), car),
-        (wheels, kit.plain(0.6, 0.2, 0.1), car), (furniture.chair(), loud(), chair),
-    ]  # fmt: skip
+        (placed(shapes.sphere(), np.eye(4), 0.2), loud(), ball),
+        (merged([bonnet, cabin]), loud(), car),
+        (wheels, kit.plain(0.6, 0.2, 0.1), car),
+        (furniture.chair(), loud(), chair),
+    ]
     return [kit.thing(mesh, color, track) for mesh, color, track in moving]

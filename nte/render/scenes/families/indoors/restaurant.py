@@ -40,13 +40,14 @@ def _room(dice: Dice, parameters: Parameters) -> list[SceneObject]:
     lid = shapes.rectangle((-_HALF, _HEIGHT, -2), (2 * _HALF, 0, 0), (0, 0, _DEPTH + 2))
     windows = [translation((_HALF - 0.05, 1.7, z)) @ rotation(kit.UP, -np.pi / 2) for z in (1.6, 4.4)]
     return [
-        floor, kit.thing(lid, kit.plain(0.1, 0.1, 0.8), still()),
+        floor,
+        kit.thing(lid, kit.plain(0.1, 0.1, 0.8), still()),
         kit.wall((_HALF, _DEPTH), (-_HALF, _DEPTH), _HEIGHT, kit.textured(dice, paper, bricks, checker)),
         kit.wall((-_HALF, _DEPTH), (-_HALF, -2), _HEIGHT, kit.textured(dice, paper, stripes)),
         kit.wall((_HALF, -2), (_HALF, _DEPTH), _HEIGHT, kit.textured(dice, paper, stripes)),
         kit.wall((-_HALF, -2), (_HALF, -2), _HEIGHT, kit.textured(dice, paper, bricks)),
         *(kit.panel(1.2, 1.3, 20.0, still(window), (0.8, 0.9, 1.0)) for window in windows),
-    ]  # fmt: skip
+    ]
 
 
 def _table(
@@ -54,10 +55,12 @@ def _table(
 ) -> list[SceneObject]:
     """A table with chairs around it, a curved reflector and a plate on it, a lamp above it."""
     here = kit.standing(x, z, dice.uniform(0, 6))
-    chairs = merged([
-        placed(furniture.chair(), rotation(kit.UP, turn + dice.uniform(-0.3, 0.3)) @ translation((0, 0, 0.75)))
-        for turn in (0, 2.1, 4.2)
-    ])  # fmt: skip
+    chairs = merged(
+        [
+            placed(furniture.chair(), rotation(kit.UP, turn + dice.uniform(-0.3, 0.3)) @ translation((0, 0, 0.75)))
+            for turn in (0, 2.1, 4.2)
+        ]
+    )
     vase = placed(shapes.vase(dice), translation((0, 1.06, 0)), 0.32)
     globe = placed(shapes.sphere(), translation((0, 0.99, 0)), 0.25)
     places = [translation((0.36 * np.cos(a), 0.74, 0.36 * np.sin(a))) for a in (0.5, 2.6, 4.7)]

@@ -36,8 +36,10 @@ def make_limits(dice: Dice, parameters: Parameters) -> Scene:
     objects = [
         kit.ground(20, 14, floor, "metal" if is_mirror else "diffuse", 0.3 if is_mirror else 1.0, texture_size=3.0),
         kit.wall((10, 3.2), (-10, 3.2), 6, paper, texture_size=3.0),
-        *_standing(dice), *_lights(dice, case), *_actors(dice, case),
-    ]  # fmt: skip
+        *_standing(dice),
+        *_lights(dice, case),
+        *_actors(dice, case),
+    ]
     return Scene(tuple(objects), _camera(dice, case))
 
 

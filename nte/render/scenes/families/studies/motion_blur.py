@@ -27,9 +27,12 @@ def make_motion_blur(dice: Dice, parameters: Parameters) -> Scene:
     paper = kit.textured(dice, kit.shades(dice.uniform(), 0.45, (0.9, 0.6, 0.3)))
     overhead = kit.aimed(kit.fixed((dice.uniform(-2, 2), 5.0, -2.2)), (0, 0.6, 1.2))
     objects = [
-        kit.ground(24, 14, floor, texture_size=3.0), kit.wall((12, 4.2), (-12, 4.2), 7, paper, texture_size=3.5),
-        kit.panel(2.2, 2.2, 130.0, overhead), *_posts(dice), *_actors(dice, parameters.case, pace),
-    ]  # fmt: skip
+        kit.ground(24, 14, floor, texture_size=3.0),
+        kit.wall((12, 4.2), (-12, 4.2), 7, paper, texture_size=3.5),
+        kit.panel(2.2, 2.2, 130.0, overhead),
+        *_posts(dice),
+        *_actors(dice, parameters.case, pace),
+    ]
     return Scene(tuple(objects), _camera(parameters.case, pace))
 
 

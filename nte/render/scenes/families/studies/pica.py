@@ -95,4 +95,4 @@ _TOY_SHAPES: tuple[Callable[[Dice], Mesh], ...] = (
     lambda dice: placed(shapes.vase(dice), translation((0, 0.5, 0)), 0.5),
     _rings,
     lambda dice: placed(shapes.knot(dice), translation((0, 0.35, 0)), 0.45),
-)  # fmt: skip
+)

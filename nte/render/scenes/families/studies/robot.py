@@ -55,9 +55,10 @@ def _robot(dice: Dice, action: str) -> list[SceneObject]:
     eyes = merged([placed(shapes.sphere(), translation((x, 0.18, -0.11)), 0.045) for x in (-0.07, 0.07)])
     head = attached(body, _joint((0, 0.62, 0), kit.UP, lambda time: 0.5 * np.sin(0.7 * rate * time + phase)))
     parts = [
-        kit.thing(merged([chest, pelvis]), paint, body), kit.thing(merged([skull, antenna]), paint, head),
+        kit.thing(merged([chest, pelvis]), paint, body),
+        kit.thing(merged([skull, antenna]), paint, head),
         kit.thing(eyes, steel, head, "metal", 0.15),
-    ]  # fmt: skip
+    ]
     for side in (-1, 1):
         swing = _wave(rate, side * stride, phase)
         hip = attached(body, _joint((side * _HIP, 0, 0), (1, 0, 0), swing))
@@ -72,10 +73,12 @@ def _robot(dice: Dice, action: str) -> list[SceneObject]:
         hand = cushion((0.1, 0.12, 0.06), 0.025, (0, -_FOREARM - 0.14, 0), 0.3)
         foot = cushion((0.15, 0.09, 0.28), 0.04, (0, -_SHIN - 0.07, -0.06), 0.3)
         parts += [
-            kit.thing(capsule(_THIGH, 0.085), limbs, hip), kit.thing(capsule(_SHIN, 0.07), steel, knee, "metal", metal),
-            kit.thing(foot, limbs, knee), kit.thing(capsule(_ARM, 0.07), limbs, shoulder),
+            kit.thing(capsule(_THIGH, 0.085), limbs, hip),
+            kit.thing(capsule(_SHIN, 0.07), steel, knee, "metal", metal),
+            kit.thing(foot, limbs, knee),
+            kit.thing(capsule(_ARM, 0.07), limbs, shoulder),
             kit.thing(merged([capsule(_FOREARM, 0.055), hand]), steel, elbow, "metal", metal),
-        ]  # fmt: skip
+        ]
     return parts
 
 
