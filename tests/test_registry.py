@@ -50,6 +50,12 @@ def test_options_become_the_types_of_their_fields() -> None:
         ("taa:alpha=2", "taa: alpha is 2.0"),
         ("taa:clamp=hard", "taa: clamp is 'hard', expected one of none, clamp, clip"),
         ("svgf:target=albedo", "svgf: target is 'albedo', expected one of .*, components"),
+        (
+            "align_accumulate:target=components",
+            "^'align_accumulate:target=components': align_accumulate has no target visibility, which components need: "
+            "expected a target out of color, indirect, glossy$",
+        ),
+        ("noisy:target=components", "unknown option 'target'; it has none"),
         ("trmv:preset=best", "trmv: preset is 'best', expected one of paper, traditional, "),
         ("trmv:presets=paper", "unknown option 'presets'; it has target, .*, preset"),
         ("svgf:preset=paper", "unknown option 'preset'; it has target, .*, depth_floor$"),
