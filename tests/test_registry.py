@@ -3,6 +3,7 @@
 import re
 from collections.abc import Mapping
 from dataclasses import dataclass
+from importlib import import_module
 from pathlib import Path
 from typing import Any, ClassVar
 
@@ -28,6 +29,16 @@ from tests.everything import floor_frame
 @pytest.mark.parametrize("name", [name for name in NAMES if name != "oidn"])
 def test_every_name_is_a_denoiser(name: str) -> None:
     assert isinstance(load_denoiser(name), Denoiser)
+
+
+@pytest.mark.parametrize("name", NAMES)
+def test_options_have_the_name_that_is_typed(name: str) -> None:
+    module, kind, _ = NAMES[name]
+    options = getattr(import_module(module), kind).options_type
+    assert options.name == ("" if options is Options else name)
+    for base in options.__mro__[1:]:  # which is called by a name that is typed, or by that of the Python class
+        if issubclass(base, Options) and base is not Options:
+            assert base.name in (*NAMES, base.__name__)
 
 
 def test_options_become_the_types_of_their_fields() -> None:
