@@ -64,7 +64,7 @@ def test_samples_become_pixels(tmp_path: Path, capsys: pytest.CaptureFixture[str
 def test_one_file_is_open_at_a_time(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     opened: list[Path] = []
 
-    class Watched(zarr.storage.ZipStore):  # type: ignore[misc]
+    class Watched(zarr.storage.ZipStore):  # type: ignore[misc, name-defined]
         def __init__(self, path: Path, **how: Any) -> None:
             super().__init__(path, **how)
             opened.append(path)

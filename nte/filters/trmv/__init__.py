@@ -116,6 +116,6 @@ class Trmv(Filter[TrmvOptions]):
 
 def _sum(frame: Frame, effects: dict[str, Effect]) -> Tensor:
     """The colour: the light without noise, and the effects."""
-    light = frame["direct"] * effects["visibility"].image
+    light: Tensor = frame["direct"] * effects["visibility"].image
     light = frame["emission"] + light if "emission" in frame else light
     return light + effects["glossy"].image + effects["indirect"].image
