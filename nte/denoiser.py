@@ -194,9 +194,9 @@ def denoise(denoiser: Denoiser, frames: Iterable[Frame], extras: tuple[str, ...]
 class Session:
     """A denoiser that keeps its state between calls: `denoise(frame)` for each frame, and `reset()` for a new sequence.
 
-    The session numbers frames whose `index` is not set: if the index equals that of the frame before, the denoiser sees
-    the next number instead, because its random numbers must differ from frame to frame. Any other index is passed on
-    unchanged.
+    The session numbers frames whose `index` is not set: if the index equals that of the frame before, or a number that
+    the session has counted on to from there, the denoiser sees the next number instead, because its random numbers must
+    differ from frame to frame. Any other index is passed on unchanged.
 
     >>> session = nte.Session(nte.load_denoiser("taa"))
     >>> images = [session.denoise(frame) for frame in nte.Clip("data/clips/disc_000")]
@@ -226,7 +226,8 @@ class Session:
 
         Raises NteError for missing channels, unknown extras, and a size that changes within the sequence.
         """
-        counted = self._counted + 1 if frame.index == self._given else frame.index
+        repeated = self._given is not None and self._given <= frame.index <= self._counted
+        counted = self._counted + 1 if repeated else frame.index
         self._given, self._counted = frame.index, counted
         frame = replace(frame, index=counted)
         check_needs(self.denoiser, frame.channels, f"frame {frame.index}")

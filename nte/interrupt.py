@@ -13,18 +13,21 @@ from typing import Any
 class InterruptFlag:
     """A block in which the first Ctrl-C only sets a flag, so that a step can end; a second one interrupts.
 
-    Calling the object tells whether the flag is set. Only the main thread can enter the block.
+    Calling the object tells whether the flag is set. In a thread other than the main one, which gets no signals, the
+    block changes nothing and the flag stays unset.
     """
 
     def __enter__(self) -> "InterruptFlag":
-        self._set = False
-        self._before: Any = signal.signal(signal.SIGINT, self._handle)
+        self._set, self._handles = False, _gets_signals()
+        if self._handles:
+            self._before: Any = signal.signal(signal.SIGINT, self._handle)
         return self
 
     def __exit__(
         self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
     ) -> None:
-        signal.signal(signal.SIGINT, self._before)
+        if self._handles:
+            signal.signal(signal.SIGINT, self._before)
 
     def __call__(self) -> bool:
         """Tell whether Ctrl-C was pressed."""
@@ -43,7 +46,7 @@ def terminable() -> Iterator[None]:
     It does so even where InterruptFlag has changed the effect of Ctrl-C. In a thread other than the main one the block
     changes nothing.
     """
-    if threading.current_thread() is not threading.main_thread():
+    if not _gets_signals():
         yield
         return
     before = signal.signal(signal.SIGTERM, lambda number, frame: signal.raise_signal(signal.SIGINT))
@@ -71,3 +74,7 @@ def end_when_told() -> None:
     """Make this worker process clean up and end at SIGTERM, and ignore Ctrl-C: its parent then sends SIGTERM."""
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     signal.signal(signal.SIGTERM, lambda number, frame: sys.exit(128 + number))
+
+
+def _gets_signals() -> bool:
+    return threading.current_thread() is threading.main_thread()

@@ -28,21 +28,23 @@ Alpha: TypeAlias = Annotated[float, Allowed("a weight of the current frame in (0
 Positive: TypeAlias = Annotated[float, Allowed("a finite number above 0", lambda x: 0 < x < math.inf)]
 NotNegative: TypeAlias = Annotated[float, Allowed("a finite number of 0 or more", lambda x: 0 <= x < math.inf)]
 Count: TypeAlias = Annotated[int, Allowed("a whole number of 1 or more", lambda n: n >= 1)]
+# Of a filter whose taps lie 2^level px apart: at level 16 they lie outside of every image.
+Levels: TypeAlias = Annotated[int, Allowed("a whole number from 0 to 16", lambda n: 0 <= n <= 16)]
 
 
 @dataclass(frozen=True)
 class Options:
     """Base class of all options; `name` is what errors and specs call the owner of the options.
 
-    Construction raises NteError for a value that is not allowed. A subclass that compares fields with each other
-    extends `__post_init__`.
+    Options that others only inherit from need no name: they are called by their class's. Construction raises NteError
+    for a value that is not allowed. A subclass that compares fields with each other extends `__post_init__`.
     """
 
     name: ClassVar[str] = ""
     presets: ClassVar[Mapping[str, Mapping[str, Any]]] = {}  # name → the fields that the preset sets
 
-    def __init_subclass__(cls, name: str) -> None:
-        cls.name = name
+    def __init_subclass__(cls, name: str = "") -> None:
+        cls.name = name or cls.__name__
 
     def __post_init__(self) -> None:
         for key, rule in _rules(type(self)).items():

@@ -36,8 +36,9 @@ def load_denoiser(spec: str | Path, device: str = "cpu") -> Denoiser:
     class; for filters with presets `preset=…` sets several fields at once, and the other keys override it.
 
     `estimate+` or `estimate:key=value+` before any denoiser estimates the motion vectors from the images (module
-    nte.filters.estimated; keys noise, guides, known). `target=components`, for filters that have a target, denoises
-    each light component separately and sums them. Raises NteError for anything unknown, and lists what there is.
+    nte.filters.estimated; keys noise, guides, known). `target=components`, for filters that have every component as a
+    target, denoises each light component separately and sums them. Raises NteError for anything unknown, and lists what
+    there is.
 
     >>> nte.load_denoiser("taa:alpha=0.2,clamp=clip").needs
     ('color', 'motion')
@@ -65,8 +66,19 @@ def load_denoiser(spec: str | Path, device: str = "cpu") -> Denoiser:
     kind: type[Filter[Options]] = _import(*NAMES[name], spec)
     given = _parse(spec, text)
     if given.get("target") == EACH:
+        _refuse_missing_target(kind.options_type, spec)
         return Composition({c: _make(kind, {**given, "target": c}, spec, device) for c in COMPONENTS})
     return _make(kind, given, spec, device)
+
+
+def _refuse_missing_target(options: type[Options], spec: str) -> None:
+    """Raise NteError if these options have a target, but not every component is one."""
+    offered = options.choices("target") if "target" in options.names() else COMPONENTS
+    if missing := [name for name in COMPONENTS if name not in offered]:
+        raise NteError(
+            f"'{spec}': {options.name} has no target {', '.join(missing)}, which {EACH} need: expected a target out of "
+            f"{', '.join(offered)}"
+        )
 
 
 def _make(kind: type[Filter[Options]], given: Mapping[str, str], spec: str, device: str) -> Denoiser:

@@ -117,7 +117,8 @@ class Told(Denoiser):
         ([0, 1, 2, 3], [0, 1, 2, 3]),
         ([7, 8, 9], [7, 8, 9]),
         ([9, 8, 7], [9, 8, 7]),  # a clip played backwards
-        ([5, 5, 5, 6], [5, 6, 7, 6]),  # a frame shown for longer
+        ([5, 5, 6, 7], [5, 6, 7, 8]),  # a frame shown for longer
+        ([5, 5, 5, 6, 3, 9], [5, 6, 7, 8, 3, 9]),
     ],
 )
 def test_a_session_counts_frames_that_nobody_numbered(given: list[int], seen: list[int]) -> None:

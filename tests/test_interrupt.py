@@ -1,14 +1,15 @@
 """Interruptions: processes of a pool end with their parent's work."""
 
+import signal
 import time
-from concurrent.futures import ProcessPoolExecutor
+from concurrent.futures import ProcessPoolExecutor, ThreadPoolExecutor
 from multiprocessing import get_context
 from pathlib import Path
 
 import pytest
 
 from nte.files import write_whole
-from nte.interrupt import end_when_told, ending_workers
+from nte.interrupt import InterruptFlag, end_when_told, ending_workers
 
 
 def write_slowly(path: Path) -> None:
@@ -20,6 +21,28 @@ def write_slowly(path: Path) -> None:
         time.sleep(60)
 
     write_whole(path, write)
+
+
+def test_the_first_ctrl_c_sets_the_flag_and_the_second_one_interrupts() -> None:
+    before = signal.getsignal(signal.SIGINT)
+    with InterruptFlag() as interrupted:
+        assert not interrupted()
+        signal.raise_signal(signal.SIGINT)
+        assert interrupted()
+        with pytest.raises(KeyboardInterrupt):
+            signal.raise_signal(signal.SIGINT)
+    assert signal.getsignal(signal.SIGINT) is before
+
+
+def test_another_thread_may_enter_the_block_and_changes_nothing() -> None:
+    """As of `nte.train` in a thread of a program with windows."""
+
+    def look() -> tuple[object, bool]:
+        with InterruptFlag() as interrupted:
+            return signal.getsignal(signal.SIGINT), interrupted()
+
+    with ThreadPoolExecutor(1) as pool:
+        assert pool.submit(look).result() == (signal.getsignal(signal.SIGINT), False)
 
 
 @pytest.mark.slow

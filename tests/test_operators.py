@@ -8,6 +8,7 @@ import torch
 from torch import Tensor
 
 from nte.color import compress, demodulate, display, divisor, luminance, remodulate
+from nte.errors import NteError
 from nte.filters.atrous import atrous_step
 from nte.filters.bilateral import joint_bilateral, make_edges, make_guide
 from nte.filters.blocks import clamp_history, clip_history, neighbourhood_moments
@@ -30,7 +31,6 @@ class Operator(NamedTuple):
     trained: Sequence[int] = ()  # the arguments that gradients flow into
     coarse: Sequence[int] = ()  # the arguments of half the size
     traced: bool = True  # as one graph, without a break
-    refuses: bool = True  # a last argument of another size; what fetches from it by position cannot tell
 
 
 def alike(p: Sequence[Tensor], q: Sequence[Tensor], distance: float) -> tuple[Tensor, Tensor]:
@@ -56,8 +56,8 @@ OPERATORS = {
     "warp_catmull_rom": Operator(warp_catmull_rom, (3, 2), (3, 1), (0,)),
     "fetch_nearest": Operator(lambda i, m: (fetch_nearest(i, pixel_centres(i) + m),), (3, 2), (3,)),
     "traditional_motion": Operator(traditional_motion, (2,), (2, 1, 1)),
-    "dual_motion": Operator(dual_motion, (2, 2), (2, 1, 1), refuses=False),
-    "dual_motion with depth": Operator(dual_motion, (2, 2, 1, 1), (2, 1, 1), refuses=False),
+    "dual_motion": Operator(dual_motion, (2, 2), (2, 1, 1)),
+    "dual_motion with depth": Operator(dual_motion, (2, 2, 1, 1), (2, 1, 1)),
     "scatter_forward_motion": Operator(one(scatter_forward_motion), (2, 1), (2,)),
     "luminance": Operator(one(luminance), (3,), (1,), (0,)),
     "compress": Operator(lambda x: (compress(x.abs()),), (3,), (3,), (0,)),
@@ -72,8 +72,9 @@ OPERATORS = {
     "box_mean": Operator(lambda x: (box_mean(x, 3),), (3,), (3,)),
     "clamp_history": Operator(in_the_box(clamp_history), (3, 3), (3,), (0,)),
     "clip_history": Operator(in_the_box(clip_history), (3, 3), (3,), (0,)),
-    "atrous_step": Operator(
-        lambda v, g: (atrous_step(v, 2, alike, [g]).values,), (3, 1), (3,), traced=False, refuses=False
+    "atrous_step": Operator(lambda v, g: (atrous_step(v, 2, alike, [g]).values,), (3, 1), (3,), traced=False),
+    "atrous_step with variance": Operator(
+        lambda g, v, s: (atrous_step(v, 2, alike, [g], s).values,), (1, 3, 1), (3,), traced=False
     ),
     "joint_bilateral": Operator(bilateral, (3, 3, 1, 1), (3,), traced=False),
 }
@@ -136,12 +137,14 @@ def test_it_stays_on_its_device(name: str) -> None:
 
 
 @pytest.mark.parametrize(
-    "name", [name for name, operator in OPERATORS.items() if operator.refuses and len(operator.channels) > 1]
+    ("name", "number"),
+    [(name, number) for name, operator in OPERATORS.items() for number in range(1, len(operator.channels))],
 )
-def test_images_of_two_sizes_are_refused(name: str) -> None:
-    *others, last = images(name)
-    with pytest.raises((RuntimeError, ValueError, IndexError)):
-        OPERATORS[name].call(*others, torch.cat([last, last[..., :2]], 3))
+def test_images_of_two_sizes_are_refused(name: str, number: int) -> None:
+    given = images(name)
+    given[number] = torch.cat([given[number], given[number][..., :2]], 3)
+    with pytest.raises((RuntimeError, ValueError, IndexError, NteError)):
+        OPERATORS[name].call(*given)
 
 
 @pytest.mark.parametrize("name", [name for name, operator in OPERATORS.items() if operator.trained])

@@ -3,6 +3,7 @@
 import re
 from collections.abc import Mapping
 from dataclasses import dataclass
+from importlib import import_module
 from pathlib import Path
 from typing import Any, ClassVar
 
@@ -37,6 +38,16 @@ def test_what_training_and_export_return_can_be_loaded(tmp_path: Path) -> None:
         load_denoiser(tmp_path / "m.onnx")
 
 
+@pytest.mark.parametrize("name", NAMES)
+def test_options_have_the_name_that_is_typed(name: str) -> None:
+    module, kind, _ = NAMES[name]
+    options = getattr(import_module(module), kind).options_type
+    assert options.name == ("" if options is Options else name)
+    for base in options.__mro__[1:]:  # which is called by a name that is typed, or by that of the Python class
+        if issubclass(base, Options) and base is not Options:
+            assert base.name in (*NAMES, base.__name__)
+
+
 def test_options_become_the_types_of_their_fields() -> None:
     taa = load_denoiser("taa: clamp=clip , alpha=0.25")
     assert isinstance(taa, Taa)
@@ -59,8 +70,18 @@ def test_options_become_the_types_of_their_fields() -> None:
         ("taa:alpha=much", r"alpha is 'much', expected a weight of the current frame in \(0, 1\]"),
         ("svgf:iterations=2.5", "iterations is '2.5', expected a whole number"),
         ("taa:alpha=2", "taa: alpha is 2.0"),
+        ("svgf:young=nan", "svgf: young is nan, expected a finite number of 0 or more"),
+        ("asvgf:young=-3", "asvgf: young is -3.0, expected a finite number of 0 or more"),
+        ("svgf:iterations=17", "svgf: iterations is 17, expected a whole number from 0 to 16"),
+        ("asvgf:gradient_iterations=100000", "asvgf: gradient_iterations is 100000, expected a whole number from 0 to"),
         ("taa:clamp=hard", "taa: clamp is 'hard', expected one of none, clamp, clip"),
         ("svgf:target=albedo", "svgf: target is 'albedo', expected one of .*, components"),
+        (
+            "align_accumulate:target=components",
+            "^'align_accumulate:target=components': align_accumulate has no target visibility, which components need: "
+            "expected a target out of color, indirect, glossy$",
+        ),
+        ("noisy:target=components", "unknown option 'target'; it has none"),
         ("trmv:preset=best", "trmv: preset is 'best', expected one of paper, traditional, "),
         ("trmv:presets=paper", "unknown option 'presets'; it has target, .*, preset"),
         ("svgf:preset=paper", "unknown option 'preset'; it has target, .*, depth_floor$"),

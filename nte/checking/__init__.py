@@ -2,6 +2,6 @@
 
 from nte.checking.guides import guides_are_clean
 from nte.checking.report import CheckReport, check
-from nte.checking.show import describe, draw
+from nte.checking.show import describe, draw, undrawable
 
-__all__ = ["CheckReport", "check", "describe", "draw", "guides_are_clean"]
+__all__ = ["CheckReport", "check", "describe", "draw", "guides_are_clean", "undrawable"]

@@ -39,6 +39,14 @@ def describe(report: CheckReport) -> str:
     return "\n".join(lines)
 
 
+def undrawable(clip: Clip) -> str:
+    """Tell why `draw` has nothing to draw of this clip: a frame or channels that are missing; "" if it has."""
+    if len(clip) < 2:
+        return "the clip has one frame, expected two"
+    missing = [name for name in ("albedo", "motion") if name not in clip.channels]
+    return f"the clip has no {' and no '.join(missing)}" if missing else ""
+
+
 def draw(clip: Clip, index: int) -> RGB:
     """Draw motion, masks and residuals of frame `index`, at least 1, side by side, as (H, W, 3) uint8.
 

@@ -123,6 +123,12 @@ def _require_scorable(label: str, clip: Clip, denoisers: Mapping[str, Denoiser],
         raise NteError(f"{clip.folder}: has one frame, and the first frame is not scored: use --first-frame")
     if len(clip) <= first:
         raise NteError(f"{clip.folder}: has {len(clip)} frames, and frame {first} is the first that is scored")
+    if "color" not in clip.channels and "exposure" not in clip.info:
+        have = ", ".join(clip.channels)
+        raise NteError(
+            f"{clip.folder}: no channel 'color' to measure the exposure of, in which scores are taken; it has {have}: "
+            "set 'exposure' in its clip.json"
+        )
     for spec, denoiser in denoisers.items():
         check_needs(denoiser, clip.channels, f"{label}: {spec}")
         name = reference_of(denoiser.target)

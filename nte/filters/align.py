@@ -6,6 +6,7 @@ from typing import Literal, NamedTuple, TypeAlias
 import torch
 from torch import Tensor
 
+from nte.errors import NteError
 from nte.filters.estimated import Chooser, Noise
 from nte.frames.frame import Frame
 from nte.motion.correspondence import find_correspondence, patch_error
@@ -17,7 +18,7 @@ Motion: TypeAlias = Literal["estimate", "zero", "geometric"]
 
 
 @dataclass(frozen=True)
-class SearchOptions(Options, name="align"):
+class SearchOptions(Options):
     """Options that both filters have.
 
     motion: `estimate` (the paper), `zero`, or `geometric` (the channel `motion`); the rejection is the same for all
@@ -35,7 +36,10 @@ class SearchOptions(Options, name="align"):
 
     def __post_init__(self) -> None:
         super().__post_init__()
-        self.chooser()
+        try:
+            self.chooser()
+        except NteError as error:
+            raise NteError(f"{self.name}: {error}") from None
 
     def chooser(self) -> Chooser:
         """Return the chooser of the search for this noise, with these radii."""

@@ -6,7 +6,7 @@ reprojected colours instead would measure noise too, and would be another method
 """
 
 from dataclasses import dataclass
-from typing import Annotated, NamedTuple
+from typing import NamedTuple
 
 import torch
 import torch.nn.functional as F
@@ -18,7 +18,7 @@ from nte.filters.moments import brightness, shorten, variance_of, with_square
 from nte.filters.reproject import Geometry
 from nte.filters.svgf import Svgf, SvgfOptions, Weights, edge_stopping, geometry_guides, with_luminance
 from nte.frames.frame import Frame
-from nte.options import Allowed, Alpha, NotNegative
+from nte.options import Alpha, Levels, NotNegative
 
 STRATUM = 3  # px; each stratum of 3×3 pixels has one gradient sample
 BOX = (1.0, 1.0)  # kernel of 3×3 strata of equal weight
@@ -46,7 +46,7 @@ class AsvgfOptions(SvgfOptions, name="asvgf"):
     """
 
     alpha: Alpha = 0.1
-    gradient_iterations: Annotated[int, Allowed("a whole number of 0 or more", lambda n: n >= 0)] = 5
+    gradient_iterations: Levels = 5
     gradient_noise: NotNegative = 0.0
 
 

@@ -13,6 +13,7 @@ import torch
 from torch import Tensor
 
 from nte.filters.threads import side_by_side, threads_for
+from nte.motion.warp import refuse_other_shape
 
 B3_SPLINE = (1.0, 2 / 3, 1 / 6)  # from the centre outwards, in x and in y
 STRIP_PIXELS = 1 << 17  # pixels processed together, of which a dozen planes fit into a core's cache
@@ -47,7 +48,10 @@ def atrous_step(
 
     Every unordered pair is visited once, strip by strip of rows, and contributes to both of its pixels, so that
     symmetric parts of an edge are computed once. Memory: the sums, and some temporaries of a strip for each thread.
+    Raises NteError for guides or a variance of another size than the values.
     """
+    for name, image in (*(("a guide", guide) for guide in guides), ("the variance", variance)):
+        refuse_other_shape(name, image, "values", values)
     total = torch.ones_like(values[:, :1])
     mean = values.clone()
     spread = None if variance is None else variance.clone()

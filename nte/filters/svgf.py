@@ -32,7 +32,7 @@ from nte.filters.reproject import Fetched, Geometry, geometry_of, previous_depth
 from nte.frames.frame import Frame
 from nte.frames.usable import mask_of
 from nte.motion.geometric import traditional_motion
-from nte.options import Allowed, Alpha, NotNegative, Options, Positive
+from nte.options import Allowed, Alpha, Levels, NotNegative, Options, Positive
 
 SLOPE_FLOOR = 1e-4  # least slope, as a share of the depth: the rounding of depth on a wall that faces the camera
 
@@ -70,8 +70,8 @@ class SvgfOptions(Options, name="svgf"):
     alpha: Alpha = 0.05
     moments_alpha: Alpha = 0.2
     history: Annotated[float, Allowed("a number of frames, 1 or more", lambda n: 1 <= n < math.inf)] = 32
-    iterations: int = 5
-    feedback: int = 1
+    iterations: Levels = 5
+    feedback: Levels = 1
     sigma_l: Positive = 10.0
     sigma_z: Positive = 1.0
     sigma_n: Positive = 128.0

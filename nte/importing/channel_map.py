@@ -60,7 +60,7 @@ class Vectors:
 
     @classmethod
     def of(cls, convention: Convention) -> "Vectors":
-        """Return a map's values for a convention, whose direction must not be `forward`."""
+        """Return a map's values for a convention: those of `forward_motion` if it is forward, else of `motion`."""
         x, y = convention.signs
         return cls(
             points="to" if x > 0 else "from",

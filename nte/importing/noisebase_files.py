@@ -18,6 +18,7 @@ ARRAYS: dict[str, tuple[int | str, ...]] = {
 }  # fmt: skip
 
 _Arrays: TypeAlias = Any  # a dictionary of zarr arrays, which need not be installed
+_Store: TypeAlias = Any  # the zarr store that they are in
 
 
 class NoisebaseSequence:
@@ -28,7 +29,7 @@ class NoisebaseSequence:
 
     def __init__(self, source: Path) -> None:
         self._files = list(numbered_files(source, ".zip").values())
-        self._open: tuple[Path, _Arrays] | None = None
+        self._open: tuple[Path, _Store, _Arrays] | None = None
         color = self._arrays(self._files[0])["color"]
         self.in_one_file = color.ndim == len(ARRAYS["color"]) + 1
         if self.in_one_file and len(self._files) > 1:
@@ -64,18 +65,21 @@ class NoisebaseSequence:
     def _arrays(self, path: Path) -> _Arrays:
         """The zarr arrays of a file, by name; the last file stays open."""
         if self._open and self._open[0] == path:
-            return self._open[1]
+            return self._open[2]
         try:
             import zarr
         except ImportError as error:
             raise needs_extra("import", "noisebase data", error) from error
+        if self._open:
+            self._open[1].close()
+            self._open = None
         try:
-            group = zarr.open_group(zarr.storage.ZipStore(path, mode="r"), mode="r")
-            arrays = dict(group.arrays())
+            store = zarr.storage.ZipStore(path, mode="r")
+            arrays = dict(zarr.open_group(store, mode="r").arrays())
         except (OSError, ValueError, KeyError, zipfile.BadZipFile) as error:
             raise NteError(f"{path}: not a readable zarr zip file: copy it again, or choose the right file") from error
         if "color" not in arrays or arrays["color"].ndim not in (4, 5):
             have = ", ".join(sorted(arrays)) or "none"
             raise NteError(f"{path}: no array 'color' of 4 or 5 axes: expected noisebase's layout; it has {have}")
-        self._open = path, arrays
+        self._open = path, store, arrays
         return arrays

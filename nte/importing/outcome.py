@@ -46,10 +46,13 @@ def _advice(clip: Clip, imported: Imported) -> str:
     fits = check(_AsStored(clip, imported)).convention
     if fits is None:
         return ""
+    better = asdict(type(imported.vectors).of(fits))
     if fits.forward:
-        change = "list the layers under 'channels.forward_motion' instead of 'channels.motion'"
+        ours = asdict(type(imported.vectors)())
+        change = "the layers under 'channels.forward_motion' instead of 'channels.motion'"
+        change += "".join(f", forward_motion.{key}: {better[key]}" for key in better if better[key] != ours[key])
     else:
-        now, better = asdict(imported.vectors), asdict(type(imported.vectors).of(fits))
+        now = asdict(imported.vectors)
         differing = [key for key in better if better[key] != now[key]]
         change = ", ".join(f"{imported.group}.{key}: {better[key]} (now {now[key]})" for key in differing)
     if not change:

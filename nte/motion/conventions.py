@@ -15,7 +15,10 @@ UNITS = {"pixels": 1.0, "uv, [0, 1] over the image": 1.0, "NDC, [−1, 1] over t
 
 @dataclass(frozen=True)
 class Convention:
-    """A convention of motion vectors: how it differs from ours, in words, and how its vectors are converted."""
+    """A convention of motion vectors: how it differs from ours, in words, and how its vectors are converted.
+
+    forward: vectors that lie on the pixels of the previous frame; with signs (1, 1) they point to the current one.
+    """
 
     signs: tuple[int, int] = (1, 1)
     swapped: bool = False
@@ -26,9 +29,10 @@ class Convention:
         """Describe in words how the convention differs from ours; "ours" if it does not."""
         differs = []
         if self.forward:
-            differs.append("direction (they point from the previous frame to the current one)")
+            differs.append("direction (they are stored on the previous frame's pixels and point to the current one)")
         if self.signs == (-1, -1):
-            differs.append("sign (they point from previous to current)")
+            where = "" if self.forward else ", on the current frame's pixels"
+            differs.append(f"sign (they are negated{where})")
         elif self.signs != (1, 1):
             differs.append("sign of x" if self.signs[0] < 0 else "sign of y (y counts upwards)")
         if self.swapped:
@@ -46,7 +50,11 @@ class Convention:
         """
         if self.forward:
             # Forward vectors lie on the previous frame's pixels, so they are scattered to where they point.
-            return scatter_forward_motion(previous_motion, previous_depth)
+            return scatter_forward_motion(self._in_pixels(previous_motion), previous_depth)
+        return self._in_pixels(motion)
+
+    def _in_pixels(self, motion: Tensor) -> Tensor:
+        """The vectors (N, 2, H, W) on their own pixels, in pixels, x to the right first, y down."""
         height, width = motion.shape[-2:]
         scale = (1.0, 1.0) if self.unit == "pixels" else (width * UNITS[self.unit], height * UNITS[self.unit])
         factors = [sign * size for sign, size in zip(self.signs, scale, strict=True)]
@@ -54,10 +62,9 @@ class Convention:
         return ours * motion.new_tensor(factors).view(1, 2, 1, 1)
 
 
-CONVENTIONS = (
-    *(
-        Convention(signs, swapped, unit)
-        for unit, swapped, signs in product(UNITS, (False, True), ((1, 1), (1, -1), (-1, 1), (-1, -1)))
-    ),
-    Convention(forward=True),
+CONVENTIONS = tuple(
+    Convention(signs, swapped, unit, forward)
+    for forward, unit, swapped, signs in product(
+        (False, True), UNITS, (False, True), ((1, 1), (1, -1), (-1, 1), (-1, -1))
+    )
 )

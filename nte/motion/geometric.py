@@ -10,7 +10,7 @@ import torch
 from torch import Tensor
 
 from nte.frames.frame import Frame
-from nte.motion.warp import fetch_nearest, inside, nearest_index, pixel_centres
+from nte.motion.warp import fetch_nearest, inside, nearest_index, pixel_centres, refuse_other_shape
 
 DISOCCLUSION_PX = 0.5  # a dual vector that differs by more than this from the traditional one marks a disocclusion
 BEHIND = 1.1  # an occluder's depth is at most this multiple of what it hides; leaves room for motion in depth
@@ -49,7 +49,7 @@ def dual_motion(
     motion (N, 2, H, W): px, current → previous. previous_forward_motion (N, 2, H, W): px, on the pixels of the previous
     frame, pointing to the current one; NaN where unknown. depth and previous_depth (N, 1, H, W), 0 = miss: they sharpen
     the mask at silhouettes, where a position between two pixels of the previous frame may round to the background,
-    which hid nothing.
+    which hid nothing. Raises NteError for images of different sizes.
 
     With y = x + motion(x), the occluder at y moves to z = y + f(y), and the dual vector's position is
     x^O = y + (x − z) = x − f(y). Nothing was hidden where x^O is y. Where x^O lies outside the image the traditional
@@ -64,6 +64,9 @@ def dual_motion(
     >>> vectors.motion[0, 0, 0, 1].item()  # outside the image, -2, there is nothing to fetch
     0.0
     """
+    given = {"previous_forward_motion": previous_forward_motion, "depth": depth, "previous_depth": previous_depth}
+    for name, image in given.items():
+        refuse_other_shape(name, image, "motion", motion)
     traditional = traditional_motion(motion)
     previous = pixel_centres(motion) + traditional.motion
     # Nearest, not bilinear: a motion interpolated across an edge belongs to no surface.

@@ -9,6 +9,8 @@ import torch
 import torch.nn.functional as F
 from torch import Tensor
 
+from nte.errors import NteError
+
 
 class Warped(NamedTuple):
     """A fetched image (N, C, H, W), and where its source lies inside the previous image: (N, 1, H, W), bool."""
@@ -75,3 +77,16 @@ def nearest_index(position: Tensor) -> Tensor:
     x = position[:, 0].floor().clamp(0, width - 1)
     y = position[:, 1].floor().clamp(0, height - 1)
     return (y.long() * width + x.long()).flatten(1).unsqueeze(1)
+
+
+def refuse_other_shape(name: str, image: Tensor | None, like_name: str, like: Tensor) -> None:
+    """Raise NteError if an image (N, ·, H, W), unless it is None, has another batch or size than `like`.
+
+    What is fetched by position has no need to be as large, so PyTorch would not tell. name and like_name: for the
+    error.
+    """
+    if image is not None and (image.shape[0], *image.shape[2:]) != (like.shape[0], *like.shape[2:]):
+        raise NteError(
+            f"{name} has the shape {tuple(image.shape)}, expected the batch and size of {like_name}, "
+            f"{tuple(like.shape)}"
+        )

@@ -4,6 +4,7 @@ Source: Zeng et al., «Neural Temporal Denoising for Indirect Illumination», Eq
 leaves open: the space in which losses are measured, and the normalisation of the masked loss.
 """
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 
@@ -34,9 +35,11 @@ class LossConfig:
     normalise_occlusion: bool = False  # true: by the batch's masked weight instead of all pixels (not in the paper)
 
     def check(self) -> None:
-        """Raise NteError for an unknown space, or if there are no mask weights."""
+        """Raise NteError for an unknown space, and for mask weights that are missing, negative or not finite."""
         if not self.mask_weights:
             raise NteError("loss.mask_weights is empty, expected a weight for this frame's mask at least")
+        if not all(0 <= weight < math.inf for weight in self.mask_weights):
+            raise NteError(f"loss.mask_weights is {self.mask_weights}, expected finite numbers of 0 or more")
         if self.space not in ("linear", "log", "display"):
             raise NteError(f"loss.space is '{self.space}', expected linear, log or display")
 

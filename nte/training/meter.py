@@ -1,9 +1,10 @@
 """The cost of training: frames per second, time spent waiting for data, memory."""
 
-import resource
 import time
 
 import torch
+
+from nte.memory import MB, peak_resident_mb
 
 
 class Meter:
@@ -35,11 +36,9 @@ class Meter:
     def read(self) -> dict[str, float]:
         """Return frames_per_second, seconds_per_step, loader_wait (share of a step) and peak_memory_mb; start anew.
 
-        The peak (2²⁰ bytes) is since the start of the process: allocated CUDA memory if there is CUDA, else resident.
+        The peak (10⁶ bytes) is since the start of the process: allocated CUDA memory if there is CUDA, else resident.
         """
-        peak = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024
-        if torch.cuda.is_available():
-            peak = torch.cuda.max_memory_allocated() / 2**20
+        peak = torch.cuda.max_memory_allocated() / MB if torch.cuda.is_available() else peak_resident_mb()
         values = {
             "frames_per_second": self.frames * self.steps / self.total,
             "seconds_per_step": self.total / self.steps,

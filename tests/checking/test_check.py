@@ -1,3 +1,4 @@
+from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
@@ -7,6 +8,7 @@ from nte.checking import check
 from nte.frames.clip import Clip
 from tests.synthetic import Pixels, disc_clip, disc_frame, write_clip
 
+Change = Callable[[Pixels], Pixels]
 MOVING = {"velocity": (5.0, -2.0), "wall_velocity": (-3.0, 1.5), "size": (64, 96)}
 
 
@@ -47,19 +49,28 @@ def test_another_convention_is_named(tmp_path: Path, change: object, named: str)
     assert named in report.reason
 
 
-def test_forward_vectors_are_told_from_a_wrong_sign(tmp_path: Path) -> None:
+@pytest.mark.parametrize(
+    ("change", "named"),
+    [
+        (lambda motion: motion, []),
+        (lambda motion: motion * np.reshape([1 / 96, -1 / 64], (2, 1, 1)), ["sign of y", "unit (uv"]),
+        (lambda motion: motion[::-1] * np.float32(-1), ["sign (they are negated)", "axis order"]),
+    ],
+)
+def test_forward_vectors_are_told_from_a_wrong_sign(tmp_path: Path, change: Change, named: list[str]) -> None:
     # An accelerating wall: the forward motion of a frame is not minus its backward motion.
-    places = [0.0, 4.0, 9.5, 17.0, 26.5, 38.0]
+    places = [0.0, 2.0, 8.0, 18.0, 32.0, 50.0]
     frames = []
     for i in range(5):
         frame = disc_frame(0, size=(64, 96), radius=0, wall_velocity=(0, 0))
-        shift = disc_frame(1, size=(64, 96), radius=0, wall_velocity=(places[i], 0))
+        shift = disc_frame(1, size=(64, 96), radius=0, wall_velocity=(places[i], -0.4 * places[i]))
         frame["albedo"] = shift["albedo"]
-        frame["motion"][0] = places[i + 1] - places[i]
+        forward = np.full_like(frame["motion"], places[i + 1] - places[i]) * np.reshape([1, -0.4], (2, 1, 1))
+        frame["motion"] = change(forward).astype(np.float32)
         frames.append(frame)
     report = check(Clip(write_clip(tmp_path / "clip", frames)))
     assert report.verdict == "implausible"
-    assert "direction" in report.reason
+    assert all(words in report.reason for words in ["direction (they are stored on the previous frame's", *named])
 
 
 def test_noise_in_the_vectors_is_implausible(tmp_path: Path) -> None:

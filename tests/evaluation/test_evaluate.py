@@ -15,7 +15,7 @@ from nte.evaluation.evaluate import clip_labels, evaluate
 from nte.evaluation.metrics import score
 from nte.evaluation.results import Evaluation, means_of
 from nte.evaluation.score_clip import mean
-from nte.frames.clip import find_clips
+from nte.frames.clip import find_clips, frame_path, write_clip_info, write_frame
 from nte.frames.reference import BadReferenceWarning
 from nte.frames.show import display
 from tests.evaluation.conftest import noisy_frames
@@ -45,6 +45,23 @@ def clean_frame(index: int, **options: tuple[float, float]) -> dict[str, Pixels]
 
 def rows_of(evaluation: Evaluation, **wanted: object) -> list[dict]:
     return [r for r in evaluation.metrics["rows"] if all(r[key] == value for key, value in wanted.items())]
+
+
+def test_a_clip_whose_exposure_nobody_knows_is_refused_before_any_work(tmp_path: Path) -> None:
+    """As of light alone, without the colour that an exposure could be measured of."""
+    for index in range(2):
+        light = np.full((3, 16, 16), 0.5, np.float32)
+        write_frame(frame_path(tmp_path / "b", index), {"indirect": light, "reference_indirect": light})
+    size = {"width": 16, "height": 16, "frames": 2}
+    write_clip_info(tmp_path / "b", size)
+    noisy = {"noisy": Scaled(1.0, "indirect")}
+    with pytest.raises(
+        NteError, match=r"b: no channel 'color' to measure the exposure of, .*'exposure' in its clip\.json$"
+    ):
+        evaluate([tmp_path / "b"], noisy, tmp_path / "out")
+    assert not (tmp_path / "out").exists()
+    write_clip_info(tmp_path / "b", size | {"exposure": 1.0})
+    assert rows_of(evaluate([tmp_path / "b"], noisy, tmp_path / "out"), target="indirect")
 
 
 def test_metrics_json_has_the_promised_form(clip: Path, tmp_path: Path) -> None:

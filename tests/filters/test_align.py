@@ -11,7 +11,7 @@ import torch
 from nte.cli import main
 from nte.denoiser import Denoiser, Result, Session
 from nte.errors import NteError
-from nte.filters.align import align
+from nte.filters.align import SearchOptions, align
 from nte.filters.align_accumulate import AlignAccumulate, AlignAccumulateOptions
 from nte.filters.align_taa import AlignTaa, AlignTaaOptions
 from nte.filters.estimated import Chooser, EstimatedMotion, EstimateOptions, Estimator, matched_grey
@@ -356,6 +356,13 @@ def test_names_and_options_of_the_registry() -> None:
     ):
         with pytest.raises(NteError, match=message):
             load_denoiser(spec)
+    for options, message in (
+        (lambda: AlignTaaOptions(radii=(4, -1)), r"^align_taa: radii are \(4, -1\), expected "),
+        (lambda: AlignAccumulateOptions(radii=(-1,)), r"^align_accumulate: radii are \(-1,\), expected "),
+        (lambda: SearchOptions(alpha=2), "^SearchOptions: alpha is 2, expected a weight"),
+    ):
+        with pytest.raises(NteError, match=message):
+            options()
     with pytest.raises(NteError, match="no extra 'flow'"):
         AlignTaa().step(moving(1)[0], None, ("flow",))
 

@@ -68,6 +68,17 @@ def test_the_image_is_the_sum_of_its_light(options: dict[str, Any]) -> None:
         assert found["visibility"].max() <= 1 + 1e-6
 
 
+def test_a_frame_without_emission_has_none() -> None:
+    """As of denoisers that are composed of one for each component."""
+    dark = moving(2)
+    assert not dark[0]["emission"].any()
+    without = [replace(f, channels={k: v for k, v in f.channels.items() if k != "emission"}) for f in dark]
+    for there, absent in zip(run(dark), run(without), strict=True):
+        np.testing.assert_array_equal(absent["image"], there["image"])
+    composed = load_denoiser("svgf:target=components")
+    assert all("emission" in denoiser.optional for denoiser in (Trmv(), composed))
+
+
 def errors(frames: list[Frame], **options: Any) -> dict[str, list[float]]:
     """RMSE over time of what the plane's noise is about: half shadowed, light of mean 1."""
     truths = {"visibility": 0.5, "glossy": 1.0, "indirect": frames[0]["albedo"]}

@@ -83,21 +83,25 @@ def test_a_wrong_map_is_told_what_would_fit(
     assert len(Clip(tmp_path / "clip")) == 4  # kept
 
 
-def accelerating(folder: Path, channel: str) -> tuple[Path, Path]:
-    """A wall that speeds up, with vectors on each frame's pixels that point to the next one."""
+def accelerating(folder: Path, channel: str, unit: float = 1.0) -> tuple[Path, Path]:
+    """A wall that speeds up, with vectors on each frame's pixels that point to the next one; unit: of x, in px."""
     places = [0.0, 4.0, 9.5, 17.0, 26.5, 38.0]
     written = []
     for i in range(5):
         albedo = disc_frame(1, size=(64, 96), radius=0, wall_velocity=(places[i], 0))["albedo"]
-        step = np.full((64, 96), places[i + 1] - places[i], np.float32)
+        step = np.full((64, 96), (places[i + 1] - places[i]) / unit, np.float32)
         written.append({"R": albedo[0], "G": albedo[1], "B": albedo[2], "v.x": step, "v.y": 0 * step})
     about = {"channels": {"color": ["R", "G", "B"], "albedo": ["R", "G", "B"], channel: "v"}}
     return write_layers(folder / "wall", written), write_map(folder / "map.yaml", about)
 
 
-def test_forward_vectors_are_told_apart(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    assert run(*accelerating(tmp_path, "motion"), tmp_path / "clip") == 2
-    assert "list the layers under 'channels.forward_motion'" in capsys.readouterr().out
+@pytest.mark.parametrize(("unit", "more"), [(1, ""), (96, ", forward_motion.unit: uv")])
+def test_forward_vectors_are_told_apart(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], unit: float, more: str
+) -> None:
+    assert run(*accelerating(tmp_path, "motion", unit), tmp_path / "clip") == 2
+    change = f"the layers under 'channels.forward_motion' instead of 'channels.motion'{more}"
+    assert f"the vectors would fit with {change}: change it in" in capsys.readouterr().out
 
 
 def test_motion_is_made_from_forward_vectors(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:

@@ -9,6 +9,7 @@ import torch
 
 from nte.cli import main
 from nte.frames.clip import Clip
+from nte.importing.noisebase_files import NoisebaseSequence
 from nte.motion.camera import points_from_depth, project
 from nte.motion.warp import pixel_centres
 from tests.importing.producers import SKY_ROWS, noisebase_arrays, scene
@@ -58,6 +59,27 @@ def test_samples_become_pixels(tmp_path: Path, capsys: pytest.CaptureFixture[str
         np.testing.assert_allclose(found["color"][0], frame["color"], rtol=0.02, atol=0.02 * frame["color"].max())
         expected = frame["motion"][:, SKY_ROWS:] if index else 0
         np.testing.assert_allclose(found["motion"][0, :, SKY_ROWS:], expected, atol=2e-3)
+
+
+def test_one_file_is_open_at_a_time(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    opened: list[Path] = []
+
+    class Watched(zarr.storage.ZipStore):  # type: ignore[misc, name-defined]
+        def __init__(self, path: Path, **how: Any) -> None:
+            super().__init__(path, **how)
+            opened.append(path)
+
+        def close(self) -> None:
+            super().close()
+            opened.remove(self.path)
+
+    for i, arrays in enumerate(noisebase_arrays(scene())):
+        write_zip(tmp_path / f"frame{i:04d}.zip", arrays)
+    monkeypatch.setattr(zarr.storage, "ZipStore", Watched)
+    sequence = NoisebaseSequence(tmp_path)
+    for frame in (0, 1, 2, 1):
+        assert sequence.read(frame, "color").shape[0] == 4
+        assert opened == [sequence.path(frame)]
 
 
 def test_cameras_agree_with_positions_and_the_sky_with_the_cameras(tmp_path: Path) -> None:

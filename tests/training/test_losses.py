@@ -199,3 +199,7 @@ def test_a_configuration_that_makes_no_loss() -> None:
         LossConfig(space="srgb").check()
     with pytest.raises(NteError, match=r"loss.mask_weights is empty"):
         LossConfig(mask_weights=[]).check()
+    for weight in (float("nan"), -0.5, float("inf")):
+        with pytest.raises(NteError, match=rf"loss.mask_weights is \[1.0, {weight}\], expected finite numbers of 0 or"):
+            LossConfig(mask_weights=[1.0, weight]).check()
+    LossConfig(mask_weights=[1.0, 0.0]).check()

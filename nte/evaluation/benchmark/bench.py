@@ -5,9 +5,7 @@ are fair. As each has its own process, its peak memory is not mixed with that of
 """
 
 import multiprocessing
-import resource
 import statistics
-import sys
 import time
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -25,6 +23,7 @@ from nte.frames.clip import Clip
 from nte.frames.frame import Array
 from nte.frames.reference import usable_pixels
 from nte.frames.scalars import sequence_scalars
+from nte.memory import peak_resident_mb
 from nte.progress import Progress
 from nte.registry import load_denoiser
 
@@ -161,7 +160,7 @@ def _serve(pipe: Connection, task: Task) -> None:
         first = source(0)
         check_needs(denoiser, first.channels, task.clip or "synthetic frames")
         exposure = sequence_scalars(first)[0] if scored and "color" in first else np.ones(1, np.float32)
-        before = _peak_mb()
+        before = peak_resident_mb()
         del first  # later frames take its place: a frame's memory is not the denoiser's
         pipe.send(None)
         state: State | None = None
@@ -172,19 +171,13 @@ def _serve(pipe: Connection, task: Task) -> None:
             milliseconds = 1e3 * (time.perf_counter() - start)
             score = _psnr(result.image, frame[reference], exposure) if scored and reference in frame else None
             pipe.send((milliseconds, score))
-        peak = _peak_mb() - before
+        peak = peak_resident_mb() - before
         pipe.send((peak, named_steps(denoiser, source) if index == "steps" else {}))
         pipe.recv()  # until the other side closes
     except NteError as error:
         pipe.send(error)
     except EOFError:
         pass
-
-
-def _peak_mb() -> float:
-    """Peak resident memory of this process so far, in MB (10⁶ bytes)."""
-    peak = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
-    return peak / 1e6 if sys.platform == "darwin" else peak * 1024 / 1e6
 
 
 def _psnr(image: Array, reference: Array, exposure: Array) -> float:

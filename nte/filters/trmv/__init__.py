@@ -34,7 +34,7 @@ class TrmvState(NamedTuple):
 
 
 class Trmv(Filter[TrmvOptions]):
-    """The whole system of the paper.
+    """The whole system of the paper. A frame without `emission` has none.
 
     Extras: `visibility`, `glossy` and `indirect`; for each, `<name>_vector` (N, 2, H, W), px, current → previous, NaN
     where there is no history, and `<name>_alpha` (N, 1, H, W), the weight of the current frame; and `disoccluded`, 0 or
@@ -63,10 +63,7 @@ class Trmv(Filter[TrmvOptions]):
         inputs = prepare(frame, state.gbuffer if state else None)
         effects = self._run(inputs, state.histories if state else {})
         with record_function("trmv/compose"):
-            image = effects[self.target].image if self.target != "color" else (
-                frame["emission"] + frame["direct"] * effects["visibility"].image
-                + effects["glossy"].image + effects["indirect"].image
-            )  # fmt: skip
+            image = effects[self.target].image if self.target != "color" else _sum(frame, effects)
         result = Result(image, self._shown(extras, effects, inputs))
         return result, TrmvState(inputs.gbuffer, {name: effect.history for name, effect in effects.items()})
 
@@ -107,7 +104,7 @@ class Trmv(Filter[TrmvOptions]):
             "indirect": ("albedo", *(cones if self.cones else ("indirect",))),
         }
         optional = {"visibility": ("geometric_normal",) if reliable else (), "indirect": ("diffuse_albedo",)}
-        required, used = [*_GEOMETRY, *(("emission",) if self.components else ())], ["previous_forward_motion"]
+        required, used = [*_GEOMETRY], [*(("emission",) if self.components else ()), "previous_forward_motion"]
         for name in self.effects:
             required += needs[name]
             used += optional.get(name, ())
@@ -115,3 +112,10 @@ class Trmv(Filter[TrmvOptions]):
                 required.append("gradient")
                 used.append(f"gradient_{name}")
         return tuple(dict.fromkeys(required)), tuple(used)
+
+
+def _sum(frame: Frame, effects: dict[str, Effect]) -> Tensor:
+    """The colour: the light without noise, and the effects."""
+    light: Tensor = frame["direct"] * effects["visibility"].image
+    light = frame["emission"] + light if "emission" in frame else light
+    return light + effects["glossy"].image + effects["indirect"].image

@@ -13,9 +13,8 @@ import multiprocessing
 import os
 import re
 import sys
-import threading
 from collections.abc import Iterable, Iterator
-from contextlib import contextmanager, nullcontext
+from contextlib import contextmanager
 from functools import cache
 from pathlib import Path
 
@@ -41,15 +40,14 @@ def undisturbed() -> Iterator[None]:
     process, and an exception in a recording crashes it or is reported as an error of Dr.Jit's own.
     """
     interrupted, was_on = InterruptFlag(), gc.isenabled()
-    is_main = threading.current_thread() is threading.main_thread()  # other threads receive no signals
     gc.disable()
     try:
-        with interrupted if is_main else nullcontext():
+        with interrupted:
             yield
     finally:
         if was_on:
             gc.enable()
-    if is_main and interrupted():
+    if interrupted():
         raise KeyboardInterrupt
 
 
