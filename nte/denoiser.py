@@ -91,7 +91,7 @@ def sanitised(step: _Step) -> _Step:
     def whole(
         self: Denoiser, frame: Frame, state: Sanitised | None, extras: tuple[str, ...] = ()
     ) -> tuple[Result, Sanitised]:
-        check_extras(self, extras)
+        require_extras(self, extras)
         given = frame if self.device is None else frame.torch(self.device)
         before = Sanitised(None, None) if state is None else state
         cap = light_cap(given, before.cap)
@@ -136,7 +136,7 @@ class Noisy(Filter[Options]):
         return Result(frame["color"]), ()
 
 
-def check_needs(denoiser: Denoiser, available: Iterable[str], where: object) -> None:
+def require_channels(denoiser: Denoiser, available: Iterable[str], where: object) -> None:
     """Raise NteError if a channel that the denoiser needs is not available; the error names all that are missing.
 
     where: the frame or file, which begins the message.
@@ -150,7 +150,7 @@ def check_needs(denoiser: Denoiser, available: Iterable[str], where: object) -> 
         raise NteError(f"{where}: {name} needs {', '.join(missing)}, which is missing; there is {', '.join(have)}{way}")
 
 
-def check_extras(denoiser: Denoiser, asked: Iterable[str], where: object = "") -> None:
+def require_extras(denoiser: Denoiser, asked: Iterable[str], where: object = "") -> None:
     """Raise NteError for the first extra that the denoiser does not have; the error lists those that it has.
 
     where: the frame or file, which begins the message; "" for none.
@@ -161,7 +161,7 @@ def check_extras(denoiser: Denoiser, asked: Iterable[str], where: object = "") -
         raise NteError(f"{name}{type(denoiser).__name__} has no extra '{unknown[0]}'; it has {has}")
 
 
-def check_size(frame: Frame, history: Array) -> None:
+def require_size(frame: Frame, history: Array) -> None:
     """Raise NteError if the frame's batch or size differs from that of the sequence's history (N, C, H, W)."""
     refuse_other_size(frame, (history.shape[0], *history.shape[2:]))
 
@@ -230,8 +230,8 @@ class Session:
         counted = self._counted + 1 if repeated else frame.index
         self._given, self._counted = frame.index, counted
         frame = replace(frame, index=counted)
-        check_needs(self.denoiser, frame.channels, f"frame {frame.index}")
-        check_extras(self.denoiser, extras)
+        require_channels(self.denoiser, frame.channels, f"frame {frame.index}")
+        require_extras(self.denoiser, extras)
         self._bad.look(frame)
         result, self._state = self.denoiser.step(frame, self._state, extras)
         return result

@@ -54,7 +54,7 @@ def load_denoiser(spec: str | Path, device: str = "cpu") -> Denoiser:
         return OnnxDenoiser(path, [onnx_provider(device)])
     if isfile(path / "config.yaml") or path.suffix == ".safetensors":
         load = _import("nte.training.run", "load_run", "train", spec)
-        check_device(device)
+        require_device(device)
         loaded: Denoiser = load(path, device=device)
         return loaded
     name, _, text = spec.partition(":")
@@ -85,7 +85,7 @@ def _make(kind: type[Filter[Options]], given: Mapping[str, str], spec: str, devi
     """The filter with the options as they are typed."""
     options = kind.options_type.parse(given, spec)
     if kind.uses_device:
-        check_device(device)
+        require_device(device)
     return kind(options, device=device)
 
 
@@ -116,7 +116,7 @@ def onnx_provider(device: str) -> tuple[str, dict[str, str]]:
     return f"{kind.upper()}ExecutionProvider", {"device_id": number} if number and kind != "cpu" else {}
 
 
-def check_device(device: str) -> None:
+def require_device(device: str) -> None:
     """Raise NteError if PyTorch has no such device."""
     import torch
 

@@ -9,7 +9,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from nte.denoiser import Denoiser, Session, check_needs
+from nte.denoiser import Denoiser, Session, require_channels
 from nte.errors import NteError, needs_extra
 from nte.files import only_writer, refuse_to_replace, remove
 from nte.frames.channels import CHANNELS
@@ -53,7 +53,7 @@ def denoise_files(
     written = [out / path.name for path in source.files]
     _refuse_to_overwrite(out, written, source.files, png, force)
     if source.clip:
-        check_needs(denoiser, source.clip.channels, source.clip.folder)
+        require_channels(denoiser, source.clip.channels, source.clip.folder)
 
     session = Session(denoiser)
     scale = None if exposure is None else np.array([exposure], np.float32)

@@ -10,7 +10,7 @@ import torch
 
 import nte
 from nte import Denoiser, Frame, NteError, Result, Session, denoise
-from nte.denoiser import Noisy, check_needs
+from nte.denoiser import Noisy, require_channels
 from nte.frames.bad import BadPixelWarning
 from tests.synthetic import random_channels
 
@@ -183,4 +183,4 @@ def test_a_missing_channel_comes_with_the_recipe_that_renders_it(needs: tuple[st
     picky = Noisy()
     picky.needs = needs
     with pytest.raises(NteError, match=said):
-        check_needs(picky, ["color"], "clip")
+        require_channels(picky, ["color"], "clip")

@@ -23,9 +23,9 @@ def add(commands: Commands) -> None:
 
 def _estimate(options: argparse.Namespace) -> None:
     from nte.estimation import estimate_clip
-    from nte.registry import check_device
+    from nte.registry import require_device
 
-    check_device(options.device)
+    require_device(options.device)
     written = estimate_clip(
         options.clip, options.out, options.noise, options.guides, options.known, options.device, options.force
     )

@@ -5,7 +5,7 @@ import os
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from pathlib import Path
 
-from nte.denoiser import Denoiser, check_needs
+from nte.denoiser import Denoiser, require_channels
 from nte.errors import NteError
 from nte.evaluation.metric_table import Row
 from nte.evaluation.report.page import write_report
@@ -130,7 +130,7 @@ def _require_scorable(label: str, clip: Clip, denoisers: Mapping[str, Denoiser],
             "set 'exposure' in its clip.json"
         )
     for spec, denoiser in denoisers.items():
-        check_needs(denoiser, clip.channels, f"{label}: {spec}")
+        require_channels(denoiser, clip.channels, f"{label}: {spec}")
         name = reference_of(denoiser.target)
         if name not in clip.channels:
             have = ", ".join(clip.channels)

@@ -10,7 +10,7 @@ import torch
 from torch import Tensor
 
 from nte.color import demodulate, remodulate
-from nte.denoiser import Filter, Result, State, check_size, sanitised
+from nte.denoiser import Filter, Result, State, require_size, sanitised
 from nte.filters.align import SearchOptions, align
 from nte.filters.blocks import fetch_history, keep_where_bad, remembered, restarts
 from nte.filters.estimated import Chooser, matched_grey
@@ -78,7 +78,7 @@ class AlignAccumulate(Filter[AlignAccumulateOptions]):
         kept = remembered(current, length < 1, frame, self.target)
         motion, mask = current.new_zeros(frame.batch, 2, *frame.size), torch.ones_like(grey)
         if state is not None:
-            check_size(frame, state.merged)
+            require_size(frame, state.merged)
             starts = restarts(frame)
             grey = torch.where((frame[mask_of(self.target)] > 0) | starts, grey, state.grey)
             motion, valid, error = align(grey, state.grey, frame, how.motion, self.choose)

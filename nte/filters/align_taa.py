@@ -9,7 +9,7 @@ from typing import Literal, NamedTuple
 import torch
 from torch import Tensor
 
-from nte.denoiser import Filter, Result, State, check_size, sanitised
+from nte.denoiser import Filter, Result, State, require_size, sanitised
 from nte.filters.align import Aligned, SearchOptions, align
 from nte.filters.blocks import clamp_history, keep_where_bad, neighbourhood_moments, remembered, restarts
 from nte.filters.estimated import matched_grey
@@ -79,7 +79,7 @@ class AlignTaa(Filter[AlignTaaOptions]):
         mask = torch.zeros_like(current[:, :1])
         aligned = Aligned(current.new_zeros(frame.batch, 2, *frame.size), mask > 0, mask)
         if state is not None:
-            check_size(frame, state.output)
+            require_size(frame, state.output)
             starts = restarts(frame)
             if not how.guides:
                 searched = torch.where((frame[mask_of("color")] > 0) | starts, searched, state.searched)

@@ -12,7 +12,7 @@ import torch
 from torch import Tensor
 
 from nte.color import display, luminance
-from nte.denoiser import Denoiser, Filter, Result, State, check_size, sanitised
+from nte.denoiser import Denoiser, Filter, Result, State, require_size, sanitised
 from nte.filters.blocks import restarts
 from nte.frames.frame import Array, Frame
 from nte.frames.scalars import sequence_exposure
@@ -104,7 +104,7 @@ class Estimator:
         tensors = frame.torch(self.device)
         color = tensors["color"]
         if state is not None:
-            check_size(frame, state.image)
+            require_size(frame, state.image)
         carried = None if state is None else state.exposure
         exposure = torch.from_numpy(sequence_exposure(frame, carried))
         image = matched_grey(color, exposure.to(color))

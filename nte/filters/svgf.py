@@ -15,7 +15,7 @@ from torch import Tensor
 from torch.profiler import record_function
 
 from nte.color import demodulate, remodulate
-from nte.denoiser import Filter, Result, check_size, sanitised
+from nte.denoiser import Filter, Result, require_size, sanitised
 from nte.errors import NteError
 from nte.filters.atrous import Edge, atrous_step
 from nte.filters.blocks import restarts
@@ -139,7 +139,7 @@ class Svgf(Filter[SvgfOptions]):
             channels = frame[self.target].shape[1] + 3
             depth = geometry.depth
             return Fetched(depth.new_zeros(len(depth), channels, *depth.shape[2:]), torch.zeros_like(depth).bool())
-        check_size(frame, state.history)
+        require_size(frame, state.history)
         motion = traditional_motion(frame["motion"])
         allowed = motion.valid & ~restarts(frame)
         expected = None

@@ -9,7 +9,7 @@ from typing import Literal
 
 import torch
 
-from nte.denoiser import Filter, Result, State, check_size, sanitised
+from nte.denoiser import Filter, Result, State, require_size, sanitised
 from nte.filters.blocks import (
     accumulate,
     clamp_history,
@@ -55,7 +55,7 @@ class Taa(Filter[TaaOptions]):
         current = frame[self.target]
         output, valid = current, torch.zeros_like(current[:, :1], dtype=torch.bool)
         if state is not None:
-            check_size(frame, state)
+            require_size(frame, state)
             history, valid = fetch_history(state, traditional_motion(frame["motion"]), frame.reset)
             limited = history
             if self.options.clamp != "none":

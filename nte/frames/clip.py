@@ -240,11 +240,11 @@ def _read_info(folder: Path) -> dict[str, Any]:
     if type(shutter) not in (int, float) or not 0 < shutter <= 1:
         raise NteError(f"{path}: 'shutter' is {shutter!r}, expected the open share of the frame, in (0, 1]")
     if "cameras" in info:
-        _check_cameras(path, info["cameras"], info["frames"])
+        _require_cameras(path, info["cameras"], info["frames"])
     return info
 
 
-def _check_cameras(path: Path, cameras: object, frames: int) -> None:
+def _require_cameras(path: Path, cameras: object, frames: int) -> None:
     if not isinstance(cameras, list) or len(cameras) != frames:
         found = len(cameras) if isinstance(cameras, list) else repr(cameras)
         raise NteError(f"{path}: 'cameras' has {found} for {frames} frames")

@@ -85,7 +85,7 @@ def load_exr(path: Path, size: tuple[int, int] | None = None) -> tuple[OpenEXR.F
     try:
         with quiet(), OpenEXR.File(str(path), separate_channels=True, header_only=True) as file:
             headers = [dict(part.header) for part in file.parts]  # closing the file empties them
-        _check_headers(path, headers, size)
+        _require_headers(path, headers, size)
         with quiet():
             file = OpenEXR.File(str(path), separate_channels=True)
             parts = [_read_part(path, part, len(file.parts) > 1) for part in file.parts]
@@ -128,7 +128,7 @@ def write_exr(path: Path, channels: Mapping[str, npt.NDArray[np.generic]]) -> No
     write_whole(path, write)
 
 
-def _check_headers(path: Path, headers: Sequence[Header], size: tuple[int, int] | None) -> None:
+def _require_headers(path: Path, headers: Sequence[Header], size: tuple[int, int] | None) -> None:
     """Raise NteError, before pixels are read, for a file that cannot hold the promised pixels or has another size."""
     if why := unbelievable(headers, path.stat().st_size):
         raise NteError(f"{path}: the OpenEXR file is damaged: {why}: render or copy it again")

@@ -210,11 +210,11 @@ def _source(path: Path, name: str, given: Any, how: ChannelMap) -> Source:
         if key and key.startswith("layer"):
             raise NteError(f"{where}: {given!r}: expected a layer, or {_names(row)}") from error
         raise NteError(f"{where.removesuffix(chr(39))}{f'.{key}' if key else ''}': {problem_with(error)}") from error
-    _check_source(where, row, given, source)
+    _require_source(where, row, given, source)
     return source
 
 
-def _check_source(where: str, row: Channel, given: Any, source: Source) -> None:
+def _require_source(where: str, row: Channel, given: Any, source: Source) -> None:
     count = len(row.components)
     # OmegaConf accepts containers in a list of strings or numbers.
     nested = [key for key in _LISTS if any(isinstance(value, dict | list) for value in getattr(source, key))]

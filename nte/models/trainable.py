@@ -14,7 +14,7 @@ from typing import ClassVar
 import torch
 from torch import Tensor, nn
 
-from nte.denoiser import Denoiser, Result, check_extras
+from nte.denoiser import Denoiser, Result, require_extras
 from nte.errors import NteError
 from nte.frames.channels import CHANNELS
 from nte.frames.frame import Frame
@@ -74,7 +74,7 @@ class TrainableDenoiser(nn.Module, Denoiser):
         extras: names out of `self.extras`. Raises NteError for other extras, for a missing channel, and for a batch or
         size that changes within a sequence.
         """
-        check_extras(self, extras)
+        require_extras(self, extras)
         device = next(self.parameters()).device
         given = frame.torch(device)
         channels: dict[str, Tensor | None] = {name: given[name] for name in self.needs}

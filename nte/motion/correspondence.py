@@ -59,7 +59,7 @@ def find_correspondence(
 
     `find_motion` describes the arguments, and `patch_error` the error. Raises NteError for images that differ in size.
     """
-    _check_sizes(current, previous)
+    _require_sizes(current, previous)
     search = search or searches_for(current)
     motion = find_motion(current, previous, search, known)
     return Correspondence(motion, patch_error(current, previous, motion, search))
@@ -86,7 +86,7 @@ def find_motion(
     >>> nte.find_motion(current, previous)[0, :, 32, 32].round().tolist()
     [-3.0, -2.0]
     """
-    _check_sizes(current, previous)
+    _require_sizes(current, previous)
     searches = _for_each(search or searches_for(current), current)
     for one in dict.fromkeys(one for one, _ in searches):
         _tell_of_missing_levels(current, _unit(current, one), len(one.radii))
@@ -141,7 +141,7 @@ def find_both_ways(
     have no correspondence and usually fail this test. One search, chosen for `current` if not given, serves both
     directions.
     """
-    _check_sizes(current, previous)
+    _require_sizes(current, previous)
     search = search or searches_for(current)
     backward = find_correspondence(current, previous, search)
     forward = find_correspondence(previous, current, search)
@@ -199,7 +199,7 @@ def _unit(image: Tensor, search: Search) -> int:
     return 2 if search.half and min(height, width) >= 2 * SMALLEST else 1
 
 
-def _check_sizes(current: Tensor, previous: Tensor) -> None:
+def _require_sizes(current: Tensor, previous: Tensor) -> None:
     """Raise NteError unless both are images (N, C, H, W) of the same size."""
     if current.shape != previous.shape or current.ndim != 4:
         raise NteError(

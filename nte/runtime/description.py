@@ -26,7 +26,7 @@ def seal(path: Path) -> None:
     path.write_bytes(_with(content, sha256(content).hexdigest()))
 
 
-def check_seal(path: Path) -> None:
+def require_seal(path: Path) -> None:
     """Raise NteError for a model whose checksum does not fit; a model without a checksum passes."""
     content = path.read_bytes()
     found = _SEAL.search(content)

@@ -7,12 +7,12 @@ import numpy as np
 import numpy.typing as npt
 import onnxruntime
 
-from nte.denoiser import Denoiser, Result, check_extras
+from nte.denoiser import Denoiser, Result, require_extras
 from nte.errors import NteError
 from nte.frames.channels import width_of
 from nte.frames.frame import Frame
 from nte.recurrence import FORWARD, NetworkState, begin, hand_on
-from nte.runtime.description import METADATA_KEY, check_seal, read_description, recurrent_of
+from nte.runtime.description import METADATA_KEY, read_description, recurrent_of, require_seal
 
 Pixels = npt.NDArray[np.float32]
 Provider = str | tuple[str, dict[str, str]]
@@ -30,7 +30,7 @@ class OnnxDenoiser(Denoiser):
         self.path = Path(path)
         if not self.path.is_file():
             raise NteError(f"{path}: does not exist; expected an .onnx file made by nte export")
-        check_seal(self.path)
+        require_seal(self.path)
         options = onnxruntime.SessionOptions()
         options.intra_op_num_threads = threads
         options.log_severity_level = 3  # errors only: the runtime warns about its own graph rewriting
@@ -65,7 +65,7 @@ class OnnxDenoiser(Denoiser):
         that is missing or has the wrong type or shape, for unknown extras, and for a size that changes within a
         sequence.
         """
-        check_extras(self, extras, self.path)
+        require_extras(self, extras, self.path)
         arrays = frame.numpy()
         feed = {name: self._checked(arrays, name) for name in self.needs}
         if FORWARD in self._inputs:

@@ -45,9 +45,9 @@ class TrainingSteps(Dataset[Batch | NteError]):
         """Check the clips. cache: folder for decoded clips if memory cannot hold them and config names no folder."""
         self.clips, self.config, self.seed, self.rank, self.world = clips, config, seed, rank, world
         for clip in clips:
-            _check_clip(clip, channels, config)
+            _require_clip(clip, channels, config)
         if config.crop == 0:
-            _check_whole_frames(clips, config)
+            _require_whole_frames(clips, config)
         self.scatter = config.scatter if FORWARD in channels else 0.0
         self.store = ClipStore(clips, channels, scattered=self.scatter > 0)
         fits = self.store.gigabytes() * max(1, config.workers) <= config.cache_gb  # every worker has its own
@@ -131,7 +131,7 @@ def _crop(size: int, crop: int, rng: np.random.Generator) -> slice:
     return slice(start, start + (crop or size))
 
 
-def _check_clip(clip: Clip, channels: Sequence[str], config: DataConfig) -> None:
+def _require_clip(clip: Clip, channels: Sequence[str], config: DataConfig) -> None:
     missing = [name for name in channels if name not in clip.channels and name != FORWARD]  # FORWARD can be scattered
     if missing:
         have = ", ".join(clip.channels)
@@ -143,7 +143,7 @@ def _check_clip(clip: Clip, channels: Sequence[str], config: DataConfig) -> None
         raise NteError(f"{clip.folder}: {clip.width}x{clip.height} is smaller than data.crop {config.crop}")
 
 
-def _check_whole_frames(clips: Sequence[Clip], config: DataConfig) -> None:
+def _require_whole_frames(clips: Sequence[Clip], config: DataConfig) -> None:
     """Raise NteError for whole frames that cannot share a batch: of other sizes, or not square but transposed."""
     if config.batch == 1:
         return

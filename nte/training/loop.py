@@ -107,12 +107,12 @@ def _run(
             meter.loaded()
             optimiser.param_groups[0]["lr"] = learning_rate(config.optimiser, step, last)
             loss, parts = model(batch, occlusion[step], config.data.warmup)
-            _check_finite(loss, "loss", step, data)
+            _require_finite(loss, "loss", step, data)
             fabric.backward(loss)
             norm = fabric.clip_gradients(
                 model, optimiser, max_norm=config.optimiser.clip_norm or math.inf, error_if_nonfinite=False
             )
-            _check_finite(norm, "gradient", step, data)  # before it reaches the weights and a checkpoint
+            _require_finite(norm, "gradient", step, data)  # before it reaches the weights and a checkpoint
             optimiser.step()
             optimiser.zero_grad()
             average.update_parameters(denoiser)
@@ -168,7 +168,7 @@ def _validation_set(config: TrainConfig, clips: Sequence[Clip], channels: Sequen
     return ValidationSet(spread(own or clips, config.validate_clips), frames)
 
 
-def _check_finite(value: Tensor | None, name: str, step: int, data: TrainingSteps) -> None:
+def _require_finite(value: Tensor | None, name: str, step: int, data: TrainingSteps) -> None:
     """Raise NteError for a loss or a gradient that is not finite; bad reference pixels are never the cause."""
     if value is None or not value.isfinite():
         found = "is not finite" if value is None or name == "gradient" else f"is {value.item()}"

@@ -38,7 +38,7 @@ class Plan:
         text = json.dumps(asdict(self)) + "\n"
         write_whole(folder / PLAN, lambda path: path.write_text(text, encoding="utf-8"))
 
-    def check_same(self, folder: Path) -> None:
+    def require_same(self, folder: Path) -> None:
         """Raise NteError, naming the first difference, unless the run in `folder` has the same plan."""
         saved = _read(folder / PLAN)
         if saved.processes != self.processes:

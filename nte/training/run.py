@@ -58,8 +58,8 @@ class RunFolder:
         """
         run = cls(Path(config.runs) / config.name)
         if config.resume and (run.folder / "config.yaml").is_file():
-            run._check_same(config)
-            plan.check_same(run.folder)
+            run._require_same(config)
+            plan.require_same(run.folder)
             for path in run.folder.glob(_LEFTOVERS):
                 path.unlink()
             return run
@@ -108,7 +108,7 @@ class RunFolder:
             kept = "".join(line for line in lines if _step_of(line) <= step)
             write_whole(log, lambda path: path.write_text(kept, encoding="utf-8"))
 
-    def _check_same(self, config: TrainConfig) -> None:
+    def _require_same(self, config: TrainConfig) -> None:
         """Raise NteError for the first key whose value differs and that changes what is learned."""
         saved = _choices(read_train_config(self.folder / "config.yaml"))
         for key, now in _choices(config).items():

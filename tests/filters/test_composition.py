@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from nte.denoiser import Session, check_needs
+from nte.denoiser import Session, require_channels
 from nte.errors import NteError
 from nte.filters.composition import Composition
 from nte.filters.taa import Taa
@@ -60,7 +60,7 @@ def test_noise_of_every_component_is_filtered() -> None:
 def test_missing_components_and_wrong_parts_are_named() -> None:
     denoiser = load_denoiser("svgf:target=components")
     with pytest.raises(NteError, match="Composition needs direct, visibility, glossy, indirect, which is missing"):
-        check_needs(denoiser, still_channels(), "clip")
+        require_channels(denoiser, still_channels(), "clip")
     with pytest.raises(NteError, match="composition: expected a denoiser for each of visibility, glossy, indirect"):
         Composition({"visibility": Taa()})
     frames, _ = component_frames(1)

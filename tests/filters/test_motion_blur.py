@@ -6,7 +6,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from nte.denoiser import Session, check_needs
+from nte.denoiser import Session, require_channels
 from nte.errors import NteError
 from nte.filters.motion_blur import MotionBlur
 from nte.filters.motion_blur.options import MotionBlurOptions
@@ -204,7 +204,7 @@ def test_times_outside_the_shutter_are_refused():
 
 def test_missing_channels_name_the_recipe_that_has_them():
     with pytest.raises(NteError, match=r"needs time, shutter_motion, shutter_depth.*groups that set shutter"):
-        check_needs(MotionBlur(), ("color",), "clip")
+        require_channels(MotionBlur(), ("color",), "clip")
 
 
 @pytest.mark.parametrize(

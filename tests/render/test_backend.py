@@ -72,5 +72,5 @@ def test_old_and_unknown_libraries_are_passed_over(tmp_path: Path):
 
 def test_an_old_llvm_that_is_already_loaded_is_refused():
     with pytest.raises(NteError, match=r"LLVM 15, which crashes.*already loaded"):
-        backend._check_loaded((15, 0, 6), Path("/x/libLLVM.so.23.1"))
-    backend._check_loaded((19, 1, 0), Path("/x/libLLVM.so.23.1"))
+        backend._require_loaded((15, 0, 6), Path("/x/libLLVM.so.23.1"))
+    backend._require_loaded((19, 1, 0), Path("/x/libLLVM.so.23.1"))

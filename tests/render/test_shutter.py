@@ -282,4 +282,4 @@ def test_faulty_groups_are_one_line(tmp_path: Path, keys: str, said: str):
 def test_arrays_of_rays_need_llvm(key: str, monkeypatch: pytest.MonkeyPatch):
     monkeypatch.setattr(backend, "is_scalar", lambda: True)
     with pytest.raises(NteError, match=f"'{key}' needs.*karellen-llvm-core"):
-        backend.check_arrays(key)
+        backend.require_arrays(key)

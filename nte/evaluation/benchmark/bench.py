@@ -15,7 +15,7 @@ from typing import Any
 
 import numpy as np
 
-from nte.denoiser import Denoiser, State, check_needs
+from nte.denoiser import Denoiser, State, require_channels
 from nte.errors import NteError
 from nte.evaluation.benchmark.frames import Source, source_of
 from nte.frames.channels import reference_of
@@ -158,7 +158,7 @@ def _serve(pipe: Connection, task: Task) -> None:
         channels = [*denoiser.needs, *denoiser.optional, *([reference] if scored else [])]
         source = source_of(task.clip, task.size, channels)
         first = source(0)
-        check_needs(denoiser, first.channels, task.clip or "synthetic frames")
+        require_channels(denoiser, first.channels, task.clip or "synthetic frames")
         exposure = sequence_scalars(first)[0] if scored and "color" in first else np.ones(1, np.float32)
         before = peak_resident_mb()
         del first  # later frames take its place: a frame's memory is not the denoiser's

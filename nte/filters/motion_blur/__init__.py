@@ -10,7 +10,7 @@ import torch
 from torch import Tensor
 from torch.profiler import record_function
 
-from nte.denoiser import Filter, Result, check_size, sanitised
+from nte.denoiser import Filter, Result, require_size, sanitised
 from nte.filters.motion_blur.composition import Cover, balanced, compose, plain_share, weighted_share
 from nte.filters.motion_blur.first_stage import (
     COLUMNS,
@@ -28,11 +28,11 @@ from nte.filters.motion_blur.samples import (
     MOVING,
     PixelList,
     Size,
-    check_direction,
     in_chunks,
     near_moving,
     open_share,
     read_samples,
+    require_direction,
 )
 from nte.filters.motion_blur.second_stage import second_stage
 from nte.filters.motion_blur.variance import MotionStatistics, estimate_variance
@@ -77,10 +77,10 @@ class MotionBlur(Filter[MotionBlurOptions]):
     ) -> tuple[Result, MotionBlurState]:
         """Reconstruct one blurred frame; a pixel with no moving sample within 15×15 pixels stays unchanged."""
         if state is not None:
-            check_size(frame, state.color)
+            require_size(frame, state.color)
         shutter = open_share(frame, self.options.shutter)
         if state is None:
-            check_direction(frame)
+            require_direction(frame)
         with record_function("motion_blur/samples"):
             rows, size = read_samples(frame)
             image = rows[:, COLOR]

@@ -78,7 +78,7 @@ def read_samples(frame: Frame) -> tuple[Tensor, Size]:
     """
     size = Size(frame.batch, *frame.size)
     time, motion, depth = frame["time"], frame["shutter_motion"], frame["shutter_depth"]
-    _check_time(time, frame.index)
+    _require_time(time, frame.index)
     motion = torch.where(motion.isfinite().all(1, keepdim=True), motion, 0)
     length = motion.square().sum(1, keepdim=True).sqrt()
     longest = (size.height**2 + size.width**2) ** 0.5
@@ -112,7 +112,7 @@ def open_share(frame: Frame, given: float) -> Tensor:
     return share.expand(frame.batch)
 
 
-def check_direction(frame: Frame) -> None:
+def require_direction(frame: Frame) -> None:
     """Raise NteError if `shutter_motion` points backward in time, as far as `motion` can prove it.
 
     Both are vectors of one surface. `motion` leads to the previous frame, so forward vectors point away from it. An
@@ -131,7 +131,7 @@ def check_direction(frame: Frame) -> None:
         )
 
 
-def _check_time(time: Tensor, index: int) -> None:
+def _require_time(time: Tensor, index: int) -> None:
     wrong = (time < 0) | (time > 1)
     if wrong.any():
         low, high = float(time[wrong].min()), float(time[wrong].max())

@@ -11,7 +11,7 @@ import torch
 from torch import Tensor
 from torch.profiler import record_function
 
-from nte.denoiser import Filter, Result, check_size, sanitised
+from nte.denoiser import Filter, Result, require_size, sanitised
 from nte.filters.trmv.accumulation import Effect, History
 from nte.filters.trmv.cones import EQ_11, WEIGHTS
 from nte.filters.trmv.glossy import denoise_glossy
@@ -59,7 +59,7 @@ class Trmv(Filter[TrmvOptions]):
     def step(self, frame: Frame, state: TrmvState | None, extras: tuple[str, ...] = ()) -> tuple[Result, TrmvState]:
         """Denoise `target` of one frame; the state is the G-buffer and the history of each effect."""
         if state is not None:
-            check_size(frame, state.gbuffer.depth)
+            require_size(frame, state.gbuffer.depth)
         inputs = prepare(frame, state.gbuffer if state else None)
         effects = self._run(inputs, state.histories if state else {})
         with record_function("trmv/compose"):

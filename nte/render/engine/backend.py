@@ -68,7 +68,7 @@ def load_mitsuba() -> Module:
     except ImportError as error:
         raise needs_extra("render", "rendering", error) from error
     if library is not None and drjit.has_backend(drjit.JitBackend.LLVM):
-        _check_loaded(drjit.detail.llvm_version(), library)
+        _require_loaded(drjit.detail.llvm_version(), library)
         mitsuba.set_variant("llvm_ad_rgb")
         return mitsuba
     if multiprocessing.parent_process() is None:  # said once, not by every job
@@ -79,7 +79,7 @@ def load_mitsuba() -> Module:
     return mitsuba
 
 
-def _check_loaded(version: tuple[int, int, int], library: Path) -> None:
+def _require_loaded(version: tuple[int, int, int], library: Path) -> None:
     """Refuse an LLVM that Dr.Jit chose by itself, which happens when Dr.Jit is imported before nte.render."""
     if version[0] < OLDEST_LLVM:
         raise NteError(
@@ -99,7 +99,7 @@ def is_scalar() -> bool:
     return str(load_mitsuba().variant()).startswith("scalar")
 
 
-def check_arrays(key: str) -> None:
+def require_arrays(key: str) -> None:
     """Raise NteError where Mitsuba runs without LLVM. key: the key of a recipe that needs arrays of rays."""
     if is_scalar():
         raise NteError(f"'{key}' needs Mitsuba's llvm variant: pip install karellen-llvm-core, or leave '{key}' out")

@@ -8,7 +8,7 @@ from nte.frames.channels import channels_of
 from nte.frames.clip import write_clip_info, write_frame
 from nte.progress import Progress
 from nte.render.components.frame import noisy, references
-from nte.render.engine.backend import check_arrays, load_mitsuba
+from nte.render.engine.backend import load_mitsuba, require_arrays
 from nte.render.engine.stage import Stage
 from nte.render.passes.gbuffer import guides
 from nte.render.passes.radiance import radiance
@@ -54,7 +54,7 @@ def render_recipe(
     plans = plan(recipe, folder)
     for key in ("components", "shutter", "unshadowed"):
         if any(getattr(unit.group, key) for unit in plans):
-            check_arrays(key)
+            require_arrays(key)
     with only_writer(out), Progress("render", sum(p.group.frames for p in plans), "frame", progress) as told:
         claim(out, recipe, force, folder)
 

@@ -10,10 +10,10 @@ from omegaconf import MISSING
 
 from nte.config import load_config, to_yaml
 from nte.errors import NteError
-from nte.render.engine.backend import check_arrays
+from nte.render.engine.backend import require_arrays
 from nte.render.engine.mesh_stage import MeshStage
 from nte.render.engine.stage import Stage
-from nte.render.engine.xml.stage import XmlStage, check_scene
+from nte.render.engine.xml.stage import XmlStage, require_scene
 from nte.render.passes.shutter import SUBFRAMES
 from nte.render.passes.unshadowed import unshadowed_integrator
 from nte.render.scenes.families import FAMILIES
@@ -167,7 +167,7 @@ def _scene_name(group: Group) -> str:
     return Path(group.scene).stem if is_own(group) else group.scene
 
 
-def _check_own(where: str, group: Group, folder: Path) -> None:
+def _require_own(where: str, group: Group, folder: Path) -> None:
     """Raise NteError for an animation, or a scene, that cannot be rendered."""
     path = folder / group.scene
     if not path.is_file():
@@ -175,13 +175,13 @@ def _check_own(where: str, group: Group, folder: Path) -> None:
     unknown = [name for name in group.parameters if name != START]
     if unknown or type(group.parameters.get(START, 0)) is not int:
         raise NteError(f"{where}.parameters: expected nothing but '{START}', a whole number, for somebody's own scene")
-    check_arrays(f"the scene {group.scene}")
-    check_scene(read_animation(path), group.components)
+    require_arrays(f"the scene {group.scene}")
+    require_scene(read_animation(path), group.components)
 
 
 def _check(where: str, group: Group, folder: Path) -> None:
     if not is_own(group):
-        _check_family(where, group)
+        _require_family(where, group)
     for key, least in _AT_LEAST.items():
         if (value := getattr(group, key)) < least:
             raise NteError(f"{where}.{key} is {value}: expected at least {least}")
@@ -189,7 +189,7 @@ def _check(where: str, group: Group, folder: Path) -> None:
             raise NteError(f"{where}.{key} is {value}: expected less than {_TOO_MUCH}")
     if group.components and group.unshadowed:
         raise NteError(f"{where}.unshadowed is true: expected false with components, which are those of a whole path")
-    _check_shutter(where, group)
+    _require_shutter(where, group)
     if group.components and group.spp != 1:
         raise NteError(
             f"{where}.spp is {group.spp}: expected 1 with components (vectors have no mean): use seeds for more"
@@ -197,10 +197,10 @@ def _check(where: str, group: Group, folder: Path) -> None:
     if group.reference_spp % 2:
         raise NteError(f"{where}.reference_spp is {group.reference_spp}: expected an even number (two halves)")
     if is_own(group):
-        _check_own(where, group, folder)
+        _require_own(where, group, folder)
 
 
-def _check_family(where: str, group: Group) -> None:
+def _require_family(where: str, group: Group) -> None:
     if group.scene not in FAMILIES:
         raise NteError(
             f"{where}.scene is '{group.scene}': expected one of {', '.join(FAMILIES)}, or a YAML file with a scene of "
@@ -219,7 +219,7 @@ def _check_family(where: str, group: Group) -> None:
             raise NteError(f"{where}.unshadowed is true: the medium of '{group.scene}' has no surface: expected false")
 
 
-def _check_shutter(where: str, group: Group) -> None:
+def _require_shutter(where: str, group: Group) -> None:
     if not 0 <= group.shutter <= 1:
         raise NteError(f"{where}.shutter is {group.shutter}: expected the open share of the frame, in [0, 1]")
     if not group.shutter:

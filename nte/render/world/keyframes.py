@@ -58,14 +58,14 @@ def read_animation(path: Path) -> Animation:
         raise NteError(f"{path}: interpolation is '{animation.interpolation}': expected one of {choices}")
     for kind in ("objects", "lights"):
         for name, keys in getattr(animation, kind).items():
-            _check_keys(f"{path}: {kind}.{name}", keys, ("translate", "rotate", "scale", "pivot"))
-            _check_scales(f"{path}: {kind}.{name}", keys, animation.interpolation)
+            _require_keys(f"{path}: {kind}.{name}", keys, ("translate", "rotate", "scale", "pivot"))
+            _require_scales(f"{path}: {kind}.{name}", keys, animation.interpolation)
             for number, key in enumerate(keys):
                 if not 0 <= key.brightness < np.inf:
                     where = f"{path}: {kind}.{name}[{number}]"
                     raise NteError(f"{where}.brightness is {key.brightness}: expected a number of at least 0")
     if animation.camera:
-        _check_keys(f"{path}: camera", animation.camera, ("origin", "target", "up"))
+        _require_keys(f"{path}: camera", animation.camera, ("origin", "target", "up"))
         for number, view in enumerate(animation.camera):
             forward = np.subtract(view.target, view.origin)
             if np.linalg.norm(np.cross(forward, view.up)) < 1e-9 * max(1.0, float(np.linalg.norm(forward))):
@@ -142,7 +142,7 @@ def _curve(frames: Sequence[float], values: Sequence[Sequence[float]], kind: str
     return curve
 
 
-def _check_scales(where: str, keys: Sequence[Key], interpolation: str) -> None:
+def _require_scales(where: str, keys: Sequence[Key], interpolation: str) -> None:
     """Raise NteError for a scale of 0, in a keyframe or on the way between two keyframes."""
     for number, key in enumerate(keys):
         if 0 in key.scale:
@@ -157,7 +157,7 @@ def _check_scales(where: str, keys: Sequence[Key], interpolation: str) -> None:
             )
 
 
-def _check_keys(where: str, keys: Sequence[Key | CameraKey], vectors: Sequence[str]) -> None:
+def _require_keys(where: str, keys: Sequence[Key | CameraKey], vectors: Sequence[str]) -> None:
     """Raise NteError for keyframes out of order and for vectors other than three finite numbers."""
     if not keys:
         raise NteError(f"{where} is empty: expected at least one keyframe")

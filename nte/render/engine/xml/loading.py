@@ -51,7 +51,7 @@ def _load(animation: Animation) -> _Loaded:
         mi.parser.transform_all(config, state)
         _drop_unused(state)
         _name_all(state)
-        _check_transforms(animation.xml, state)
+        _require_transforms(animation.xml, state)
         media = any(node.type == mi.ObjectType.Medium for node in _used(state))
         made = mi.parser.instantiate(config, state)
     except (RuntimeError, TypeError) as error:  # Mitsuba's exceptions for a faulty scene
@@ -125,7 +125,7 @@ def _name_all(state: Struct) -> None:
             taken.add(chosen)
 
 
-def _check_transforms(xml: str, state: Struct) -> None:
+def _require_transforms(xml: str, state: Struct) -> None:
     """Raise NteError for a shape or camera with a singular transform, from which Mitsuba would compute NaN."""
     mi = load_mitsuba()
     for node in state.nodes:

@@ -66,9 +66,9 @@ class XmlStage:
         self._parameters: Parameters = mi.traverse(mi_scene)
         tracks = {name: object_track(keys, animation.interpolation) for name, keys in animation.objects.items()}
         light_tracks = {name: object_track(keys, animation.interpolation) for name, keys in animation.lights.items()}
-        _check_names(animation.xml, "objects", tracks, [shape.id() for shape in shapes])
+        _require_names(animation.xml, "objects", tracks, [shape.id() for shape in shapes])
         lights = [emitter.id() for emitter in mi_scene.emitters() if emitter.get_shape() is None]
-        _check_names(animation.xml, "lights", light_tracks, lights)
+        _require_names(animation.xml, "lights", light_tracks, lights)
         self.objects = tuple(XmlObject(shape.id(), self._from_start(tracks.get(shape.id()))) for shape in shapes)
         camera = xml_camera(mi_scene, animation)
         self._camera = replace(camera, track=_shifted(camera.track, start))
@@ -178,7 +178,7 @@ def _shifted(curve: Callable[[float], _Value], start: float) -> Callable[[float]
     return lambda time: curve(time + start)
 
 
-def _check_names(xml: str, what: str, given: Mapping[str, object], known: Sequence[str]) -> None:
+def _require_names(xml: str, what: str, given: Mapping[str, object], known: Sequence[str]) -> None:
     named = [name for name in known if name]
     for name in given:
         if named.count(name) != 1:
@@ -187,7 +187,7 @@ def _check_names(xml: str, what: str, given: Mapping[str, object], known: Sequen
             raise NteError(f"{xml}: {what} names '{name}', {found} of which is in the scene: there is {listed}")
 
 
-def check_scene(animation: Animation, components: bool) -> None:
+def require_scene(animation: Animation, components: bool) -> None:
     """Raise NteError, before anything is rendered, for an XML scene that cannot be loaded or lacks what it must have.
 
     components: whether light components are asked for; they need a light, and no media.
