@@ -11,7 +11,7 @@ from torch import Tensor
 
 from nte.checking.votes import Against, Votes, rival_vectors
 from nte.frames.frame import Frame
-from nte.motion.warp import fetch_nearest, inside, pixel_centres
+from nte.motion.warp import pixel_centres
 
 FOUND, LOST = 0.8, 0.3  # an object is found, or lost, if at least, or at most, this share of its pixels is found
 LEAST = 8  # least number of pixels of an object that votes
@@ -46,17 +46,23 @@ class _Objects:
     """The instances (1, 1, H, W) of two frames; objects of the current one vote if they have enough pixels."""
 
     def __init__(self, before: Tensor, now: Tensor) -> None:
-        self.before, self.now = before, now
-        ids, self.number, self.size = torch.unique(now.flatten(), return_inverse=True, return_counts=True)
+        self.height, self.width = now.shape[-2:]
+        ids, number, self.size = torch.unique(now.flatten(), return_inverse=True, return_counts=True)
         self.votes = (ids != 0) & (self.size >= LEAST)
+        self.pixels = self.votes[number].nonzero()[:, 0]
+        self.number, self.now = number[self.pixels], now.flatten()[self.pixels]
+        self.before = before.flatten()
 
     def found(self, motion: Tensor) -> Tensor:
         """Share (objects,) of each object's pixels that vectors (1, 2, H, W) find; NaN for objects that do not vote."""
-        target = pixel_centres(motion) + motion
-        within = inside(target)
-        target = torch.where(within, target, 0.0)
+        x, y = (pixel_centres(motion) + motion)[0].flatten(1)[:, self.pixels]
+        within = (x >= 0) & (x <= self.width) & (y >= 0) & (y <= self.height)
+        columns, rows = (
+            [(torch.where(within, place, 0.0) + step).floor().clamp(0, size - 1).long() for step in (-1, 0, 1)]
+            for place, size in ((x, self.width), (y, self.height))
+        )
         found = torch.zeros_like(within)
-        for offset in product((-1.0, 0.0, 1.0), repeat=2):
-            found |= fetch_nearest(self.before, target + target.new_tensor(offset).view(1, 2, 1, 1)) == self.now
-        count = torch.bincount(self.number, (found & within).flatten().float(), len(self.size))
+        for row, column in product(rows, columns):
+            found |= self.before.index_select(0, row * self.width + column) == self.now
+        count = torch.bincount(self.number, (found & within).float(), len(self.size))
         return torch.where(self.votes, count / self.size, float("nan"))

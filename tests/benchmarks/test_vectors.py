@@ -1,7 +1,7 @@
 """How vectors are judged: against loops and known answers; and the command that judges the renderer's own."""
 
 import json
-import subprocess
+import runpy
 import sys
 from pathlib import Path
 
@@ -12,7 +12,6 @@ import torch
 from benchmarks.fetched import draw, fetch, fill, is_planar
 from nte.evaluation.bootstrap import bootstrap_interval
 
-ROOT = Path(__file__).parents[2]
 PROMISED = {("fence", "shadowed"), ("temple", "glossy"), ("pica", "disoccluded")}
 
 
@@ -100,8 +99,18 @@ def test_the_interval_covers_the_mean_as_often_as_it_says() -> None:
     assert bootstrap_interval([2.0, 2.0]) == (2.0, 2.0)
 
 
+def run(monkeypatch: pytest.MonkeyPatch, *arguments: str) -> object:
+    """The status of `python -m benchmarks.vectors`, without a process that imports everything once more."""
+    monkeypatch.setattr(sys, "argv", ["vectors", *arguments])
+    with pytest.raises(SystemExit) as stopped:
+        runpy.run_module("benchmarks.vectors", run_name="__main__")
+    return stopped.value.code
+
+
 @pytest.mark.slow
-def test_the_command_measures_every_kind_of_situation(tmp_path: Path) -> None:
+def test_the_command_measures_every_kind_of_situation(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
     """The command in small: shadows, reflections and occlusions, two clips each.
 
     Two clips of 48² cannot carry what the project promises of eight of 128²: two values have a bootstrap interval from
@@ -109,30 +118,31 @@ def test_the_command_measures_every_kind_of_situation(tmp_path: Path) -> None:
     So whether an interval includes zero is left to the command's own size; here it has to judge by what it prints, and
     where the gain is several times what it loses elsewhere, shadows and the plane part of the floor, it has to be seen.
     """
-    command = [sys.executable, "-m", "benchmarks.vectors", "fence", "temple", "pica", "--clips", "2"]
-    small = ["--size", "48", "--spp", "64", "--samples", "8"]
+    small = ["--clips", "2", "--size", "48", "--spp", "64", "--samples", "8"]
     files = ["--json", str(tmp_path / "v.json"), "--pictures", str(tmp_path / "pictures")]
-    done = subprocess.run([*command, *small, *files], cwd=ROOT, capture_output=True, text=True, check=False)
+    status = run(monkeypatch, "fence", "temple", "pica", *small, *files)
+    told = capsys.readouterr().out
     rows = {(row["situation"], row["region"]): row for row in json.loads((tmp_path / "v.json").read_text())}
     promised = [row for row in rows.values() if row["promised"]]
     assert {(row["situation"], row["region"]) for row in promised} == PROMISED
-    assert done.returncode == any(row["interval"][0] <= 0 for row in promised), done.stdout + done.stderr
+    assert status == any(row["interval"][0] <= 0 for row in promised), told
     for row in rows.values():
         assert 1 <= len(row["clips"]) <= 2
         margins = [clip["traditional"] - clip["reliable"] for clip in row["clips"]]
         assert row["margin"] == pytest.approx(np.mean(margins))
         assert row["interval"] == pytest.approx(bootstrap_interval(margins))
     for row in promised:
-        assert row["margin"] > 0, done.stdout
+        assert row["margin"] > 0, told
         assert all(0 <= clip["left_out"] < 0.3 for clip in row["clips"])
-        assert f"{row['situation']}, {row['region']} *" in done.stdout
+        assert f"{row['situation']}, {row['region']} *" in told
     for key in (("fence", "shadowed"), ("temple", "planar")):
-        assert rows[key]["interval"][0] > 0, done.stdout
+        assert rows[key]["interval"][0] > 0, told
     assert {path.stem for path in (tmp_path / "pictures").iterdir()} == {"fence", "temple", "pica"}
 
 
-def test_a_situation_that_is_not_there_is_named() -> None:
-    command = [sys.executable, "-m", "benchmarks.vectors", "fences"]
-    done = subprocess.run(command, cwd=ROOT, capture_output=True, text=True, check=False)
-    assert done.returncode == 2
-    assert "no situation 'fences': expected one of fence, apples" in done.stderr
+def test_a_situation_that_is_not_there_is_named(
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """Before anything is rendered, though the one before it is there."""
+    assert run(monkeypatch, "fence", "fences") == 2
+    assert "no situation 'fences': expected one of fence, apples" in capsys.readouterr().err

@@ -28,17 +28,21 @@ def scene(
     shift: (x, y) px that the scene has moved. disc: centre of a bright patterned disc in the shifted scene.
     """
     height, width = size
-    y, x = np.meshgrid(np.arange(height) + 0.5 - shift[1], np.arange(width) + 0.5 - shift[0], indexing="ij")
+    x, y = np.arange(width) + 0.5 - shift[0], np.arange(height) + 0.5 - shift[1]
     rng = np.random.default_rng(7)
     light = np.full((3, height, width), 0.25)
     for _ in range(24):
         period, angle, phase = rng.uniform(6, 60), rng.uniform(0, np.pi), rng.uniform(0, 2 * np.pi)
-        wave = np.sin((x * np.cos(angle) + y * np.sin(angle)) * 2 * np.pi / period + phase)
+        across, down = (np.exp(2j * np.pi / period * t) for t in (x * np.cos(angle), y * np.sin(angle)))
+        wave = np.outer(down * np.exp(1j * phase), across).imag  # the sine of the sum, by a product: far faster
         light += 0.0012 * period * wave * rng.uniform(0.3, 1, (3, 1, 1)) / 2
     for _ in range(40):
         cx, cy, reach = rng.uniform(-20, width + 20), rng.uniform(-20, height + 20), rng.uniform(5, 18)
-        inside = _soft(reach - np.maximum(abs(x - cx), abs(y - cy)))
-        light = light * (1 - inside) + rng.uniform(0.03, 0.7, (3, 1, 1)) * inside
+        columns, rows = (np.flatnonzero(abs(t - c) < reach + 10) for t, c in ((x, cx), (y, cy)))
+        colour, part = rng.uniform(0.03, 0.7, (3, 1, 1)), np.ix_(range(3), rows, columns)
+        inside = _soft(reach - np.maximum(abs(x[columns] - cx), abs(y[rows, None] - cy)))
+        light[part] = light[part] * (1 - inside) + colour * inside
+    x, y = np.meshgrid(x, y)
     if disc is not None:
         distance = np.hypot(x + shift[0] - disc[0], y + shift[1] - disc[1])
         stripes = 0.5 + 0.3 * np.sin((x + shift[0] - disc[0]) * 0.8)

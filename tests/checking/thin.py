@@ -23,26 +23,26 @@ def thin_frames(
     color = rng.uniform(0.1, 0.9, (parts, 3))
     thick[0], depth[0], speed[0] = 2.0, 3.0, (plate, 0.0)
     order = np.argsort(-depth)
-    offsets = (np.arange(SAMPLES) + 0.5) / SAMPLES
+    turned = np.abs([[np.cos(angle), np.sin(angle)], [np.sin(angle), np.cos(angle)]])
+    reach = np.einsum("xap,ap->px", turned, np.stack([length, thick]) / 2) + 1  # half the size of what holds a part
+
+    def around(place: Pixels, reach: Pixels, scale: int) -> tuple[tuple[slice, slice], Pixels, Pixels]:
+        """The part of an image of `scale` samples a pixel within reach of a place; its x and y from there on, px."""
+        ends = (np.stack([place - reach, place + reach]) * scale).astype(int).clip(0)
+        columns, rows = (slice(*pair) for pair in ends.T)
+        x, y = ((np.arange(size * scale) + 0.5) / scale for size in (width, height))
+        return (rows, columns), x[columns] - place[0], (y[rows] - place[1])[:, None]
+
     frames = []
     for i in range(count):
         albedo = np.zeros((height * SAMPLES, width * SAMPLES, 3), np.float32)
         seen = np.zeros((height, width), np.int64)
-        y, x = np.mgrid[: height * SAMPLES, : width * SAMPLES]
-        fine = np.stack([x // SAMPLES + offsets[x % SAMPLES], y // SAMPLES + offsets[y % SAMPLES]])
-        middle = np.mgrid[:height, :width][::-1] + 0.5
         for part in order:
-            for points, show, value in ((fine, albedo, color[part]), (middle, seen, part + 1)):
-                scale = SAMPLES if show is albedo else 1
-                place = centre[part] + i * speed[part]
-                reach = length[part] / 2 + 2
-                rows, columns = (
-                    slice(max(0, int((p - reach) * scale)), max(0, int((p + reach) * scale))) for p in place[::-1]
-                )
-                dx, dy = (points[axis, rows, columns] - place[axis] for axis in (0, 1))
+            for show, scale, value in ((albedo, SAMPLES, color[part]), (seen, 1, part + 1)):
+                cut, dx, dy = around(centre[part] + i * speed[part], reach[part], scale)
                 along = dx * np.cos(angle[part]) + dy * np.sin(angle[part])
                 across = dy * np.cos(angle[part]) - dx * np.sin(angle[part])
-                show[rows, columns][(abs(along) < length[part] / 2) & (abs(across) < thick[part] / 2)] = value
+                show[cut][(abs(along) < length[part] / 2) & (abs(across) < thick[part] / 2)] = value
         mean = albedo.reshape(height, SAMPLES, width, SAMPLES, 3).mean((1, 3)).transpose(2, 0, 1)
         speeds = np.concatenate([[(sky, 0.0)], speed])[seen].transpose(2, 0, 1)
         frames.append(

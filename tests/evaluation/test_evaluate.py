@@ -154,6 +154,7 @@ class Apart(Noisy):
     """A denoiser that filters shadows and indirect light apart, one well and one badly."""
 
     components = ("visibility", "indirect", "glossy")
+    extras = components
     needs = ("color", "visibility", "indirect")
 
     def step(self, frame: Frame, state: State | None, extras: tuple[str, ...] = ()) -> tuple[Result, State]:
