@@ -118,8 +118,10 @@ BLUR = (9 / 64) / (9 / 64 + 1 / 2)
 METHODS: Mapping[str, Memory | None] = {
     "noisy": None, "post_blur": None, "mcguire": None,
     "oidn:quality=fast": None, "oidn:quality=balanced": None, "oidn:quality=high": None,
-    "taa:clamp=none": Memory(tenth, False, LATER), "taa": Memory(tenth, True, LATER), "taa:clamp=clip": Memory(tenth, True, LATER),
-    "taa:target=components": Memory(tenth, True, LATER), "taa:target=components,clamp=none": Memory(tenth, False, LATER),
+    "taa:clamp=none": Memory(tenth, False, LATER), "taa": Memory(tenth, True, LATER),
+    "taa:clamp=clip": Memory(tenth, True, LATER),
+    "taa:target=components": Memory(tenth, True, LATER),
+    "taa:target=components,clamp=none": Memory(tenth, False, LATER),
     "estimate+taa": Memory(tenth, True), "estimate+taa:clamp=none": Memory(tenth, True),
     "svgf": Memory(mean_until(0.05), False), "svgf:target=components": Memory(mean_until(0.05), False),
     "asvgf": Memory(mean_until(0.1), True),
