@@ -3,6 +3,7 @@
 import os
 import random
 import signal
+import subprocess
 import time
 from pathlib import Path
 
@@ -23,12 +24,13 @@ def undisturbed(tmp_path_factory: pytest.TempPathFactory, noisy_disc: Path) -> P
     return train(tiny_config(tmp_path_factory.mktemp("undisturbed"), noisy_disc, LONG), device="cpu")
 
 
-def wait_for_step(process: Forked, step: int) -> None:
+def wait_for_step(process: "Forked | subprocess.Popen[str]", step: int) -> None:
     """Return when the process says that it has done a step."""
+    assert process.stdout is not None
     for line in process.stdout:
         if line.startswith(f"step {step}:"):
             return
-    raise AssertionError(f"ended before step {step}: {process.wait()}")
+    raise AssertionError(f"ended before step {step}")
 
 
 def stop(process: Forked, number: signal.Signals) -> str:
@@ -65,11 +67,12 @@ def test_killed_at_random_moments_and_again_while_resuming(undisturbed: Path, tm
 
 def test_ctrl_c_stops_after_the_step_and_can_be_resumed(undisturbed: Path, tmp_path: Path, noisy_disc: Path) -> None:
     path, run = config_file(tmp_path, noisy_disc), tmp_path / "runs" / "tiny"
-    process = Forked(path, LONG, "data.workers=2")
+    process = start(path, LONG, "data.workers=2", launcher=("-m", "nte", "train"))
     wait_for_step(process, 3)
-    output = stop(process, signal.SIGINT)
-    assert process.returncode == 0, output
-    assert "Traceback" not in output
+    os.killpg(process.pid, signal.SIGINT)
+    output, errors = process.communicate(timeout=300)
+    assert process.returncode == 0, errors
+    assert "Traceback" not in errors
     done = checkpoint(run)["step"]
     assert f"stopped after step {done} of 80; continue with resume=true" in output
     assert [line["step"] for line in metrics(run) if "loss" in line] == list(range(1, int(str(done)) + 1))
