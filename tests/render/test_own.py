@@ -210,13 +210,13 @@ def test_clips_follow_each_other_and_pass_the_check(folder: Path, tmp_path: Path
     from nte.frames.clip import Clip
 
     (folder / "recipe.yaml").write_text(
-        "name: own\ntrain:\n  - {scene: moves.yaml, clips: 2, frames: 3, width: 64, height: 48, reference_spp: 4}\n"
+        "name: own\ntrain:\n  - {scene: moves.yaml, clips: 2, frames: 2, width: 64, height: 48, reference_spp: 4}\n"
         "test:\n  - {scene: moves.yaml, clips: 1, frames: 1, width: 32, height: 24, reference_spp: 128, shutter: 1}\n"
     )
     render_recipe(folder / "recipe.yaml", tmp_path / "out", progress=False)
     first, second = (Clip(tmp_path / "out" / "train" / f"moves_00{number}") for number in (0, 1))
     assert check(first).verdict == "plausible"
-    step = np.subtract(second.info["cameras"][0]["view"], first.info["cameras"][2]["view"])
+    step = np.subtract(second.info["cameras"][0]["view"], first.info["cameras"][1]["view"])
     assert 0 < np.abs(step).max() < 0.2  # the next frame of the same way
     blurred = Clip(tmp_path / "out" / "test" / "moves_000").frame(0)
     sharp = Clip(tmp_path / "out" / "sharp" / "test" / "moves_000").frame(0)

@@ -1,19 +1,27 @@
 """Training runs small enough for tests: a network of a few hundred weights on four frames of 40×24."""
 
+import fcntl
 import json
+import multiprocessing
 import os
+import resource
 import shutil
 import subprocess
 import sys
+from multiprocessing.connection import Connection
 from pathlib import Path
 from typing import Any
 
 from safetensors import safe_open
 from torch import Tensor
 
+from nte.cli import main
 from nte.training.config import TrainConfig, load_train_config
 
 ROOT = Path(__file__).parents[2]
+PIPE = (
+    4096  # bytes that a process may say before somebody listens: it cannot run far ahead, however busy the machine is
+)
 TIMINGS = ("frames_per_second", "seconds_per_step", "loader_wait", "peak_memory_mb")
 
 CONFIG = """
@@ -41,15 +49,60 @@ def tiny_config(folder: Path, clip: Path, *overrides: str) -> TrainConfig:
 
 
 def start(path: Path, *overrides: str, launcher: tuple[str, ...] = ("train.py",)) -> "subprocess.Popen[str]":
-    """`python train.py CONFIG.yaml key=value …` in a process group of its own.
-
-    What it says goes through a short pipe: it cannot run far ahead of who listens, however busy the machine is.
-    """
+    """`python train.py CONFIG.yaml key=value …` in a process group of its own."""
     command = [sys.executable, *launcher, str(path), *overrides, "--device", "cpu"]
     return subprocess.Popen(
         command, cwd=ROOT, env=os.environ | {"PYTHONUNBUFFERED": "1"}, text=True, start_new_session=True,
-        stdout=subprocess.PIPE, stderr=subprocess.PIPE, pipesize=4096,
+        stdout=subprocess.PIPE, stderr=subprocess.PIPE, pipesize=PIPE,
     )  # fmt: skip
+
+
+# Forks processes that have imported all that a training needs, and have done nothing yet: the imports take seconds.
+WARM = multiprocessing.get_context("forkserver")
+WARM.set_forkserver_preload(["nte.training.loop", __name__])
+
+
+class Forked:
+    """`nte train CONFIG.yaml key=value …` in a process group of its own; all that it says is on `stdout`.
+
+    file_size: bytes beyond which none of its files can grow.
+    """
+
+    def __init__(self, path: Path, *overrides: str, file_size: int | None = None) -> None:
+        reader, writer = WARM.Pipe(duplex=False)
+        fcntl.fcntl(writer.fileno(), fcntl.F_SETPIPE_SZ, PIPE)
+        arguments = ["train", str(path), *overrides, "--device", "cpu"]
+        self._process = WARM.Process(target=_told, args=(writer, arguments, file_size))
+        self._process.start()
+        writer.close()
+        self.stdout = os.fdopen(os.dup(reader.fileno()))
+
+    @property
+    def pid(self) -> int:
+        assert self._process.pid is not None
+        return self._process.pid
+
+    @property
+    def returncode(self) -> int | None:
+        return self._process.exitcode
+
+    def wait(self) -> str:
+        """Wait for the end; returns what it still says."""
+        with self.stdout:
+            said = self.stdout.read()
+        self._process.join()
+        return said
+
+
+def _told(writer: Connection, arguments: list[str], file_size: int | None) -> None:
+    os.setsid()
+    for number in (1, 2):
+        os.dup2(writer.fileno(), number)
+    writer.close()
+    sys.stdout.reconfigure(line_buffering=True)  # type: ignore[union-attr]
+    if file_size is not None:
+        resource.setrlimit(resource.RLIMIT_FSIZE, (file_size, file_size))
+    sys.exit(main(arguments))
 
 
 def checkpoint(run: Path) -> dict[str, Tensor]:

@@ -12,7 +12,7 @@ import pytest
 from nte.errors import NteError
 from nte.training.config import load_train_config
 from nte.training.loop import train
-from tests.training.runs import assert_same_run, checkpoint, config_file, metrics, start, tiny_config
+from tests.training.runs import Forked, assert_same_run, checkpoint, config_file, metrics, start, tiny_config
 
 pytestmark = pytest.mark.slow
 LONG = "phases=[{steps: 40}, {steps: 40, occlusion: 0.5}]"
@@ -24,19 +24,19 @@ def undisturbed(tmp_path_factory: pytest.TempPathFactory, noisy_disc: Path) -> P
     return train(tiny_config(tmp_path_factory.mktemp("undisturbed"), noisy_disc, LONG), device="cpu")
 
 
-def wait_for_step(process: "subprocess.Popen[str]", step: int) -> None:
+def wait_for_step(process: "Forked | subprocess.Popen[str]", step: int) -> None:
     """Return when the process says that it has done a step."""
     assert process.stdout is not None
     for line in process.stdout:
         if line.startswith(f"step {step}:"):
             return
-    raise AssertionError(f"ended before step {step}: {process.communicate()}")
+    raise AssertionError(f"ended before step {step}")
 
 
-def stop(process: "subprocess.Popen[str]", number: signal.Signals) -> tuple[str, str]:
-    """Send a signal to the process and its workers; returns what it still says on stdout and stderr."""
+def stop(process: Forked, number: signal.Signals) -> str:
+    """Send a signal to the process and its workers; returns what it still says."""
     os.killpg(process.pid, number)
-    return process.communicate(timeout=300)
+    return process.wait()
 
 
 def finish(path: Path, *overrides: str) -> None:
@@ -46,14 +46,14 @@ def finish(path: Path, *overrides: str) -> None:
 
 def test_killed_at_random_moments_and_again_while_resuming(undisturbed: Path, tmp_path: Path, noisy_disc: Path) -> None:
     path, run = config_file(tmp_path, noisy_disc), tmp_path / "runs" / "tiny"
-    process = start(path, LONG)
+    process = Forked(path, LONG)
     wait_for_step(process, 1)  # before the first checkpoint
     stop(process, signal.SIGKILL)
     assert process.returncode == -signal.SIGKILL
     reached = 0
     rng = random.Random()  # another moment in every run of this test: each must do
     for _ in range(2):
-        process = start(path, LONG, "resume=true")
+        process = Forked(path, LONG, "resume=true")
         # A step takes about 20 ms: the kill falls between steps, inside one, into a checkpoint or a validation.
         wait_for_step(process, reached + rng.randint(1, 8))
         time.sleep(rng.uniform(0, 0.05))
@@ -69,7 +69,8 @@ def test_ctrl_c_stops_after_the_step_and_can_be_resumed(undisturbed: Path, tmp_p
     path, run = config_file(tmp_path, noisy_disc), tmp_path / "runs" / "tiny"
     process = start(path, LONG, "data.workers=2", launcher=("-m", "nte", "train"))
     wait_for_step(process, 3)
-    output, errors = stop(process, signal.SIGINT)
+    os.killpg(process.pid, signal.SIGINT)
+    output, errors = process.communicate(timeout=300)
     assert process.returncode == 0, errors
     assert "Traceback" not in errors
     done = checkpoint(run)["step"]
@@ -81,12 +82,8 @@ def test_ctrl_c_stops_after_the_step_and_can_be_resumed(undisturbed: Path, tmp_p
 
 def test_no_space_for_the_checkpoint_is_one_line(tmp_path: Path, noisy_disc: Path) -> None:
     # A file may not grow beyond 8 KiB: the same failure as a full disk, without one.
-    limited = (
-        "import resource, runpy, sys; resource.setrlimit(resource.RLIMIT_FSIZE, (8192, 8192)); "
-        "runpy.run_path('train.py', run_name='__main__')"
-    )
-    process = start(config_file(tmp_path, noisy_disc), launcher=("-c", limited))
-    _, errors = process.communicate(timeout=300)
+    process = Forked(config_file(tmp_path, noisy_disc), file_size=8192)
+    errors = process.wait()
     assert process.returncode == 2, errors
     lines = [line for line in errors.splitlines() if line.startswith("nte:")]
     assert len(lines) == 1
