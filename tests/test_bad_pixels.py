@@ -66,13 +66,15 @@ PIXELS = {f"color {value}": pixel(RADIANCE, value) for value in (nan, inf, -inf,
 PIXELS["one component NaN"] = pixel(RADIANCE, nan, 1)
 GUIDES = {
     f"{where.__name__} {name} {value}": where((name,), value)
-    for where, values in ((pixel, (0.0, nan, -1.0, 3e38)), (whole, (0.0, nan))) for value in values
+    for where, values in ((pixel, (0.0, nan, -1.0, 3e38)), (whole, (0.0, nan)))
+    for value in values
     for name in ("albedo", "normal", "depth")
-}  # fmt: skip
+}
 MOVED = {
     f"{where.__name__} vectors {value}": where(VECTORS, value)
-    for where, values in ((pixel, (nan, inf, 1e6, -3e38)), (whole, (nan, -3e38))) for value in values
-}  # fmt: skip
+    for where, values in ((pixel, (nan, inf, 1e6, -3e38)), (whole, (nan, -3e38)))
+    for value in values
+}
 LIGHT = {"all NaN": all_nan, "all black": whole(RADIANCE, 0.0), "color all NaN": whole(RADIANCE, nan)}
 CASES: dict[str, Callable[[Channels], None]] = {
     "clean": lambda channels: None, **PIXELS, **GUIDES, **MOVED, **LIGHT,

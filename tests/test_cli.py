@@ -184,9 +184,7 @@ def test_bad_pixels_are_told_once_and_the_work_is_done(folder: Path, capfd: pyte
     write_clip(folder / "bad", frames)
     assert main(["denoise", "bad", "--denoiser", "taa", "--out", "out"]) == 0
     lines = [line for line in capfd.readouterr().err.splitlines() if line.startswith("nte:")]
-    assert lines == [
-        "nte: warning: frame 0: bad pixels (non-finite, negative or absurd) are sanitised: 3 in color"
-    ]  # fmt: skip
+    assert lines == ["nte: warning: frame 0: bad pixels (non-finite, negative or absurd) are sanitised: 3 in color"]
 
 
 def test_info_of_a_clip_and_a_run(folder: Path, capsys: pytest.CaptureFixture[str]) -> None:

@@ -36,9 +36,12 @@ class TinyNetwork(TrainableDenoiser):
     optional = ("emission",)
     target = "indirect"
     extras = ("alpha",)
-    recurrent = MappingProxyType({
-        "irradiance": Recurrent("next_irradiance", 3), "features": Recurrent("next_features", 4, scale=2),
-    })  # fmt: skip
+    recurrent = MappingProxyType(
+        {
+            "irradiance": Recurrent("next_irradiance", 3),
+            "features": Recurrent("next_features", 4, scale=2),
+        }
+    )
     conventions = MappingProxyType({"alpha": "weight of the current frame"})
     config: TinyConfig
 

@@ -30,8 +30,10 @@ def test_every_clip_passes_the_check(reports: list[CheckReport]) -> None:
 def test_motion_explains_the_albedo_five_times_better(reports: list[CheckReport]) -> None:
     errors = {v: [r.errors["albedo", v, "changing"] for r in reports] for v in ("none", "traditional")}
     unwarped, warped = (pooled(means) for means in errors.values())
-    print(f"\nalbedo error on {sum(mean.count for mean in errors['none'])} pixels of {len(reports)} clips: "
-          f"unwarped {unwarped:.4f}, warped {warped:.4f}: {unwarped / warped:.1f} times smaller")  # fmt: skip
+    print(
+        f"\nalbedo error on {sum(mean.count for mean in errors['none'])} pixels of {len(reports)} clips: "
+        f"unwarped {unwarped:.4f}, warped {warped:.4f}: {unwarped / warped:.1f} times smaller"
+    )
     assert unwarped / warped >= 5
 
 

@@ -18,8 +18,10 @@ def test_runs_are_appended_and_read_in_the_order_of_time(tmp_path: Path, monkeyp
     lines = [json.loads(line) for line in first.read_text(encoding="utf-8").splitlines()]
     assert {tuple(line) for line in lines} == {("name", "value", "unit", "machine", "commit", "date")}
     assert [(figure.name, figure.value) for figure in read(tmp_path)] == [
-        ("kernels: forward", 1.5), ("kernels: backward", 3.0), ("kernels: forward", 1.25),
-    ]  # fmt: skip
+        ("kernels: forward", 1.5),
+        ("kernels: backward", 3.0),
+        ("kernels: forward", 1.25),
+    ]
     assert {figure.machine for figure in read(tmp_path)} == {"büro 1, CPU @ 2 GHz, 2 cores"}
 
 
@@ -32,13 +34,18 @@ def test_the_history_has_every_run_and_the_overview_the_last(
     assert history.main(["Forward"], tmp_path) == 0
     rows = [line.split() for line in capsys.readouterr().out.splitlines()[1:]]
     assert [(row[1], row[2], row[-1]) for row in rows] == [
-        ("forward", "1", "a"), ("forward", "2", "a"), ("forward", "8", "b"),
-    ]  # fmt: skip
+        ("forward", "1", "a"),
+        ("forward", "2", "a"),
+        ("forward", "8", "b"),
+    ]
     assert history.main([], tmp_path) == 0
     rows = [line.split() for line in capsys.readouterr().out.splitlines()[1:]]
     assert [(row[1], row[2]) for row in rows] == [
-        ("backward", "20"), ("forward", "2"), ("backward", "80"), ("forward", "8"),
-    ]  # fmt: skip
+        ("backward", "20"),
+        ("forward", "2"),
+        ("backward", "80"),
+        ("forward", "8"),
+    ]
 
 
 def test_what_is_not_there_is_said(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:

@@ -20,9 +20,11 @@ def mosaic_of(name: str) -> Mosaic:
 
 @cache
 def scene(
-    size: tuple[int, int], shift: tuple[float, float] = (0, 0), disc: tuple[float, float] | None = None,
+    size: tuple[int, int],
+    shift: tuple[float, float] = (0, 0),
+    disc: tuple[float, float] | None = None,
     radius: float = 12.0,
-) -> Tensor:  # fmt: skip
+) -> Tensor:
     """(1, 3, H, W) in [0, 1], linear: waves of many periods from 6 px on, patches with edges, flat grounds.
 
     shift: (x, y) px that the scene has moved. disc: centre of a bright patterned disc in the shifted scene.

@@ -174,9 +174,12 @@ def ground_frame(index: int, size: tuple[int, int] = (60, 200), speed: float = 2
     ratio = far / np.where(before > 0, before, np.nan) - 1
     motion = np.stack([right, down]) * height * np.nan_to_num(ratio, nan=3 * width)
     channels = {
-        "albedo": (0.5 + 0.3 * np.stack(waves)) * hit, "color": np.ones((3, *size)), "depth": far[None],
-        "instance": hit[None], "motion": np.where(hit, motion, 0),
-    }  # fmt: skip
+        "albedo": (0.5 + 0.3 * np.stack(waves)) * hit,
+        "color": np.ones((3, *size)),
+        "depth": far[None],
+        "instance": hit[None],
+        "motion": np.where(hit, motion, 0),
+    }
     return {name: values.astype(np.float32) for name, values in channels.items()}
 
 
@@ -193,9 +196,11 @@ def test_thin_parts_at_rest_that_each_frame_samples_anew(tmp_path: Path, share: 
     def sampled(frame: dict[str, Pixels]) -> dict[str, Pixels]:
         leaf = rng.random((1, 64, 96)) < share
         return {
-            "motion": 0 * frame["motion"], "depth": np.where(leaf, 3, 8), "instance": 1 + leaf,
+            "motion": 0 * frame["motion"],
+            "depth": np.where(leaf, 3, 8),
+            "instance": 1 + leaf,
             "albedo": np.where(leaf, 0.2, 0.6) * np.ones((3, 64, 96)),
-        }  # fmt: skip
+        }
 
     rng = np.random.default_rng(0)
     assert check(wrong(tmp_path, sampled)).verdict == "undecidable"

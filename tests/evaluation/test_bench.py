@@ -110,8 +110,11 @@ def test_bench_measures_each_denoiser_at_each_size(tmp_path: Path, capsys: pytes
     assert written["format"] == "nte-bench/1"
     rows = written["rows"]
     assert [(row["denoiser"], row["width"], row["height"]) for row in rows] == [
-        ("noisy", 64, 48), ("taa", 64, 48), ("noisy", 320, 256), ("taa", 320, 256),
-    ]  # fmt: skip
+        ("noisy", 64, 48),
+        ("taa", 64, 48),
+        ("noisy", 320, 256),
+        ("taa", 320, 256),
+    ]
     for row in rows:
         assert 0 < row["ms_per_frame"] <= row["p95"]
         assert row["peak_mb"] >= 0

@@ -171,8 +171,11 @@ def test_light_components_are_scored_too_where_the_clip_has_their_reference(tmp_
     evaluation = evaluate([folder], {"apart": Apart(), "plain": Scaled(1)}, tmp_path / "out")
     whole = rows_of(evaluation, region="all")
     assert [(row["denoiser"], row["target"]) for row in whole] == [
-        ("apart", "color"), ("apart", "visibility"), ("apart", "indirect"), ("plain", "color"),
-    ]  # fmt: skip
+        ("apart", "color"),
+        ("apart", "visibility"),
+        ("apart", "indirect"),
+        ("plain", "color"),
+    ]
     colour, visibility, indirect, _ = whole
     assert colour["psnr"] == visibility["psnr"] == 100
     assert indirect["psnr"] < 40

@@ -50,8 +50,10 @@ def test_each_situation_has_its_numbers_its_report_and_its_strips(config: Path, 
     rows = run_comparison(comparison, data, out)
     assert json.loads((out / "summary.json").read_text())["rows"] == rows
     assert [(row["situation"], row["method"], row["clips"]) for row in rows] == [
-        ("disc", "ghosts", 2), ("disc", "clamped", 2), ("other", "nothing done", 1),
-    ]  # fmt: skip
+        ("disc", "ghosts", 2),
+        ("disc", "clamped", 2),
+        ("other", "nothing done", 1),
+    ]
     assert {path.relative_to(out).as_posix() for path in out.rglob("*") if path.is_file()} == {
         "summary.json", "disc/metrics.json", "disc/index.html", "disc/strips/disc_000_color.png",
         "disc/strips/disc_001_color.png", "other/metrics.json", "other/index.html", "other/strips/other_000_color.png",

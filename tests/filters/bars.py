@@ -39,9 +39,11 @@ class Bar:
         time = (time + np.arange(batch)[:, None, None] / batch) % 1
         color, motion, inside = self._seen(index, time)
         channels = {
-            "color": color, "time": time[:, None], "shutter_motion": motion,
+            "color": color,
+            "time": time[:, None],
+            "shutter_motion": motion,
             "shutter_depth": np.where(inside, 3.0, 5.0)[:, None],
-        }  # fmt: skip
+        }
         arrays = {name: values.astype(np.float32) for name, values in channels.items()}
         return Frame(arrays, index, shutter=np.full(batch, self.shutter, np.float32))
 

@@ -163,9 +163,7 @@ def test_a_component_follows_its_own_gradient_and_without_one_that_of_all_light(
     channels = still_channels(shape[1:])
     channels |= {"indirect": channels["color"], "glossy": channels["color"], "visibility": channels["depth"] * 0 + 0.5}
     moved, still = gradient_of(shape, 0.1, 1.0), gradient_of(shape, 0.3, 0.3)
-    pairs = {
-        "gradient": moved, "gradient_visibility": moved, "gradient_indirect": still, "gradient_glossy": still
-    }  # fmt: skip
+    pairs = {"gradient": moved, "gradient_visibility": moved, "gradient_indirect": still, "gradient_glossy": still}
 
     def length(target: str, *without: str) -> float:
         session = Session(Asvgf(AsvgfOptions(target)))

@@ -14,7 +14,7 @@ from nte.filters.moments import (
     shorten,
     variance_of,
     with_square,
-)  # fmt: skip
+)
 
 
 def same_kind(p: Sequence[Tensor], q: Sequence[Tensor], distance: float) -> tuple[Tensor, Tensor]:

@@ -85,10 +85,11 @@ def test_a_gap_in_front_of_what_moves_shows_it_at_full_light() -> None:
     time = np.random.default_rng(0).random((1, 1, 32, 64))
     bars = np.indices((32, 64))[1] % 12 < 5
     channels = {
-        "color": np.where(bars, 0.1, 6.0) * np.ones((1, 3, 1, 1)), "time": time,
+        "color": np.where(bars, 0.1, 6.0) * np.ones((1, 3, 1, 1)),
+        "time": time,
         "shutter_motion": np.where(bars, 0, np.reshape([9.0, 4.0], (2, 1, 1)))[None],
         "shutter_depth": np.where(bars, 2.0, 7.0)[None, None],
-    }  # fmt: skip
+    }
     frame = Frame({name: values.astype(np.float32) for name, values in channels.items()})
     session = Session(load_denoiser("motion_blur"))
     for _ in range(2):

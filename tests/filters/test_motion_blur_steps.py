@@ -122,8 +122,11 @@ def test_variance_estimate_is_that_of_a_loop():
         y, x = ys[number] // 2 * 2, xs[number] // 2 * 2
         tile = image[y : y + 2, x : x + 2].reshape(-1, 8)
         cover = math.inf if tile[:, MOVING].any() else 1.05 * tile[:, DEPTH].max().item()
-        window = [(math.hypot(b - x - 0.5, a - y - 0.5), a, b) for a in range(max(0, y - 7), min(SIZE[0], y + 9))
-                  for b in range(max(0, x - 7), min(SIZE[1], x + 9))]  # fmt: skip
+        window = [
+            (math.hypot(b - x - 0.5, a - y - 0.5), a, b)
+            for a in range(max(0, y - 7), min(SIZE[0], y + 9))
+            for b in range(max(0, x - 7), min(SIZE[1], x + 9))
+        ]
         moving = [s for s in (image[a, b] for _, a, b in sorted(window)) if s[MOVING] > 0 and s[DEPTH] <= cover]
         lengths = np.array([math.hypot(*s[MOTION].tolist()) for s in moving])
         angles = np.array([math.atan2(s[MOTION][1], s[MOTION][0]) for s in moving])

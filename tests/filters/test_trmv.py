@@ -163,10 +163,13 @@ def test_without_motion_no_pixel_moves(options: dict[str, Any]) -> None:
     light = by_stripe(3, 0.1, 5)
     still = plane(
         depth=np.broadcast_to(5 * 1.5**stripe, (1, 1, 20, 28)),
-        visibility=by_stripe(1, 0, 1), glossy=by_stripe(3, 0, 3),
-        indirect_radiance=light, indirect=light * plane()["albedo"], indirect_direction=plane()["normal"],
+        visibility=by_stripe(1, 0, 1),
+        glossy=by_stripe(3, 0, 3),
+        indirect_radiance=light,
+        indirect=light * plane()["albedo"],
+        indirect_direction=plane()["normal"],
         shadow_motion=np.zeros((1, 2, 20, 28)),
-    )  # fmt: skip
+    )
     outputs = run([replace(still, index=index) for index in range(5)], **options)
     for found in outputs:
         np.testing.assert_allclose(found["visibility"], still["visibility"], rtol=1e-4, atol=1e-5)
@@ -372,10 +375,12 @@ def test_indirect_light_leaves_by_the_diffuse_lobe_alone(options: dict[str, Any]
         direction = directions(np.random.default_rng(index), frame["normal"])
         frames.append(
             frame.with_channels(
-                diffuse_albedo=diffuse, indirect=light * diffuse,
-                indirect_radiance=light * np.ones_like(diffuse), indirect_direction=direction,
+                diffuse_albedo=diffuse,
+                indirect=light * diffuse,
+                indirect_radiance=light * np.ones_like(diffuse),
+                indirect_direction=direction,
             )
-        )  # fmt: skip
+        )
     image = np.mean([found["indirect"] for found in run(frames, ("indirect",), target="indirect", **options)[5:]], 0)
     assert image[..., :24].mean() == pytest.approx(0.4, rel=0.02)
     assert image[..., 24:].mean() == pytest.approx(0.8, rel=0.02)
@@ -390,10 +395,13 @@ def test_indirect_history_comes_from_the_surface_itself(options: dict[str, Any])
         light = np.where(near, 50.0, 1.0) * np.ones((1, 3, 24, 48))
         frame = plane(index, (24, 48), albedo=np.ones((1, 3, 24, 48), np.float32))
         given = {
-            "depth": np.where(near, 5.0, 10.0), "indirect": light, "indirect_radiance": light,
-            "indirect_direction": frame["normal"], "motion": np.full((1, 2, 24, 48), [[[[0.5]], [[0]]]]),
+            "depth": np.where(near, 5.0, 10.0),
+            "indirect": light,
+            "indirect_radiance": light,
+            "indirect_direction": frame["normal"],
+            "motion": np.full((1, 2, 24, 48), [[[[0.5]], [[0]]]]),
             "previous_forward_motion": np.full((1, 2, 24, 48), [[[[-0.5]], [[0]]]]),
-        }  # fmt: skip
+        }
         frames.append(frame.with_channels(**{name: values.astype(np.float32) for name, values in given.items()}))
     found = run(frames, ("indirect",), target="indirect", clamp=float("inf"), cleanup=False, **options)[-1]["indirect"]
     np.testing.assert_allclose(found, frames[-1]["indirect"], rtol=1e-3)

@@ -55,10 +55,13 @@ def test_light_from_few_directions_keeps_its_energy_on_bumps(
         normal, rng = bumps(index, speed), np.random.default_rng([index, 3])
         direction = directions(normal, 1, rng)
         channels = {
-            "normal": normal[None], "albedo": np.ones((1, 3, *SIZE)), "motion": motion,
-            "previous_forward_motion": -motion, "indirect_direction": direction,
+            "normal": normal[None],
+            "albedo": np.ones((1, 3, *SIZE)),
+            "motion": motion,
+            "previous_forward_motion": -motion,
+            "indirect_direction": direction,
             "indirect_radiance": lamp(direction, towards, least),
-        }  # fmt: skip
+        }
         frame = plane(index, SIZE, **{name: np.float32(values) for name, values in channels.items()})
         image = session.denoise(frame)
         if index >= FIRST:

@@ -65,9 +65,9 @@ def test_cells_keep_their_size_next_to_the_one_direction_where_frames_jump(degre
     normal = torch.nn.functional.normalize(
         -pole + math.tan(math.radians(degrees)) * cones.local_axes()[2].cross(pole, dim=0), dim=0
     )
-    direction, normal = (values.float().T.reshape(1, 3, 1, -1) for values in (
-        cosine_directions(normal, 100_000), normal[None]
-    ))  # fmt: skip
+    direction, normal = (
+        values.float().T.reshape(1, 3, 1, -1) for values in (cosine_directions(normal, 100_000), normal[None])
+    )
     image = normal.expand_as(direction).contiguous()
     weight = cones.split(cones.sample_to_cones(torch.ones_like(direction), direction, image))[1]
     torch.testing.assert_close(weight.mean((0, 2, 3, 4)), torch.tensor(WEIGHTS) / math.pi, atol=0.005, rtol=0)

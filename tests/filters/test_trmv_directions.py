@@ -66,9 +66,12 @@ def frame_of(index: int, normal: Array, light: Light, motion: float = 0.0) -> Fr
     channels = {
         "normal": np.broadcast_to(normal.reshape(1, 3, 1, 1), (1, 3, *SIZE)),
         "albedo": np.ones((1, 3, *SIZE)),
-        "indirect": image, "indirect_radiance": image, "indirect_direction": towards,
-        "motion": np.full((1, 2, *SIZE), motion), "previous_forward_motion": np.full((1, 2, *SIZE), -motion),
-    }  # fmt: skip
+        "indirect": image,
+        "indirect_radiance": image,
+        "indirect_direction": towards,
+        "motion": np.full((1, 2, *SIZE), motion),
+        "previous_forward_motion": np.full((1, 2, *SIZE), -motion),
+    }
     return plane(index, SIZE, **{name: np.asarray(values, np.float32) for name, values in channels.items()})
 
 

@@ -91,8 +91,10 @@ def test_forward_motion_of_zeros_in_a_picture_that_moves_is_warned_of_once(kind:
     partly[:, :, 3, 4] = 2
     still = np.full_like(zeros, 0.1)
     for fine in (
-        channels, channels | {"motion": still, "previous_forward_motion": zeros},
-        channels | {"previous_forward_motion": partly}, channels | {"previous_forward_motion": zeros + np.nan},
+        channels,
+        channels | {"motion": still, "previous_forward_motion": zeros},
+        channels | {"previous_forward_motion": partly},
+        channels | {"previous_forward_motion": zeros + np.nan},
         {name: values for name, values in channels.items() if name != "previous_forward_motion"},
-    ):  # fmt: skip
+    ):
         assert not warned(fine)

@@ -80,10 +80,11 @@ def with_windows(path: Path, values: npt.NDArray, data: tuple[int, int], display
     height, width = values.shape
     x, y = data
     header = {
-        "compression": OpenEXR.ZIP_COMPRESSION, "type": OpenEXR.scanlineimage,
+        "compression": OpenEXR.ZIP_COMPRESSION,
+        "type": OpenEXR.scanlineimage,
         "dataWindow": (np.array([x, y], np.int32), np.array([x + width - 1, y + height - 1], np.int32)),
         "displayWindow": (np.array(display[:2], np.int32), np.array(display[2:], np.int32)),
-    }  # fmt: skip
+    }
     with OpenEXR.File(header, {"Z": values.copy()}) as file:
         file.write(str(path))
 

@@ -16,9 +16,10 @@ from nte.frames.exr_header import unbelievable
 from tests.synthetic import disc_clip, disc_frame
 
 COMPRESSIONS = [
-    getattr(OpenEXR, name) for name in dir(OpenEXR)
+    getattr(OpenEXR, name)
+    for name in dir(OpenEXR)
     if name.endswith("_COMPRESSION") and not name.startswith(("LJ2K", "ZSTD"))
-]  # fmt: skip
+]
 
 
 def promising(path: Path, attribute: bytes, width: int, height: int) -> Path:

@@ -162,21 +162,23 @@ def noisebase_arrays(
         view = np.eye(4)
         view[:3, :3], view[:3, 3] = camera["basis"], -camera["basis"] @ camera["position"]
         rgbe, exposure = encode_rgbe(np.repeat(frame["color"][..., None], samples, 3))
-        found.append({
-            "color": rgbe,
-            "exposure": exposure,
-            "reference": frame["reference"],
-            "position": np.where(hit, position, np.inf if i % 2 else 0).astype(np.float32),
-            "motion": np.where(hit, motion, 0).astype(np.float32),
-            "normal": np.repeat(frame["normal"][..., None], samples, 3).astype(np.float16),
-            "diffuse": np.repeat(frame["albedo"][..., None], samples, 3).astype(np.float16),
-            "camera_position": camera["position"].astype(np.float32),
-            "camera_target": (camera["position"] + 4 * camera["basis"][2]).astype(np.float32),
-            "camera_up": camera["basis"][1].astype(np.float32),
-            "view_proj_mat": (projection @ view).T.astype(np.float32),
-            "proj_mat": projection.astype(np.float32),
-            "crop_offset": offset.astype(np.int32),
-        })  # fmt: skip
+        found.append(
+            {
+                "color": rgbe,
+                "exposure": exposure,
+                "reference": frame["reference"],
+                "position": np.where(hit, position, np.inf if i % 2 else 0).astype(np.float32),
+                "motion": np.where(hit, motion, 0).astype(np.float32),
+                "normal": np.repeat(frame["normal"][..., None], samples, 3).astype(np.float16),
+                "diffuse": np.repeat(frame["albedo"][..., None], samples, 3).astype(np.float16),
+                "camera_position": camera["position"].astype(np.float32),
+                "camera_target": (camera["position"] + 4 * camera["basis"][2]).astype(np.float32),
+                "camera_up": camera["basis"][1].astype(np.float32),
+                "view_proj_mat": (projection @ view).T.astype(np.float32),
+                "proj_mat": projection.astype(np.float32),
+                "crop_offset": offset.astype(np.int32),
+            }
+        )
     return found
 
 

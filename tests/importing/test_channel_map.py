@@ -407,7 +407,7 @@ def test_bad_pixels_of_the_reference_are_counted_and_named(
         ({"channels": "beauty"}, "channels"),
         ({"channels": ["beauty"]}, "list is not a subclass of Dict"),
     ],
-)  # fmt: skip
+)
 def test_faulty_maps_are_refused_by_key(
     tmp_path: Path, capsys: pytest.CaptureFixture[str], about: dict[str, Any], said: str
 ) -> None:

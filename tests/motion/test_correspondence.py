@@ -349,9 +349,10 @@ def test_an_image_is_searched_in_a_batch_as_alone_whatever_stands_beside_it() ->
     large = 0.5 + 0.4 * texture((150, 260))[None, None]
     still = room((150, 200))
     pairs = [
-        (large[..., 60:], large[..., :-60]), (still.roll((1, 2), (2, 3)), still),
+        (large[..., 60:], large[..., :-60]),
+        (still.roll((1, 2), (2, 3)), still),
         (noisy(still.roll((1, 2), (2, 3)), 0.15, 1), noisy(still, 0.15, 2)),
-    ]  # fmt: skip
+    ]
     together = find_correspondence(torch.cat([c for c, _ in pairs]), torch.cat([p for _, p in pairs]))
     for n, (current, previous) in enumerate(pairs):
         alone = find_correspondence(current, previous)

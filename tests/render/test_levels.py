@@ -140,9 +140,10 @@ def write_mirrors(folder: Path) -> Path:
     }
     parts = "".join(
         f'<shape type="{kind}" id="{name}"><transform name="to_world">{place}</transform>{material.format(*numbers)}'
-        + ('<string name="filename" value="knob.ply"/>' if kind == "ply" else "") + "</shape>"
+        + ('<string name="filename" value="knob.ply"/>' if kind == "ply" else "")
+        + "</shape>"
         for name, (kind, place, *numbers) in things.items()
-    )  # fmt: skip
+    )
     (folder / "scene.xml").write_text(f"""<scene version="3.0.0">
       <sensor type="perspective"><float name="fov" value="45"/><transform name="to_world">
         <lookat origin="0.4, 3, -5" target="0, 0.4, 0" up="0, 1, 0"/></transform></sensor>{parts}

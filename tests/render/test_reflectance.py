@@ -24,9 +24,10 @@ COLOUR = np.array([0.5, 0.6, 0.2])
 _RGB = '<rgb name="{}" value="0.5, 0.6, 0.2"/>'
 PAINT = '<bsdf type="diffuse">' + _RGB.format("reflectance") + "</bsdf>"
 HALF_METAL = (
-    '<bsdf type="principled">' + _RGB.format("base_color")
+    '<bsdf type="principled">'
+    + _RGB.format("base_color")
     + '<float name="metallic" value="0.5"/><float name="roughness" value="0.6"/></bsdf>'
-)  # fmt: skip
+)
 GOLD = '<bsdf type="roughconductor"><string name="material" value="Au"/></bsdf>'
 # What lies on the floor, and the reflectance of its diffuse lobe where that is known: else the channels say the same.
 FLOORS = {

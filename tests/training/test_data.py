@@ -161,9 +161,10 @@ def test_clips_with_backward_vectors_only_are_scattered_as_in_inference(tmp_path
         for i in range(3):
             frame = clips[clip].frame(i)
             expected = (
-                frame["previous_forward_motion"] if clip == 1
+                frame["previous_forward_motion"]
+                if clip == 1
                 else scatter_forward_motion(*(torch.from_numpy(frame[c]) for c in ("motion", "depth"))).numpy()
-            )  # fmt: skip
+            )
             found = batch[i]["previous_forward_motion"][n].numpy()
             np.testing.assert_array_equal(found, expected[0][:, :, columns[n]])
     assert batch[1]["previous_forward_motion"][order.index(0)].isnan().any()  # the hole behind the disc

@@ -198,11 +198,14 @@ def test_clips_with_backward_vectors_only_train_and_validate(tmp_path: Path, noi
     choices = {"scattered": "data.scatter=1", "stored": "data.scatter=0"}
     ours, scattered, stored = (
         checkpoint(folder)["denoiser.heads.heads.0.weight"]
-        for folder in (run, *(
-            train(tiny_config(tmp_path, noisy_disc, "data.batch=1", choice, f"name={name}"), device="cpu")
-            for name, choice in choices.items()
-        ))
-    )  # fmt: skip
+        for folder in (
+            run,
+            *(
+                train(tiny_config(tmp_path, noisy_disc, "data.batch=1", choice, f"name={name}"), device="cpu")
+                for name, choice in choices.items()
+            ),
+        )
+    )
     assert torch.equal(ours, scattered)
     assert not torch.equal(ours, stored)
 
