@@ -10,15 +10,15 @@ import numpy as np
 
 from nte.render.engine.arrays import to_jit
 from nte.render.engine.backend import is_scalar, load_mitsuba
-from nte.render.engine.places import Places, Triangles
+from nte.render.engine.places import Triangles
 from nte.render.engine.plugins import camera_sensor, environment, far_away, flat, make_mesh, path_integrator
-from nte.render.engine.stage import Moment, Scenery, opened, update
+from nte.render.engine.stage import HoldsScenery, Moment, Scenery, opened, update
 from nte.render.engine.types import Integrator, MitsubaScene, Parameters
 from nte.render.engine.xml.loading import forget_scene
-from nte.render.world.scene import Camera, Scene
+from nte.render.world.scene import Scene
 
 
-class MeshStage:
+class MeshStage(HoldsScenery):
     """A scene of meshes as one Mitsuba scene; see `nte.render.engine.stage.Stage`.
 
     Every time computes all vertices from the tracks, so a frame does not depend on the frames before it.
@@ -30,7 +30,7 @@ class MeshStage:
         """Build the scene. width, height: pixels. max_depth: path segments. integrator: path tracing if None."""
         mi = load_mitsuba()
         forget_scene()
-        self.scene, self.width, self.height = scene, width, height
+        self.scene = scene
         max_depth = max(max_depth, scene.least_depth)
         media = any(obj.medium is not None for obj in scene.objects)
         self._meshes = {f"object_{i:03d}": make_mesh(obj) for i, obj in enumerate(scene.objects)}
@@ -62,19 +62,8 @@ class MeshStage:
         self._time: float | None = None
 
     @property
-    def camera(self) -> Camera:
-        """Return the scene's camera, with its track over all times."""
-        return self.scene.camera
-
-    @property
-    def places(self) -> Places:
-        """Return the object that knows where places on surfaces are at any time."""
-        return self._scenery.places
-
-    @property
-    def distant(self) -> float:
-        """Return the distance, in scene units, at which a point at infinity is put when it must be a point."""
-        return self._scenery.distant
+    def _held(self) -> Scenery:
+        return self._scenery
 
     def at(self, time: float) -> AbstractContextManager[Moment]:
         """Move every vertex and the camera to a time in frames, and hand out the moment that passes take.

@@ -9,6 +9,7 @@ scenery, which holds no time, so a kernel that was recorded at one moment can be
 """
 
 import weakref
+from abc import ABC, abstractmethod
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import AbstractContextManager, contextmanager
 from dataclasses import dataclass, field
@@ -70,7 +71,40 @@ class Stage(Timeless, Protocol):
         """
 
 
-class Moment:
+class HoldsScenery(ABC):
+    """The base of stages and moments: the constants of the scenery that they hold, as `Timeless` declares them."""
+
+    @property
+    @abstractmethod
+    def _held(self) -> "Scenery": ...
+
+    @property
+    def camera(self) -> Camera:
+        """Return the camera, with its track over all times."""
+        return self._held.camera
+
+    @property
+    def width(self) -> int:
+        """Return the width of images, pixels."""
+        return self._held.width
+
+    @property
+    def height(self) -> int:
+        """Return the height of images, pixels."""
+        return self._held.height
+
+    @property
+    def places(self) -> Places:
+        """Return the object that knows where places on surfaces are at any time."""
+        return self._held.places
+
+    @property
+    def distant(self) -> float:
+        """Return the distance, in scene units, at which a point at infinity is put when it must be a point."""
+        return self._held.distant
+
+
+class Moment(HoldsScenery):
     """A stage at one time in frames, handed out by `Stage.at`. Raises RuntimeError if it is used after its block."""
 
     def __init__(self, scenery: "Scenery", time: float) -> None:
@@ -85,29 +119,8 @@ class Moment:
         return self._scenery
 
     @property
-    def camera(self) -> Camera:
-        """Return the camera, with its track over all times."""
-        return self.scenery.camera
-
-    @property
-    def width(self) -> int:
-        """Return the width of images, pixels."""
-        return self.scenery.width
-
-    @property
-    def height(self) -> int:
-        """Return the height of images, pixels."""
-        return self.scenery.height
-
-    @property
-    def places(self) -> Places:
-        """Return the object that knows where places on surfaces are at any time."""
-        return self.scenery.places
-
-    @property
-    def distant(self) -> float:
-        """Return the distance, in scene units, at which a point at infinity is put when it must be a point."""
-        return self.scenery.distant
+    def _held(self) -> "Scenery":
+        return self.scenery
 
     def frozen(self, function: Callable[Concatenate["Scenery", Arrays], Result]) -> Callable[Arrays, Result]:
         """Return `function`, of the scenery and of Dr.Jit arrays, as a kernel for this moment: see Scenery.frozen."""

@@ -11,9 +11,8 @@ from typing import TypeVar
 
 from nte.errors import NteError
 from nte.render.engine.backend import load_mitsuba
-from nte.render.engine.places import Places
 from nte.render.engine.plugins import camera_sensor, far_away, path_integrator
-from nte.render.engine.stage import Moment, opened, update
+from nte.render.engine.stage import HoldsScenery, Moment, opened, update
 from nte.render.engine.types import Integrator, Parameters
 from nte.render.engine.xml.camera import xml_camera
 from nte.render.engine.xml.levels import levels
@@ -22,7 +21,6 @@ from nte.render.engine.xml.moving import brightness_of, moved_by, place_of
 from nte.render.engine.xml.rest import Rest
 from nte.render.engine.xml.scenery import XmlScenery
 from nte.render.world.keyframes import Animation, brightness_curve, moves, object_track
-from nte.render.world.scene import Camera
 from nte.render.world.transforms import Track
 
 _Value = TypeVar("_Value")
@@ -36,7 +34,7 @@ class XmlObject:
     track: Track | None = None
 
 
-class XmlStage:
+class XmlStage(HoldsScenery):
     """The XML scene of an animation; see `nte.render.engine.stage.Stage`.
 
     Film, sampler and integrator are nte's own, as for every clip.
@@ -59,7 +57,7 @@ class XmlStage:
         is ever opened.
         """
         mi = load_mitsuba()
-        self.width, self.height, self._start = width, height, start
+        self._start = start
         mi_scene, self.media = load_xml(animation, keep)
         shapes = list(mi_scene.shapes())
         distant = far_away(mi_scene)
@@ -106,19 +104,8 @@ class XmlStage:
         self._time: float | None = None
 
     @property
-    def camera(self) -> Camera:
-        """Return the camera, with its track over all times."""
-        return self._camera
-
-    @property
-    def places(self) -> Places:
-        """Return the object that knows where places on surfaces are at any time."""
-        return self._scenery.places
-
-    @property
-    def distant(self) -> float:
-        """Return the distance, in scene units, at which a point at infinity is put when it must be a point."""
-        return self._scenery.distant
+    def _held(self) -> XmlScenery:
+        return self._scenery
 
     def at(self, time: float) -> AbstractContextManager[Moment]:
         """Move every animated shape and light, and the camera, to a time in frames, and hand out the moment for passes.
