@@ -13,11 +13,11 @@ import numpy.typing as npt
 
 from nte.denoiser import Filter, Result, State, sanitised
 from nte.errors import NteError, needs_extra
+from nte.frames.clip import Pixels
 from nte.frames.frame import Frame
 from nte.options import Options
 
 GUIDES = ("albedo", "normal")
-Pixels = npt.NDArray[np.float32]
 
 _Handle: TypeAlias = Any  # a device or a filter of pyoidn, which is not typed
 

@@ -4,17 +4,16 @@ from collections.abc import Sequence
 from pathlib import Path
 
 import numpy as np
-import numpy.typing as npt
 import onnxruntime
 
 from nte.denoiser import Denoiser, Result, require_extras
 from nte.errors import NteError
 from nte.frames.channels import width_of
+from nte.frames.clip import Pixels
 from nte.frames.frame import Frame
 from nte.recurrence import FORWARD, NetworkState, begin, hand_on
 from nte.runtime.description import METADATA_KEY, read_description, recurrent_of, require_seal
 
-Pixels = npt.NDArray[np.float32]
 Provider = str | tuple[str, dict[str, str]]
 
 

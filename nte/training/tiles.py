@@ -16,14 +16,13 @@ from pathlib import Path
 from typing import NamedTuple
 
 import numpy as np
-import numpy.typing as npt
 import torch
 from torch import Tensor
 
 from nte.errors import NteError
 from nte.files import make_folder, sweep, temporary_name
 from nte.frames.channels import REFERENCES, width_of
-from nte.frames.clip import Clip, frame_path
+from nte.frames.clip import Clip, Pixels, frame_path
 from nte.frames.frame import Frame
 from nte.frames.reference import BadReferenceWarning, count_bad_pixels, describe_bad_pixels
 from nte.frames.scalars import sequence_scalars
@@ -34,7 +33,6 @@ from nte.training.plan import digest_of
 TILE = 64  # pixels; a crop of 256 reads 1.6 times its size
 FORMAT = "nte-tiles/1"
 SCATTERED = "scattered_forward_motion"
-Pixels = npt.NDArray[np.float32]
 SCALARS = ("exposure", "depth_scale", "shutter")  # scalars of a frame that belong to its sequence
 
 
