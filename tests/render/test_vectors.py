@@ -5,6 +5,8 @@ from collections.abc import Callable
 import numpy as np
 import pytest
 
+from nte.frames.bad import count_bad
+from nte.frames.frame import Frame
 from nte.render.components.frame import noisy
 from nte.render.components.reliable_motion import footprint
 from nte.render.engine import plugins
@@ -243,3 +245,16 @@ def test_a_deep_room_has_finite_vectors_or_none():
     assert (np.isfinite(channels["shadow_motion"][0]) <= (channels["visibility"][0] == 0)).all()
     xx, xy, yy = channels["reflection_covariance"]
     assert not (xx * yy - xy**2 < -1e-3 * (xx + yy) ** 2).any()
+
+
+def test_lobes_that_no_filter_can_look_at_are_unknown():
+    """Two lobes on a floor that is seen at grazing angles: the linear approximation of some has no bound."""
+    scene = FAMILIES["limits"](derive_generator("test", "limits", 0), "test", {"case": "two_lobes"})
+    stage = MeshStage(scene, SIZE, SIZE, 3)
+    _, seeds = noisy(stage, 1, list(range(12)))
+    lobes = np.stack([seed["reflection_covariance"] for seed in seeds])
+    motion = np.stack([seed["reflection_motion"] for seed in seeds])
+    assert np.nanmax(np.abs(lobes)) <= 64**2 * (SIZE**2 + SIZE**2)
+    np.testing.assert_array_equal(np.isnan(lobes).any(1), np.isnan(motion).any(1))
+    for seed in seeds:
+        assert not count_bad(Frame({name: values[None] for name, values in seed.items()}))

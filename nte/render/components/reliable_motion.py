@@ -12,6 +12,8 @@ import torch
 from torch import Tensor
 
 from nte.filters.threads import own_threads
+from nte.frames.channels import CHANNELS
+from nte.frames.usable import usable
 from nte.motion.reliable import mirror_image, reflection_covariance, shadow_point
 from nte.render.engine.places import Indices
 from nte.render.engine.stage import Moment, Timeless
@@ -91,13 +93,15 @@ def reflection_vectors(before: Moment, mirrored: Mirrored, time: float) -> tuple
     """Compute reflection_motion (2, H, W), px, and reflection_covariance (3, H, W), px², of the frame at `time`.
 
     before: the moment one frame earlier, at time − 1. Both are NaN where only the diffuse lobe reflected the path,
-    where the mirrored point is behind the camera, and where no surface is seen there at time − 1.
+    where the mirrored point is behind the camera, where no surface is seen there at time − 1, and where the lobe covers
+    more than any filter can look at: seen at a grazing angle, its linear approximation has no bound.
     """
-    covariance = footprint(before, mirrored.image)
     motion = _motion(before, mirrored.first, mirrored.image, time)
-    motion[np.isnan(covariance).any(1)] = np.nan
-    images = (to_image(before, _spread(mirrored.reflected, values)) for values in (motion, covariance))
-    return next(images), next(images)
+    vectors, lobes = (
+        to_image(before, _spread(mirrored.reflected, values)) for values in (motion, footprint(before, mirrored.image))
+    )
+    lobes = usable(CHANNELS["reflection_covariance"], lobes[None])[0]
+    return np.where(np.isnan(lobes).any(0), np.float32(np.nan), vectors), lobes
 
 
 def footprint(moment: Moment, image: Floats) -> Floats:
