@@ -45,7 +45,7 @@ def test_scenes_are_finite_lit_and_unit(variant: str, split: str):
         assert np.isfinite(obj.mesh.uv).all()
         assert obj.mesh.positions.dtype == obj.mesh.normals.dtype == obj.mesh.uv.dtype == np.float32
         assert 0 <= obj.material.color.min() <= obj.material.color.max() <= 1
-        assert 0 <= obj.material.roughness <= 1
+        assert 0 <= np.min(obj.material.roughness) <= np.max(obj.material.roughness) <= 1
         for time in (-1.0, 0.37, 12.5):
             positions, normals = obj.at(time)
             assert np.isfinite(positions).all()

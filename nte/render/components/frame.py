@@ -46,13 +46,13 @@ def noisy(stage: Stage, time: float, seeds: Sequence[int]) -> tuple[dict[str, Pi
     in the queue. Therefore arrays that are ready are read before the next kernel is queued.
     """
     with stage.at(time) as moment:
-        centres = trace_centres(moment)
-        surfaces = queue_surfaces(moment, pattern(moment), diffuse_albedo)
+        offsets, centres = pattern(moment), trace_centres(moment)
+        surfaces = queue_surfaces(moment, offsets, diffuse_albedo=diffuse_albedo)
         paths = [_path(moment, seed) for seed in seeds]
         channels = geometry(moment, centres)
         bounces, seen = [_bounce(moment, path) for path in paths], Surfaces.of(to_rows(surfaces))
         directs, shadow_rays = zip(*(_shadow_ray(moment, seed) for seed in seeds), strict=True)
-        channels |= surface_of(moment, seen)
+        channels |= surface_of(moment, seen, len(offsets))
         mirrored = [mirror_images(moment, bounce, time) for bounce in bounces]
         channels["direct"] = np.mean([_image(moment, direct.mean) for direct in directs], axis=0, dtype=np.float32)
         samples = [_light_of(moment, path, ray) for path, ray in zip(paths, shadow_rays, strict=True)]

@@ -5,7 +5,7 @@ import numpy.typing as npt
 
 from nte.render.engine.backend import load_mitsuba
 from nte.render.engine.types import MitsubaScene, Plugin, Shape
-from nte.render.world.scene import Camera, DeformingObject, Material, Medium, Mesh, Scene, SceneObject
+from nte.render.world.scene import Camera, DeformingObject, Material, Medium, Mesh, Pixels, Scene, SceneObject
 
 VEIL = 0.05  # the share of light that a veil reflects or swallows
 _DISTANT = 1e5, 1e3  # the distance of a point at infinity: at least in scene units, and in sizes of the scene
@@ -85,17 +85,26 @@ def bsdf(material: Material) -> Plugin:
     """Describe a material. Plain colours are textures too: fewer kinds of plugins let more scenes share kernels."""
     if material.surface == "none":
         return {"type": "null"}
-    texture = {"type": "bitmap", "data": load_mitsuba().TensorXf(material.color), "raw": True}
+    texture = _bitmap(material.color)
     diffuse = {"type": "diffuse", "reflectance": texture}
     if material.surface == "diffuse":
         return diffuse
     if material.surface == "veil":
         return {"type": "mask", "opacity": VEIL, "bsdf": diffuse}
     metallic = 1.0 if material.surface == "metal" else 0.0
-    rough = {"type": "principled", "base_color": texture, "roughness": material.roughness, "metallic": metallic}
+    rough = {"type": "principled", "base_color": texture, "roughness": _number(material.roughness),
+             "metallic": metallic}  # fmt: skip
     if material.surface == "glass":  # not `dielectric`, which has neither albedo nor roughness
         rough |= {"spec_trans": 1.0, "eta": 1.5}
     return rough
+
+
+def _number(value: float | Pixels) -> float | Plugin:
+    return value if isinstance(value, float | int) else _bitmap(value)
+
+
+def _bitmap(texels: Pixels) -> Plugin:
+    return {"type": "bitmap", "data": load_mitsuba().TensorXf(texels), "raw": True}
 
 
 def flat(values: npt.NDArray[np.floating]) -> npt.NDArray[np.float32]:

@@ -212,9 +212,13 @@ class Scenery:
 
     def roughness(self, si: Interaction, hit: Lanes) -> Lanes:
         """Return perceptual roughness in [0, 1]; 1 where the BSDF has none. Vectorised variants only."""
+        return self.attribute("roughness", si, hit, 1)
+
+    def attribute(self, name: str, si: Interaction, hit: Lanes, otherwise: float) -> Lanes:
+        """Return a number of the BSDF by its name; `otherwise` where it has none. Vectorised variants only."""
         bsdf = si.bsdf()
-        known = bsdf.has_attribute("roughness", hit)
-        return load_drjit().select(known, bsdf.eval_attribute_1("roughness", si, hit & known), 1)
+        known = bsdf.has_attribute(name, hit)
+        return load_drjit().select(known, bsdf.eval_attribute_1(name, si, hit & known), otherwise)
 
 
 class _Frozen(Protocol):

@@ -13,7 +13,7 @@ import numpy.typing as npt
 from nte.render.engine.stage import Moment, Timeless
 from nte.render.passes.hits import Hits, points_at
 from nte.render.passes.projection import pixel_positions
-from nte.render.passes.rays import Surfaces, trace_centres, trace_surfaces
+from nte.render.passes.rays import Mirrors, Surfaces, trace_centres, trace_surfaces
 from nte.render.world.scene import Pixels
 from nte.render.world.transforms import Floats
 
@@ -21,9 +21,9 @@ SAMPLES = 16  # per pixel, for the channels that are means
 LENS_SAMPLES = 64  # likewise through a lens, where an object out of focus appears as that many copies
 
 
-def guides(moment: Moment) -> dict[str, Pixels]:
-    """Render the noise-free channels (C, H, W): those of `surface` and `geometry`."""
-    return {**surface(moment), **geometry(moment)}
+def guides(moment: Moment, places: Floats | None = None, mirrors: Mirrors = "colour") -> dict[str, Pixels]:
+    """Render the channels of what each pixel sees (C, H, W): those of `surface` and `geometry`."""
+    return {**surface(moment, places, mirrors), **geometry(moment)}
 
 
 def geometry(moment: Moment, hits: Hits | None = None) -> dict[str, Pixels]:
@@ -49,24 +49,25 @@ def geometry(moment: Moment, hits: Hits | None = None) -> dict[str, Pixels]:
     }
 
 
-def surface(moment: Moment) -> dict[str, Pixels]:
+def surface(moment: Moment, places: Floats | None = None, mirrors: Mirrors = "colour") -> dict[str, Pixels]:
     """Render albedo, normal, roughness and emission (C, H, W): means over 16 samples in each pixel, 64 through a lens.
 
     albedo: diffuse reflectance, or a metal's specular colour, in [0, 1]. normal: shading normal, world, facing
     the camera, unit length. Samples that miss have albedo 0 and do not count for normal and roughness. A pixel in
-    which all samples miss has normal 0 and roughness 1.
+    which all samples miss has normal 0 and roughness 1. places: others than those of `pattern`, see
+    rays.trace_surfaces; few of them alias as the guides of many renderers do. mirrors: albedo of metal and glass.
     """
-    return surface_of(moment, trace_surfaces(moment, pattern(moment)))
+    places = pattern(moment) if places is None else places
+    return surface_of(moment, trace_surfaces(moment, places, mirrors), places.shape[-2])
 
 
-def surface_of(timeless: Timeless, seen: Surfaces) -> dict[str, Pixels]:
-    """Turn the sums over the samples of `pattern` into the channels of `surface`.
+def surface_of(timeless: Timeless, seen: Surfaces, samples: int) -> dict[str, Pixels]:
+    """Turn the sums over the samples of a pixel into the channels of `surface`.
 
     Sums of the diffuse lobe give two more channels. diffuse_albedo: ∫ f_d cos θ dω of the diffuse lobe f_d, in [0, 1].
     geometric_normal: the normal of the surface without normal maps and interpolation, world, facing the camera, unit
     length.
     """
-    samples = len(pattern(timeless))
     channels = {
         "albedo": to_image(timeless, np.clip(seen.albedo / samples, 0, 1)),
         "normal": to_image(timeless, _unit(seen.normal)),

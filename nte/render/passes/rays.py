@@ -3,7 +3,7 @@
 from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cache, partial
-from typing import Protocol
+from typing import Literal, Protocol
 
 import numpy as np
 import numpy.typing as npt
@@ -16,7 +16,12 @@ from nte.render.engine.types import Interaction, Lanes, MitsubaScene, Module, Ra
 from nte.render.passes.hits import Hits, hits_of, to_hits
 from nte.render.world.transforms import Floats
 
+# What albedo shows of a surface that reflects or refracts without scattering: its own colour, black or white. Renderers
+# do not agree on it. Only the `principled` material says how far it is a mirror; others show what they give.
+Mirrors = Literal["colour", "black", "white"]
+
 _GOLDEN = (5**0.5 - 1) / 2
+_MIRROR = ("metallic", "spec_trans")  # attributes: the shares of light that a metal and that glass take
 _LOOK, _LOBES = 11, 6  # columns of Surfaces: those always there, and those of the diffuse lobe
 
 
@@ -80,26 +85,30 @@ def trace_centres(moment: Moment) -> Hits:
     return hits_of(moment, rows[:, :-3], rows[:, -3:])
 
 
-def trace_surfaces(moment: Moment, offsets: Floats) -> Surfaces:
-    """Sum what is seen at `offsets` (S, 4), in [0, 1)⁴, of every pixel.
+def trace_surfaces(moment: Moment, offsets: Floats, mirrors: Mirrors = "colour") -> Surfaces:
+    """Sum what is seen at `offsets`, in [0, 1)⁴: (S, 4) of every pixel, or (P, S, 4) with places of its own for each.
 
     The first two numbers of an offset are a place in the pixel, the others a place on the lens if there is one. A half
     each is the middle.
     """
     if is_scalar():
-        return Surfaces.of(_trace_scalar(moment.scenery, offsets, partial(_look, moment.scenery)))
-    return Surfaces.of(to_rows(queue_surfaces(moment, offsets)))
+        return Surfaces.of(_trace_scalar(moment.scenery, offsets, partial(_look, moment.scenery, mirrors)))
+    return Surfaces.of(to_rows(queue_surfaces(moment, offsets, mirrors)))
 
 
-def queue_surfaces(moment: Moment, offsets: Floats, diffuse_albedo: DiffuseAlbedo | None = None) -> list[Lanes]:
+def queue_surfaces(
+    moment: Moment, offsets: Floats, mirrors: Mirrors = "colour", diffuse_albedo: DiffuseAlbedo | None = None
+) -> list[Lanes]:
     """Queue the kernel that sums the columns of Surfaces, Dr.Jit arrays (P,), and do not wait for it.
 
     offsets: see `trace_surfaces`. diffuse_albedo: a function that estimates it; if given, the columns of diffuse_albedo
     and geometric_normal are summed too.
     """
     mi, dr = load_mitsuba(), load_drjit()
-    places = [to_jit(mi.Float, column) for column in offsets.T]
-    return list(moment.frozen(_summing(diffuse_albedo))(dr.opaque(mi.UInt32, len(offsets)), *places))
+    samples, stride = offsets.shape[-2], offsets.shape[-2] if offsets.ndim == 3 else 0
+    places = [to_jit(mi.Float, column) for column in offsets.reshape(-1, 4).T]
+    numbers = (dr.opaque(mi.UInt32, number) for number in (samples, stride))
+    return list(moment.frozen(_summing(mirrors, diffuse_albedo))(*numbers, *places))
 
 
 def _meet(scenery: Scenery, mi: Module, scene: MitsubaScene, ray: Ray) -> list[Lanes]:
@@ -132,18 +141,18 @@ def _film(scenery: Scenery, x: Lanes, y: Lanes) -> tuple[Lanes, ...]:
 
 
 @cache  # the same function for every frame, so a stage records it once
-def _summing(diffuse_albedo: DiffuseAlbedo | None) -> Callable[..., list[Lanes]]:
-    """The kernel that `queue_surfaces` queues."""
+def _summing(mirrors: Mirrors, diffuse_albedo: DiffuseAlbedo | None) -> Callable[..., list[Lanes]]:
+    """The kernel that `queue_surfaces` queues; pixels share their places, or have `stride` places of their own each."""
 
-    def summed(scenery: Scenery, count: Lanes, *places: Lanes) -> list[Lanes]:
+    def summed(scenery: Scenery, count: Lanes, stride: Lanes, *places: Lanes) -> list[Lanes]:
         mi, dr = load_mitsuba(), load_drjit()
         pixel = dr.arange(mi.UInt32, scenery.width * scenery.height)
 
         def add(number: Lanes, *sums: Lanes) -> tuple[Lanes, ...]:
-            x, y, u, v = (dr.gather(mi.Float, place, number) for place in places)
+            x, y, u, v = (dr.gather(mi.Float, place, number + stride * pixel) for place in places)
             ray = past_containers(scenery, camera_ray(scenery, pixel, mi.Point2f(x, y), mi.Point2f(u, v)))
             closer = partial(diffuse_albedo, random=_opposite_pairs(number, count)) if diffuse_albedo else None
-            seen = _look(scenery, mi, scenery.mi_scene, ray, closer)
+            seen = _look(scenery, mirrors, mi, scenery.mi_scene, ray, closer)
             return number + 1, *(total + column for total, column in zip(sums, seen, strict=True))
 
         start = mi.UInt32(0), *(mi.Float(0) for _ in range(_LOOK + (_LOBES if diffuse_albedo else 0)))
@@ -170,7 +179,7 @@ def _opposite_pairs(number: Lanes, count: Lanes) -> Lanes:
 def _trace_scalar(
     scenery: Scenery, offsets: Floats, look: Callable[[Module, MitsubaScene, Ray], list[Lanes]]
 ) -> Floats:
-    """Values (P, K) of look(mi, scene, ray), summed over the rays at `offsets` (S, 4), one ray at a time."""
+    """Values (P, K) of look(mi, scene, ray), summed over the rays at `offsets`, (S, 4) or (P, S, 4), one at a time."""
     mi = load_mitsuba()
 
     def values(x: float, y: float, u: float, v: float) -> list[Lanes]:
@@ -180,15 +189,18 @@ def _trace_scalar(
     rows = []
     for row in range(scenery.height):  # a row of pixels at a time, because Python's numbers take much memory
         corner = np.stack([np.arange(scenery.width), np.full(scenery.width, row)], axis=1)
-        film = (corner[:, None] + offsets[:, :2]).reshape(-1, 2) / (scenery.width, scenery.height)
-        rays = np.concatenate([film, np.tile(offsets[:, 2:], (scenery.width, 1))], axis=1)
+        own = offsets[row * scenery.width : (row + 1) * scenery.width] if offsets.ndim == 3 else offsets[None]
+        own = np.broadcast_to(own, (scenery.width, *own.shape[1:]))
+        film = (corner[:, None] + own[..., :2]) / (scenery.width, scenery.height)
+        rays = np.concatenate([film, own[..., 2:]], axis=-1).reshape(-1, 4)
         table = np.array([values(*ray) for ray in rays.tolist()], float)
-        rows.append(table.reshape(scenery.width, len(offsets), -1).sum(1))
+        rows.append(table.reshape(scenery.width, own.shape[1], -1).sum(1))
     return np.concatenate(rows)
 
 
 def _look(
     scenery: Scenery,
+    mirrors: Mirrors,
     mi: Module,
     scene: MitsubaScene,
     ray: Ray,
@@ -206,11 +218,19 @@ def _look(
             return [0.0] * 7 + [*emission, 0.0]
         rough = bsdf.eval_attribute_1("roughness", si) if bsdf.has_attribute("roughness") else 1.0
         normal = si.sh_frame.n * (1 if si.wi.z >= 0 else -1)
-        return [*bsdf.eval_diffuse_reflectance(si), *normal, rough, *emission, 1.0]
+        albedo = bsdf.eval_diffuse_reflectance(si)
+        if mirrors != "colour":
+            known = [name for name in _MIRROR if bsdf.has_attribute(name)]
+            share = min(1.0, sum(bsdf.eval_attribute_1(name, si) for name in known))
+            albedo = albedo * (1 - share) + (share if mirrors == "white" else 0.0)
+        return [*albedo, *normal, rough, *emission, 1.0]
     dr = load_drjit()
     rough = scenery.roughness(si, hit)
     normal = dr.select(hit, si.sh_frame.n * dr.select(si.wi.z >= 0, 1, -1), 0)
     albedo = scenery.albedo(si, hit)
+    if mirrors != "colour":
+        share = dr.minimum(sum(scenery.attribute(name, si, hit, 0) for name in _MIRROR), 1)
+        albedo = albedo * (1 - share) + (share if mirrors == "white" else 0)
     seen = [*albedo, *normal, dr.select(hit, rough, 0), *emitter.eval(si), dr.select(hit, mi.Float(1), 0)]
     if diffuse_albedo is None:
         return seen

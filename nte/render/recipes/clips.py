@@ -2,6 +2,9 @@
 
 from collections.abc import Callable
 from pathlib import Path
+from typing import cast
+
+import numpy as np
 
 from nte.files import make_folder, only_writer, remove
 from nte.frames.channels import channels_of
@@ -12,12 +15,14 @@ from nte.render.engine.backend import load_mitsuba, require_arrays
 from nte.render.engine.stage import Stage
 from nte.render.passes.gbuffer import guides
 from nte.render.passes.radiance import radiance
+from nte.render.passes.rays import Mirrors
 from nte.render.passes.shutter import blurred, centre_motion
 from nte.render.recipes.jobs import in_processes, on_cluster
 from nte.render.recipes.output import claim, files_of, is_whole, remove_leftovers
 from nte.render.recipes.recipe import ClipPlan, make_stage, plan, read_recipe
 from nte.render.world.scene import Pixels
-from nte.render.world.seeds import derive_seed
+from nte.render.world.seeds import derive_generator, derive_seed
+from nte.render.world.transforms import Floats
 from nte.version import __version__
 
 FPS = 24
@@ -107,11 +112,21 @@ def _colour_only(unit: ClipPlan, stage: Stage, index: int) -> tuple[Channels, li
         def render(channel: str, spp: int, seed: int = 0) -> Pixels:
             return radiance(moment, spp, _seed(unit, index, channel, seed))
 
-        channels = guides(moment)
+        channels = guides(moment, _places(unit, stage, index), cast(Mirrors, group.mirrors))
         motion = {"shutter_motion": centre_motion(moment, group.shutter)} if unit.sharp else {}
         seeds = [{"color": render("color", group.spp, seed), **motion} for seed in range(group.seeds)]
         channels.update({half: render(half, group.reference_spp // 2) for half in REFERENCES})
     return channels, seeds
+
+
+def _places(unit: ClipPlan, stage: Stage, index: int) -> Floats | None:
+    """Places of the guides' samples in the pixels and on the lens; None: those of `pattern`, over the whole pixel."""
+    if unit.group.guides == "averaged":
+        return None
+    if unit.group.guides == "centred":
+        return np.full((1, 4), 0.5)
+    rng = derive_generator(unit.seed, unit.name, index, "guides")
+    return rng.random((stage.width * stage.height, 1, 4))
 
 
 def _blurred(unit: ClipPlan, stage: Stage, index: int) -> tuple[Channels, list[Channels]]:
@@ -155,7 +170,7 @@ def _info(unit: ClipPlan, stage: Stage) -> dict[str, object]:
     return {
         "width": group.width, "height": group.height, "frames": group.frames, "fps": FPS,
         "spp": group.spp, "seeds": group.seeds, "reference_spp": group.reference_spp,
-        "clean_guides": True,
+        "clean_guides": group.guides == "averaged",
         **({"shutter": group.shutter} if group.shutter else {}),
         "cameras": [{"view": camera.view(i).tolist(), "projection": projection} for i in range(group.frames)],
         "origin": {"generator": "nte render", "version": __version__, "recipe": unit.recipe,

@@ -28,6 +28,9 @@ SHARP = "sharp"  # folder of the sharp twins of blurred clips
 _AT_LEAST = {
     "clips": 0, "width": 1, "height": 1, "frames": 1, "spp": 1, "seeds": 1, "reference_spp": 2, "max_depth": 2,
 }  # fmt: skip
+_ONE_OF: dict[str, tuple[str, ...]] = {
+    "guides": ("averaged", "centred", "random"), "mirrors": ("colour", "black", "white"),
+}  # fmt: skip
 _TOO_MUCH = 2**31  # beyond the renderer's integers
 
 
@@ -47,6 +50,8 @@ class Group:
     components: bool = False  # light separated into components, and shadow and reflection vectors
     shutter: float = 0.0  # open share of the frame, in [0, 1]; above 0, frames are blurred and sharp/ holds sharp twins
     unshadowed: bool = False  # shading without noise: diffuse light of the first hit, without shadows
+    guides: str = "averaged"  # means over a pixel (averaged), or one sample that aliases: centred, random
+    mirrors: str = "colour"  # what albedo shows of metal and glass: colour, black or white
     max_depth: int = 4  # path segments: 1 sees lights only, 2 direct light, 3 one bounce of indirect light
     # (a scene with a medium raises it by itself, because light scatters often there)
 
@@ -187,6 +192,12 @@ def _check(where: str, group: Group, folder: Path) -> None:
             raise NteError(f"{where}.{key} is {value}: expected at least {least}")
         if value >= _TOO_MUCH:
             raise NteError(f"{where}.{key} is {value}: expected less than {_TOO_MUCH}")
+    for key, choices in _ONE_OF.items():
+        if (choice := getattr(group, key)) not in choices:
+            raise NteError(f"{where}.{key} is '{choice}': expected one of {', '.join(choices)}")
+        if choice != choices[0] and (group.components or group.shutter):
+            other = "components" if group.components else "a shutter"
+            raise NteError(f"{where}.{key} is '{choice}': expected '{choices[0]}' with {other}")
     if group.components and group.unshadowed:
         raise NteError(f"{where}.unshadowed is true: expected false with components, which are those of a whole path")
     _require_shutter(where, group)

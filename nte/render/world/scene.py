@@ -34,13 +34,14 @@ class Material:
     """The look of a surface: `color` (H, W, 3) is a periodic texture in [0, 1], linear; (1, 1, 3) is a plain colour.
 
     `color` is the diffuse reflectance, the specular colour of a metal, or the share of light that glass lets through.
-    roughness: perceptual, in [0, 1]; 1 for diffuse. Two surfaces are for meshes that hold a medium: a `veil` reflects a
-    twentieth of the light as diffuse does and lets the rest pass straight on; `none` is invisible.
+    roughness: perceptual, in [0, 1]; 1 for diffuse; a periodic texture (H, W, 1) where it varies. Two surfaces are for
+    meshes that hold a medium: a `veil` reflects a twentieth of the light as diffuse does and lets the rest pass
+    straight on; `none` is invisible.
     """
 
     color: Pixels
     surface: Surface = "diffuse"
-    roughness: float = 1.0
+    roughness: float | Pixels = 1.0
 
 
 @dataclass(frozen=True)

@@ -7,6 +7,7 @@ from nte.render.scenes.families.outdoors import cloud, ocean
 from nte.render.scenes.families.studies import (
     apples,
     fence,
+    jumble,
     limits,
     motion_blur,
     penumbra,
@@ -33,5 +34,6 @@ FAMILIES: dict[str, Family[Any]] = {
     "limits": Family(limits.Parameters, limits.make_limits),
     "ocean": Family(ocean.Parameters, ocean.make_ocean),
     "cloud": Family(cloud.Parameters, cloud.make_cloud, media=True),
+    "jumble": Family(jumble.Parameters, jumble.make_jumble),
     "subsurface": Family(subsurface.Parameters, subsurface.make_subsurface, media=True),
 }
