@@ -39,10 +39,16 @@ class TrainableDenoiser(nn.Module, Denoiser):
     """Base class of the networks.
 
     `forward` has one parameter per input, named after a channel (N, C, H, W) in `needs` or `optional`, a recurrent
-    tensor, or one of `reset`, `exposure` and `depth_scale` (N,). An optional channel is None where a frame lacks it,
-    except previous_forward_motion, which is then scattered from motion and depth. `forward` returns a tensor for each
-    of `outputs`: the image (N, C, H, W) in the units of the target's channel, the new values of the recurrent tensors,
-    and the extras. It must sanitise its inputs itself (nte.frames.usable), so that the exported graph does so too.
+    tensor, or one of `reset`, `exposure` and `depth_scale` (N,). A network whose inputs depend on its settings names
+    them in `inputs` instead, and its `forward` takes `*tensors` in that order. An optional channel is None where a
+    frame lacks it, except previous_forward_motion, which is then scattered from motion and depth. `forward` returns a
+    tensor for each of `outputs`: the image (N, C, H, W) in the units of the target's channel, the new values of the
+    recurrent tensors, and the extras. It must sanitise its inputs itself (nte.frames.usable), so that the exported
+    graph does so too. A network that takes `exposure` without `color`, or `depth_scale` without `depth`, lists that
+    channel as optional: they are measured from it.
+
+    The direct children of the module are its steps: nte bench --steps measures each of them, in PyTorch and in the
+    exported graph.
     """
 
     Config: ClassVar[type[NetworkConfig]]  # class of the network's settings
@@ -57,7 +63,7 @@ class TrainableDenoiser(nn.Module, Denoiser):
 
     @property
     def inputs(self) -> tuple[str, ...]:
-        """Names of the inputs of `forward`, in order."""
+        """Names of the inputs of `forward`, in order: its parameters, unless a subclass says otherwise."""
         return tuple(inspect.signature(self.forward).parameters)
 
     @property
@@ -81,10 +87,11 @@ class TrainableDenoiser(nn.Module, Denoiser):
         channels |= {name: given.get(name) for name in self.optional}
         if FORWARD in self.inputs and channels.get(FORWARD) is None:
             channels[FORWARD] = scatter_forward_motion(given["motion"], given["depth"])
-        state, reset = begin(frame, state, self.recurrent, lambda shape: torch.zeros(shape, device=device))
+        taken = self.inputs
+        state, reset = begin(frame, state, self.recurrent, lambda shape: torch.zeros(shape, device=device), taken)
         scalars = {name: torch.tensor(value, device=device) for name, value in state.scalars.known().items()}
         inputs = {**channels, **scalars, **state.tensors, "reset": torch.tensor(reset, device=device)}
-        made = self(**{name: inputs[name] for name in self.inputs})
+        made = self(*(inputs[name] for name in taken))
         if not isinstance(made, tuple) or len(made) != len(self.outputs):
             found = f"{len(made)} tensors" if isinstance(made, tuple) else f"a {type(made).__name__}"
             raise NteError(f"{type(self).__name__}.forward gives {found}, expected a tuple: {', '.join(self.outputs)}")

@@ -72,7 +72,7 @@ class OnnxDenoiser(Denoiser):
             feed[FORWARD] = (
                 self._checked(arrays, FORWARD) if given else scatter_forward_motion(arrays["motion"], arrays["depth"])
             )
-        state, reset = begin(arrays, state, self._recurrent, lambda shape: np.zeros(shape, np.float32))
+        state, reset = begin(arrays, state, self._recurrent, lambda shape: np.zeros(shape, np.float32), self._inputs)
         feed |= {"reset": reset, **state.scalars.known(), **state.tensors}
         sources = (tensor.source for tensor in self._recurrent.values())
         wanted = list(dict.fromkeys(["image", *(name for name in sources if name in self._outputs), *extras]))
