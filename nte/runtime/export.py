@@ -16,6 +16,7 @@ from nte.errors import NteError
 from nte.files import make_folder, only_writer_of, write_whole
 from nte.frames.channels import CHANNELS, Channel, Kind, width_of
 from nte.frames.frame import Frame
+from nte.models.cost import cost_of
 from nte.models.trainable import TrainableDenoiser
 from nte.recurrence import FORWARD, MEASURED, SCALARS
 from nte.runtime.description import FORMAT, METADATA_KEY, UNSEALED, seal
@@ -213,6 +214,7 @@ def _description(denoiser: TrainableDenoiser) -> dict[str, object]:
         "state": {name: tensor.source for name, tensor in denoiser.recurrent.items()},
         **({"scales": scales} if scales else {}),
         "smallest": SMALLEST,
+        "cost": cost_of(denoiser).lines(),
         "conventions": conventions | OF_SEQUENCES | {"image": image} | dict(denoiser.conventions),
     }
 

@@ -21,19 +21,25 @@ class OnnxDenoiser(Denoiser):
     """An exported model as a denoiser: takes frames of NumPy arrays or PyTorch tensors, and returns the same kind.
 
     providers: ONNX Runtime execution providers, best first, by name or as (name, options); None takes the CPU. threads:
-    number of CPU threads; 0 lets ONNX Runtime choose. Raises NteError for a file that is missing, no ONNX model,
+    number of CPU threads; 0 lets ONNX Runtime choose. profile: a folder, to which ONNX Runtime writes the times of the
+    graph's operators at `end_profiling`. Raises NteError for a file that is missing, no ONNX model,
     damaged or not exported by nte, and for a provider that is not available.
     """
 
-    def __init__(self, path: Path | str, providers: Sequence[Provider] | None = None, threads: int = 0) -> None:
-        self.path = Path(path)
+    def __init__(
+        self, path: Path | str, providers: Sequence[Provider] | None = None, threads: int = 0,
+        profile: Path | None = None,
+    ) -> None:  # fmt: skip
+        self.path, self._threads = Path(path), threads
         if not self.path.is_file():
             raise NteError(f"{path}: does not exist; expected an .onnx file made by nte export")
         require_seal(self.path)
         options = onnxruntime.SessionOptions()
         options.intra_op_num_threads = threads
+        if profile is not None:
+            options.enable_profiling, options.profile_file_prefix = True, str(profile / "profile")
         options.log_severity_level = 3  # errors only: the runtime warns about its own graph rewriting
-        chosen = list(providers or ["CPUExecutionProvider"])
+        chosen = self._providers = list(providers or ["CPUExecutionProvider"])
         available = onnxruntime.get_available_providers()
         names = [provider if isinstance(provider, str) else provider[0] for provider in chosen]
         unknown = [name for name in names if name not in available]
@@ -80,6 +86,14 @@ class OnnxDenoiser(Denoiser):
         made = dict(zip(wanted, self._session.run(wanted, used), strict=True))
         result = Result(made["image"], {name: made[name] for name in extras}).like(frame)
         return result, hand_on(state, self._recurrent, feed | made)
+
+    def profiled(self, folder: Path) -> "OnnxDenoiser":
+        """Load the model once more, with the same providers and threads, to be profiled into `folder`."""
+        return OnnxDenoiser(self.path, self._providers, self._threads, folder)
+
+    def end_profiling(self) -> str:
+        """Write ONNX Runtime's profile (JSON), and return its path. Only for a model that is profiled."""
+        return str(self._session.end_profiling())
 
     def _checked(self, frame: Frame, name: str) -> Pixels:
         array = frame[name]
