@@ -19,6 +19,7 @@ from nte.frames.scalars import known_scalars
 SCALARS = ("reset", "exposure", "depth_scale")  # (N,), offered to every network, which need not use them
 MEASURED = {"exposure": "color", "depth_scale": "depth"}  # scalar → the channel it is measured from if not given
 FORWARD = "previous_forward_motion"  # input that is made by scattering `motion` where a frame does not have it
+DENOISED = "denoised_"  # before the name of a light component: the output that is that extra, as inputs have the name
 Numbers = npt.NDArray[np.float32]
 
 

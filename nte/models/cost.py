@@ -7,7 +7,7 @@ from typing import Any
 
 import torch
 import torch.nn.functional as F
-from torch import Tensor, nn
+from torch import Tensor
 from torch.overrides import TorchFunctionMode
 from torch.utils.flop_counter import FlopCounterMode
 
@@ -58,11 +58,13 @@ def macs_per_pixel(network: TrainableDenoiser) -> dict[str, tuple[float, float]]
     """
     size = (2 * COARSEST, 2 * COARSEST)
     counter = FlopCounterMode(display=False, custom_mapping=dict(_PRODUCTS))
+    given, root = _inputs(network, size), type(network).__name__
     with torch.no_grad(), counter:
-        network(*_inputs(network, size))
+        network(*given)
     counts = counter.get_flop_counts()
-    found = {name: _per_pixel(counts.get(f"{type(network).__name__}.{name}", {}), size) for name in _steps(network)}
-    whole = _per_pixel(counts.get("Global", {}), size)
+    steps = [name for name, _ in network.named_children()]
+    found = {name: _per_pixel(counts.get(f"{root}.{name}", {}), size) for name in steps}
+    whole = _per_pixel(counts.get(root, {}), size)
     rest = tuple(total - sum(of[i] for of in found.values()) for i, total in enumerate(whole))
     found["rest"] = rest[0], rest[1]
     return {name: of for name, of in found.items() if sum(of) > 0.5}
@@ -124,10 +126,6 @@ def _inputs(network: TrainableDenoiser, size: tuple[int, int]) -> list[Tensor]:
         values = torch.rand(shape, generator=generator) * 0.5 + 0.25
         made.append(torch.zeros(shape) if name in ("motion", "reset") or "forward_motion" in name else values)
     return made
-
-
-def _steps(network: nn.Module) -> list[str]:
-    return [name for name, _ in network.named_children()]
 
 
 def _per_pixel(counts: Mapping[Any, int], size: tuple[int, int]) -> tuple[float, float]:

@@ -1,12 +1,46 @@
 """The prediction of kernels: a U-Net, and heads that read its decoder features at several scales."""
 
 from collections.abc import Sequence
+from dataclasses import dataclass, field
 from typing import NamedTuple
 
 import torch.nn.functional as F
 from torch import Tensor, nn
 
-from nte.models.unet import UNet
+from nte.errors import NteError
+from nte.models.trainable import NetworkConfig
+from nte.models.unet import UNet, check_levels
+
+
+@dataclass
+class KernelConfig(NetworkConfig):
+    """Settings that all networks share which predict kernels; the defaults are the paper's, where it states them."""
+
+    channels: list[int] = field(default_factory=lambda: [32, 48, 64, 80, 96])  # U-Net, finest level first
+    front: int = 1  # factor of a pixel-unshuffle before the U-Net; 2 makes it work at half resolution
+    scales: int = 3  # kernels at full, 1/2 and 1/4 resolution; 1 is a single-scale network
+    kernel_size: int = 5
+    head_size: int = 3  # of the convolutions that predict kernels
+    downsample: str = "max"  # D of Eq. 4: max (the paper's text) or mean (Vogels et al. 2018)
+    motion: str = "dual"  # dual or traditional
+
+    def check(self) -> None:
+        """Raise NteError, naming the key, for values that make no network."""
+        super().check()
+        choices = {"downsample": ("max", "mean"), "motion": ("dual", "traditional"), "front": (1, 2, 4)}
+        for key, allowed in choices.items():
+            if getattr(self, key) not in allowed:
+                raise NteError(f"network.{key} is {getattr(self, key)!r}, expected one of {allowed}")
+        if any(size % 2 == 0 or size < 1 for size in (self.kernel_size, self.head_size)):
+            raise NteError("network.kernel_size and network.head_size must be odd")
+        check_levels(self.channels)
+        if self.scales < 1 or max(0, self.scales - self.front.bit_length()) >= len(self.channels):
+            raise NteError(f"network.scales is {self.scales}: network.channels has {len(self.channels)} levels")
+
+    @property
+    def multiple(self) -> int:
+        """The number to whose multiples the image's height and width are padded."""
+        return max(self.front << (len(self.channels) - 1), 1 << (self.scales - 1))
 
 
 class ScaleKernels(NamedTuple):

@@ -40,6 +40,7 @@ class LightConfig(NetworkConfig):
 
     def check(self) -> None:
         """Raise NteError, naming the key, for values that make no network."""
+        super().check()
         if self.target not in TARGETS:
             raise NteError(f"network.target is '{self.target}', expected one of {', '.join(TARGETS)}")
         if self.demodulate and self.target not in TEXTURES:
@@ -96,8 +97,9 @@ class Reader(nn.Module):
         depth_scale, exposure = given["depth_scale"], given.get("exposure")
         scale = per_sequence(exposure) if self.is_radiance and exposure is not None else 1.0
         light, guide = usable_light(self.target, given[self.target], exposure), usable_reflectance(given[self.guide])
-        texture = divisor(guide) if self.demodulate else None
-        light = light if texture is None else light / texture
+        texture = None
+        if self.demodulate:
+            light, texture = demodulated(light, given[self.guide])
         depth = usable_depth(given["depth"])
         features = [self.compressed(light), guide, usable_direction(given["normal"]), _normalised(depth, depth_scale)]
         features += [feature(name, given[name], exposure, depth_scale) for name in self.extra]
@@ -119,6 +121,12 @@ def usable_light(target: str, values: Tensor, exposure: Tensor | None) -> Tensor
         values = values * per_sequence(exposure)
     light: Tensor = usable(CHANNELS[target], values, BRIGHTEST)
     return light
+
+
+def demodulated(light: Tensor, albedo: Tensor) -> tuple[Tensor, Tensor]:
+    """Divide light (N, 3, H, W) by a usable texture made of an albedo; returns both, (N, 3, H, W) each."""
+    texture = divisor(usable_reflectance(albedo))
+    return light / texture, texture
 
 
 def feature(name: str, values: Tensor, exposure: Tensor | None, depth_scale: Tensor) -> Tensor:

@@ -14,6 +14,7 @@ DEFAULT = "temporal"  # the kind of a configuration that names none
 KINDS = {
     "temporal": "nte.models.temporal:TemporalDenoiser",
     "rae": "nte.models.rae:RecurrentAutoencoder",
+    "separated": "nte.models.separated:SeparatedDenoiser",
 }
 
 

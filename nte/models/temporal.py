@@ -5,7 +5,7 @@ Zeng et al., «Neural Temporal Denoising for Indirect Illumination». Whatever t
 nte.models.reading, reprojection, prediction and filtering.
 """
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from typing import NamedTuple
 
 import torch
@@ -14,27 +14,20 @@ from torch import Tensor, nn
 from nte.color import luminance
 from nte.errors import NteError
 from nte.models.filtering import Blending, KernelApplication, padded
-from nte.models.prediction import KernelHeads, Memory, Trunk
+from nte.models.prediction import KernelConfig, KernelHeads, Memory, Trunk
 from nte.models.reading import LightConfig, Reader, Seen
 from nte.models.reprojection import Reprojected, Reprojection, Statistics, accumulate
 from nte.models.trainable import TrainableDenoiser
-from nte.models.unet import check_levels, xavier
+from nte.models.unet import xavier
 from nte.recurrence import FORWARD, Recurrent
 
 
 @dataclass
-class TemporalConfig(LightConfig):
+class TemporalConfig(LightConfig, KernelConfig):
     """Settings of the network; the defaults are the paper's, where it states them."""
 
     kind: str = "temporal"
-    channels: list[int] = field(default_factory=lambda: [32, 48, 64, 80, 96])  # U-Net, finest level first
-    front: int = 1  # factor of a pixel-unshuffle before the U-Net; 2 makes it work at half resolution
-    scales: int = 3  # kernels at full, 1/2 and 1/4 resolution; 1 is a single-scale network
-    kernel_size: int = 5
-    head_size: int = 3  # of the convolutions that predict kernels
-    downsample: str = "max"  # D of Eq. 4: max (the paper's text) or mean (Vogels et al. 2018)
     temporal: bool = True  # a temporal kernel filters the warped previous output, and α blends it in
-    motion: str = "dual"  # dual or traditional
     feed_warped: bool = True  # the warped previous output is an input of the network
     feed_masks: bool = False  # the history's validity and the disocclusion mask are inputs too (not in the paper)
     moments: bool = False  # mean and deviation over time of the noisy luminance are inputs too (not in the paper)
@@ -44,15 +37,6 @@ class TemporalConfig(LightConfig):
     def check(self) -> None:
         """Raise NteError, naming the key, for values that make no network."""
         super().check()
-        choices = {"downsample": ("max", "mean"), "motion": ("dual", "traditional"), "front": (1, 2, 4)}
-        for key, allowed in choices.items():
-            if getattr(self, key) not in allowed:
-                raise NteError(f"network.{key} is {getattr(self, key)!r}, expected one of {allowed}")
-        if any(size % 2 == 0 or size < 1 for size in (self.kernel_size, self.head_size)):
-            raise NteError("network.kernel_size and network.head_size must be odd")
-        check_levels(self.channels)
-        if self.scales < 1 or max(0, self.scales - self.front.bit_length()) >= len(self.channels):
-            raise NteError(f"network.scales is {self.scales}: network.channels has {len(self.channels)} levels")
         if self.feature_history < 0:
             raise NteError(f"network.feature_history is {self.feature_history}, expected a number of features from 0")
 
@@ -61,11 +45,6 @@ class TemporalConfig(LightConfig):
         """Images that are carried and warped, with their numbers of components, except the history itself."""
         statistics = {"moments": 2, "length": 1} if self.moments or self.history_length else {}
         return statistics | ({"features": self.feature_history} if self.feature_history else {})
-
-    @property
-    def multiple(self) -> int:
-        """The number to whose multiples the image's height and width are padded."""
-        return max(self.front << (len(self.channels) - 1), 1 << (self.scales - 1))
 
 
 class Past(NamedTuple):

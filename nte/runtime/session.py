@@ -8,10 +8,10 @@ import onnxruntime
 
 from nte.denoiser import Denoiser, Result, require_extras
 from nte.errors import NteError
-from nte.frames.channels import width_of
+from nte.frames.channels import COMPONENTS, width_of
 from nte.frames.clip import Pixels
 from nte.frames.frame import Frame
-from nte.recurrence import FORWARD, NetworkState, begin, hand_on
+from nte.recurrence import DENOISED, FORWARD, NetworkState, begin, hand_on
 from nte.runtime.description import METADATA_KEY, read_description, recurrent_of, require_seal
 
 Provider = str | tuple[str, dict[str, str]]
@@ -58,7 +58,9 @@ class OnnxDenoiser(Denoiser):
         self.optional = tuple(self.info["optional"])
         self.target = self.info["target"]
         kept = {"image", *(tensor.source for tensor in self._recurrent.values())}
-        self.extras = tuple(name for name in self._outputs if name not in kept)
+        self.components = tuple(name for name in COMPONENTS if DENOISED + name in self._outputs)
+        self._extras = {DENOISED + name: name for name in self.components}  # output → extra, if they differ
+        self.extras = tuple(self._extras.get(name, name) for name in self._outputs if name not in kept)
 
     def step(
         self, frame: Frame, state: NetworkState | None, extras: tuple[str, ...] = ()
@@ -81,10 +83,12 @@ class OnnxDenoiser(Denoiser):
         state, reset = begin(arrays, state, self._recurrent, lambda shape: np.zeros(shape, np.float32), self._inputs)
         feed |= {"reset": reset, **state.scalars.known(), **state.tensors}
         sources = (tensor.source for tensor in self._recurrent.values())
-        wanted = list(dict.fromkeys(["image", *(name for name in sources if name in self._outputs), *extras]))
+        outputs = {name: DENOISED + name if name in self.components else name for name in extras}
+        kept = (name for name in sources if name in self._outputs)
+        wanted = list(dict.fromkeys(["image", *kept, *outputs.values()]))
         used = {name: array for name, array in feed.items() if name in self._inputs}
         made = dict(zip(wanted, self._session.run(wanted, used), strict=True))
-        result = Result(made["image"], {name: made[name] for name in extras}).like(frame)
+        result = Result(made["image"], {name: made[output] for name, output in outputs.items()}).like(frame)
         return result, hand_on(state, self._recurrent, feed | made)
 
     def profiled(self, folder: Path) -> "OnnxDenoiser":

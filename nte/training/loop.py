@@ -153,6 +153,9 @@ def _channels(denoiser: TrainableDenoiser, config: TrainConfig) -> tuple[str, ..
         if phase.occlusion * config.loss.occlusion > 0 and HIDDEN not in denoiser.extras:
             what = f"network '{config.network.kind}' gives no '{HIDDEN}'"
             raise NteError(f"'phases[{i}].occlusion' is {phase.occlusion}, but the {what}: set it to 0")
+    if missing := [name for name, weight in config.loss.lights.items() if weight and name not in denoiser.components]:
+        what = f"network '{config.network.kind}' does not give '{missing[0]}' apart"
+        raise NteError(f"loss.lights has '{missing[0]}', but the {what}: leave it out")
     # What the network lists only to measure a scalar from, the batches need not hold: they have the scalar.
     seen = [name for name in (*denoiser.needs, *denoiser.optional) if name in denoiser.inputs]
     return tuple(dict.fromkeys([*seen, *config.loss.channels(Target(denoiser.target))]))

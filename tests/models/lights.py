@@ -19,6 +19,7 @@ NETWORKS = {
     "one frame": ("temporal", {"target": "glossy", "scales": 1, "temporal": False, "feed_warped": False}),
     "warped only": ("temporal", {"target": "indirect", "temporal": False}),
     "rae": ("rae", {"target": "indirect", "demodulate": True}),
+    "separated": ("separated", {}),
     "rae share": ("rae", {"target": "visibility", "inputs": ["emission"]}),
 }
 OF_KERNELS = [name for name, (kind, _) in NETWORKS.items() if kind == "temporal"]

@@ -8,7 +8,7 @@ import pytest
 import torch
 
 from nte.errors import NteError
-from nte.frames.channels import CHANNELS, TEXTURES, width_of
+from nte.frames.channels import CHANNELS, COMPONENTS, TEXTURES, width_of
 from nte.frames.frame import Frame
 from nte.models.rae import RaeConfig
 from nte.models.reading import feature
@@ -57,7 +57,7 @@ def test_gradients_reach_every_weight(name: str) -> None:
         assert parameter.grad.any(), parameter_name
 
 
-@pytest.mark.parametrize("name", ["color", "indirect", "glossy", "rae"])
+@pytest.mark.parametrize("name", ["color", "indirect", "glossy", "rae", "separated"])
 def test_light_of_another_unit_gives_the_same_image_in_that_unit(name: str) -> None:
     network, frames = light_network(name), frames_of_all(2)
     lights = [name for name, row in CHANNELS.items() if row.kind == "radiance" or row.unit == "luminance"]
@@ -194,3 +194,36 @@ def test_a_network_that_cannot_measure_its_exposure_is_refused(monkeypatch: pyte
     monkeypatch.setattr("nte.models.reading.Reader.measured", ())
     with pytest.raises(NteError, match=r"takes 'exposure', which is measured from color .*: expected color in opt"):
         light_network("indirect")
+
+
+def test_separate_lights_are_composed_to_the_image() -> None:
+    network, frames = light_network("separated"), frames_of_all(3)
+    state = None
+    for frame in frames:
+        result, state = network.step(frame, state, COMPONENTS)
+        visibility, glossy, indirect = (result.extras[name] for name in COMPONENTS)
+        assert visibility.shape == (1, 1, 24, 36)
+        composed = frame["emission"] + frame["direct"] * visibility + glossy + indirect
+        np.testing.assert_allclose(result.image, composed, rtol=1e-5)
+    for name in COMPONENTS:  # each light has kernels and a history of its own
+        other = frames[2].with_channels(**{name: 0 * frames[2][name]})
+        network_state = network.step(frames[1], network.step(frames[0], None)[1])[1]
+        for image, light in zip((other, frames[2]), ("black", "as it is"), strict=True):
+            extras = network.step(image, network_state, COMPONENTS)[0].extras
+            assert (extras[name].mean() < result.extras[name].mean()) == (light == "black")
+    black = {f"{name}_history": 0 * state.tensors[f"{name}_history"] for name in COMPONENTS}
+    forgot = state._replace(tensors=state.tensors | black)
+    assert not np.array_equal(network.step(frames[0], state)[0].image, network.step(frames[0], forgot)[0].image)
+
+
+def test_separate_lights_keep_constants() -> None:
+    network, frames = light_network("separated"), frames_of_all(3)
+    values = {"visibility": 0.5, "glossy": 0.25, "indirect": 2.0, "diffuse_albedo": 0.5}
+    for frame in frames:
+        for name, value in values.items():
+            frame[name][:] = value
+    state = None
+    for frame in frames:
+        result, state = network.step(frame, state, COMPONENTS)
+        for name in COMPONENTS:
+            np.testing.assert_allclose(result.extras[name], values[name], rtol=1e-4)
