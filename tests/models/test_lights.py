@@ -34,8 +34,9 @@ def test_images_have_the_frames_size_and_the_range_of_the_light(name: str) -> No
 
 @pytest.mark.parametrize("name", NETWORKS)
 def test_a_sequence_that_starts_anew_knows_nothing_of_the_one_before(name: str) -> None:
-    network, frames = light_network(name), frames_of_all(4)
-    anew = [*frames[:2], replace(frames[2], reset=np.ones(1, np.float32)), frames[3]]
+    network, one = light_network(name), np.ones(1, np.float32)  # scalars of the sequence count as remembered, too
+    frames = [replace(frame, exposure=one, depth_scale=one) for frame in frames_of_all(4)]
+    anew = [*frames[:2], replace(frames[2], reset=one), frames[3]]
     resumed, fresh, through = (images(network, sequence) for sequence in (anew, frames[2:], frames))
     for ours, theirs in zip(resumed[2:], fresh, strict=True):
         np.testing.assert_array_equal(ours, theirs)
