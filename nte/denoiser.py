@@ -9,7 +9,7 @@ import numpy as np
 
 from nte.errors import NteError
 from nte.frames.bad import BadPixelReport
-from nte.frames.channels import CHANNELS
+from nte.frames.channels import way_to
 from nte.frames.frame import Array, Frame
 from nte.frames.usable import known_cap, light_cap, usable_frame
 from nte.options import Options
@@ -145,9 +145,8 @@ def require_channels(denoiser: Denoiser, available: Iterable[str], where: object
     missing = [name for name in denoiser.needs if name not in have]
     if missing:
         name = type(denoiser).__name__
-        groups = sorted({CHANNELS[channel].group for channel in missing if channel in CHANNELS} - {"every clip"})
-        way = f"; nte render writes it in groups that set {' and '.join(groups)}" if groups else ""
-        raise NteError(f"{where}: {name} needs {', '.join(missing)}, which is missing; there is {', '.join(have)}{way}")
+        what = f"{where}: {name} needs {', '.join(missing)}, which is missing; there is {', '.join(have)}"
+        raise NteError(what + way_to(missing))
 
 
 def require_extras(denoiser: Denoiser, asked: Iterable[str], where: object = "") -> None:

@@ -1,21 +1,34 @@
-"""Descriptions of a clip, an exported model or a run, for `nte info`."""
+"""Descriptions of a clip, an exported model, a run or a training configuration, for `nte info`."""
 
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 from nte.errors import NteError
 from nte.frames.channels import CHANNELS
 from nte.frames.clip import Clip
 
+if TYPE_CHECKING:
+    from nte.models.trainable import TrainableDenoiser
+
 
 def describe(source: Path) -> str:
-    """Describe the clip, exported model or run at `source` in a few lines. Raises NteError for anything else."""
+    """Describe the clip, exported model, run or training configuration at `source` in a few lines.
+
+    A network is described with its cost: parameters, multiply-accumulates per pixel, receptive field. Raises NteError
+    for anything else.
+    """
     if (source / "clip.json").is_file():
         return _clip(Clip(source))
     if source.suffix == ".onnx":
         return _model(source)
     if (source / "config.yaml").is_file():
         return _run(source)
-    raise NteError(f"{source}: expected a clip (with clip.json), an .onnx file, or a run folder (with config.yaml)")
+    if source.suffix in (".yaml", ".yml"):
+        return _configuration(source)
+    raise NteError(
+        f"{source}: expected a clip (with clip.json), an .onnx file, a run folder (with config.yaml), or a training "
+        "configuration (.yaml)"
+    )
 
 
 def _clip(clip: Clip) -> str:
@@ -33,6 +46,7 @@ def _model(path: Path) -> str:
     model = OnnxDenoiser(path)
     lines = [f"model {path}: exported by nte {model.info['version']}, denoises '{model.target}'"]
     lines += [f"  needs: {', '.join(model.needs)}", f"  optional: {', '.join(model.optional) or 'none'}"]
+    lines += [f"  {line}" for line in model.info.get("cost", [])]
     return "\n".join(lines + [f"  {key}: {value}" for key, value in model.info["conventions"].items()])
 
 
@@ -41,11 +55,24 @@ def _run(folder: Path) -> str:
     from nte.training.run import load_run
 
     step, _ = read_checkpoint(folder)
-    network = load_run(folder)
-    parameters = sum(p.numel() for p in network.parameters())
-    said = f"run {folder}: {step} steps done, {parameters:,} parameters; every choice is in {folder / 'config.yaml'}"
-    said += f"\n  network '{network.config.kind}' denoises '{network.target}'; needs: {', '.join(network.needs)}"
-    if not (folder / BEST).is_file():
-        return said
-    best, state = read_checkpoint(folder, BEST)
-    return f"{said}\n  best validation: {state['psnr'].item():.2f} dB after {best} steps, in {folder / BEST}"
+    lines = [f"run {folder}: {step} steps done; every choice is in {folder / 'config.yaml'}"]
+    lines += _network(load_run(folder))
+    if (folder / BEST).is_file():
+        best, state = read_checkpoint(folder, BEST)
+        lines.append(f"  best validation: {state['psnr'].item():.2f} dB after {best} steps, in {folder / BEST}")
+    return "\n".join(lines)
+
+
+def _configuration(path: Path) -> str:
+    from nte.models.registry import make_network
+    from nte.training.config import load_train_config
+
+    return "\n".join([f"training configuration {path}", *_network(make_network(load_train_config(path, []).network))])
+
+
+def _network(network: "TrainableDenoiser") -> list[str]:
+    """What a network denoises and needs, and what it costs."""
+    from nte.models.cost import cost_of
+
+    about = f"network '{network.config.kind}' denoises '{network.target}'; needs: {', '.join(network.needs)}"
+    return [f"  {line}" for line in (about, *cost_of(network).lines())]

@@ -5,7 +5,8 @@ previous frame left. The caller keeps these tensors in a NetworkState, fills the
 sets `reset`. This module does not import PyTorch.
 """
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Container, Mapping
+from dataclasses import replace
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -16,7 +17,9 @@ from nte.frames.frame import Array, Frame
 from nte.frames.scalars import known_scalars
 
 SCALARS = ("reset", "exposure", "depth_scale")  # (N,), offered to every network, which need not use them
+MEASURED = {"exposure": "color", "depth_scale": "depth"}  # scalar → the channel it is measured from if not given
 FORWARD = "previous_forward_motion"  # input that is made by scattering `motion` where a frame does not have it
+DENOISED = "denoised_"  # before the name of a light component: the output that is that extra, as inputs have the name
 Numbers = npt.NDArray[np.float32]
 
 
@@ -63,12 +66,15 @@ class NetworkState(NamedTuple):
 
 
 def begin(
-    frame: Frame, state: NetworkState | None, recurrent: Mapping[str, Recurrent], zeros: Callable[..., Array]
-) -> tuple[NetworkState, Numbers]:
+    frame: Frame, state: NetworkState | None, recurrent: Mapping[str, Recurrent], zeros: Callable[..., Array],
+    taken: Container[str] = SCALARS,
+) -> tuple[NetworkState, Numbers]:  # fmt: skip
     """Prepare the state for denoising a frame, and return it with reset (N,).
 
     state: None starts a sequence. recurrent: what the network carries, by the name of its input. zeros: a function that
-    makes an array of a shape, filled with 0. Raises NteError if the frame's batch or size differs from those before.
+    makes an array of a shape, filled with 0. taken: names of the network's inputs; an exposure that is not among them
+    is not measured. Raises NteError if the frame's batch or size differs from those before, and if the frame has
+    neither an exposure nor `color` to measure it from.
     """
     size = frame.batch, *frame.size
     if state is None:
@@ -82,6 +88,8 @@ def begin(
     else:
         refuse_other_size(frame, state.size)
         reset = np.zeros(frame.batch, np.float32) if frame.reset is None else _as_numpy(frame.reset)
+    if "exposure" not in taken:  # no channel that is seen depends on it, so none has to be there to measure it
+        frame = replace(frame, exposure=np.ones(frame.batch, np.float32))
     return state._replace(scalars=state.scalars.begun(frame, reset)), reset
 
 

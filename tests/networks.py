@@ -10,6 +10,6 @@ def small_network(seed: int = 0, **choices: object) -> TemporalDenoiser:
     config = TemporalConfig(**({"channels": [4, 6, 8]} | choices))  # type: ignore[arg-type]
     torch.manual_seed(seed)
     network = TemporalDenoiser(config).eval().requires_grad_(False)
-    for head in network.heads.heads:
+    for head in network.prediction.heads.heads:
         head.weight.mul_(3)
     return network

@@ -1,5 +1,6 @@
 """Configurations: what is typed is taken, and everything else is refused by file and key in one line."""
 
+from dataclasses import asdict
 from pathlib import Path
 
 import pytest
@@ -8,6 +9,8 @@ from nte.config import load_config, to_yaml
 from nte.errors import NteError
 from nte.evaluation.paper_comparison import read_comparison
 from nte.importing.channel_map import load_channel_map
+from nte.models.rae import RaeConfig
+from nte.models.registry import make_network
 from nte.registry import load_denoiser
 from nte.render.recipes.recipe import Recipe, read_recipe
 from nte.render.world.keyframes import read_animation
@@ -41,7 +44,7 @@ def test_what_is_written_is_read_again(tmp_path: Path) -> None:
     assert again == config
 
 
-SHIPPED = sorted(ROOT.glob("configs/*.yaml"))
+SHIPPED = sorted([*ROOT.glob("configs/*.yaml"), *ROOT.glob("configs/neural/*.yaml")])
 COMPARISONS = [path for path in SHIPPED if path.stem.startswith("compare_")]
 
 
@@ -59,6 +62,83 @@ def test_shipped_comparisons_name_denoisers_and_clips_of_their_recipe(path: Path
         assert {Path(pattern).name.rsplit("_", 1)[0] for pattern in situation.clips} <= families
         for spec in situation.methods.values():
             load_denoiser(spec)
+
+
+# What each rival changes of the whole network, besides its name; losses and networks are compared key by key.
+RIVALS = {
+    "ours": {},
+    "c": {},
+    "b": {"loss.occlusion": 0.0},
+    "a": {"loss.occlusion": 0.0, "network.motion": "traditional"},
+    "ntasd": {"loss.occlusion": 0.0, "network.motion": "traditional"},
+    "ntasd_no_feedback": {"loss.occlusion": 0.0, "network.motion": "traditional", "network.feed_warped": False},
+    "kpcn": {"network.scales": 1, "network.temporal": False, "network.feed_warped": False},
+    "single_frame": {"network.temporal": False, "network.feed_warped": False},
+    "no_temporal_kernel": {"network.temporal": False},
+    "mean": {"network.downsample": "mean"},
+    "scales_1": {"network.scales": 1},
+    "scales_2": {"network.scales": 2},
+    "scales_4": {"network.scales": 4},
+    "demodulate": {"network.demodulate": True},
+    "loss_linear": {"loss.space": "linear"},
+    "loss_display": {"loss.space": "display"},
+    "feature_history": {"network.feature_history": 8},
+    "statistics": {"network.moments": True, "network.history_length": True},
+}
+
+
+def flat(values: dict[str, object], prefix: str = "") -> dict[str, object]:
+    found: dict[str, object] = {}
+    for key, value in values.items():
+        found |= flat(value, f"{prefix}{key}.") if isinstance(value, dict) else {prefix + key: value}
+    return found
+
+
+def test_rivals_differ_in_what_their_names_say() -> None:
+    whole = flat(asdict(load_train_config(ROOT / "configs" / "paper_small.yaml", [])))
+    assert {path.stem for path in (ROOT / "configs" / "neural").iterdir()} == {*RIVALS, "rae"}
+    for name, changes in RIVALS.items():
+        rival = flat(asdict(load_train_config(ROOT / "configs" / "neural" / f"{name}.yaml", [])))
+        assert rival == whole | changes | {"name": name}
+    rae = load_train_config(ROOT / "configs" / "neural" / "rae.yaml", [])
+    assert rae.network.kind == "rae"
+    found = flat(asdict(rae))
+    assert {key for key in whole if not key.startswith("network.") and found[key] != whole[key]} == {
+        "name",
+        "loss.occlusion",
+    }
+    ours = make_network(load_train_config(ROOT / "configs" / "neural" / "ours.yaml", []).network)
+    counts = [sum(p.numel() for p in network.parameters()) for network in (make_network(rae.network), ours)]
+    assert counts == [130_457, 131_079]  # as the configuration says
+
+
+def test_a_file_holds_what_differs_from_its_base(tmp_path: Path) -> None:
+    (tmp_path / "below").mkdir()
+    written(tmp_path, GOOD + "seed: 5\nnetwork: {channels: [4, 8], front: 2}\n")
+    middle, top = tmp_path / "below" / "middle.yaml", tmp_path / "below" / "top.yaml"
+    middle.write_text("base: ../c.yaml\nnetwork: {channels: [4]}\nphases: [{epochs: 2}]\n")
+    top.write_text("base: middle.yaml\nname: top\n")
+    config = load_train_config(top, ["network.front=1"])
+    assert (config.name, config.seed, config.network.channels, config.network.front) == ("top", 5, [4], 1)
+    assert [(phase.epochs, phase.steps) for phase in config.phases] == [(2, 0)]
+    top.write_text("base: middle.yaml\nnetwork: {kind: rae}\n")  # whose keys are others
+    assert load_train_config(top, []).network == RaeConfig()
+
+
+def test_bases_that_are_none(tmp_path: Path) -> None:
+    path = written(tmp_path, "base: other.yaml\n")
+    other = tmp_path / "other.yaml"
+    with pytest.raises(NteError, match=r"other\.yaml: cannot be read: No such file"):
+        load_train_config(path, [])
+    other.write_text("base: c.yaml\n")
+    with pytest.raises(NteError, match=r"other\.yaml: 'base' is 'c\.yaml', which is based on this file"):
+        load_train_config(path, [])
+    other.write_text(GOOD + "runs: ${oc.env:HOME}\n")
+    with pytest.raises(NteError, match=r"other\.yaml: 'runs': .* calls a resolver"):
+        load_train_config(path, [])
+    for text in ("base: [a]\n", "base: 3\n", "base:\n"):
+        with pytest.raises(NteError, match=r"c\.yaml: 'base' is .*, expected the path of a file, relative to this one"):
+            load_train_config(written(tmp_path, text), [])
 
 
 def test_phases_in_epochs_or_steps(tmp_path: Path) -> None:

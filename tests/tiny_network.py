@@ -33,7 +33,7 @@ class TinyNetwork(TrainableDenoiser):
 
     Config = TinyConfig
     needs = ("indirect", "diffuse_albedo", "motion")
-    optional = ("emission",)
+    optional = ("emission", "color")  # color: the exposure is measured from it
     target = "indirect"
     extras = ("alpha",)
     recurrent = MappingProxyType(

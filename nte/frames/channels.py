@@ -3,6 +3,7 @@
 A new channel needs one new row here.
 """
 
+from collections.abc import Iterable
 from dataclasses import dataclass
 from typing import Literal
 
@@ -125,6 +126,8 @@ GUIDES = ("albedo", "normal")  # channels of the visible surface; `clean_guides`
 COMPONENTS = ("visibility", "glossy", "indirect")  # the noisy parts of `color`; emission and direct have no noise
 # Channels that a denoiser may denoise, and may be scored for.
 TARGETS = ("color", *COMPONENTS)
+# target → the channel that its light is multiplied by, and that demodulation divides by; other targets have none
+TEXTURES = {"color": "albedo", "indirect": "diffuse_albedo"}
 VECTORS = tuple(row.name for row in _ROWS if row.kind == "motion" and not row.nan_means)  # known in every pixel
 
 
@@ -144,3 +147,9 @@ REFERENCES = tuple(reference_of(target) for target in TARGETS)
 def width_of(channel: str) -> int:
     """Return how many components a channel has; raises KeyError for a name that the table does not have."""
     return len(CHANNELS[channel].components)
+
+
+def way_to(names: Iterable[str]) -> str:
+    """Say how nte render is made to write the channels that are missing; "" if every clip that it renders has them."""
+    groups = sorted({CHANNELS[name].group for name in names if name in CHANNELS} - {"every clip"})
+    return f"; nte render writes it in groups that set {' and '.join(groups)}" if groups else ""

@@ -34,10 +34,15 @@ def known_scalars(frame: Frame) -> tuple[npt.NDArray[np.float32], npt.NDArray[np
     """Return (exposure (N,), depth_scale (N,)) of a frame, NaN where it has no light or no surface to tell.
 
     Values are those of `sequence_scalars` otherwise; after a NaN the next frame may know more. Raises NteError if the
-    frame's own values are not positive numbers.
+    frame's own values are not positive numbers, and for a frame with neither exposure nor `color`.
     """
     exposure = given_exposure(frame)
     if exposure is None:
+        if "color" not in frame:
+            raise NteError(
+                f"frame {frame.index}: no exposure, and no channel 'color' to measure it from; it has "
+                f"{', '.join(frame.channels)}: give either"
+            )
         exposure = known_exposure(_as_numpy(frame["color"]))
     depth_scale = _given(frame, "depth_scale")
     if depth_scale is None:

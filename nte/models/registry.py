@@ -7,11 +7,15 @@ from typing import Any
 from nte.errors import NteError
 from nte.frames.channels import CHANNELS, TARGETS
 from nte.models.trainable import NetworkConfig, TrainableDenoiser
-from nte.recurrence import FORWARD, SCALARS
+from nte.recurrence import FORWARD, MEASURED, SCALARS
 
 DEFAULT = "temporal"  # the kind of a configuration that names none
 # kind → module:class; modules are imported on demand
-KINDS = {"temporal": "nte.models.temporal:TemporalDenoiser"}
+KINDS = {
+    "temporal": "nte.models.temporal:TemporalDenoiser",
+    "rae": "nte.models.rae:RecurrentAutoencoder",
+    "separated": "nte.models.separated:SeparatedDenoiser",
+}
 
 
 def network_type(kind: Any) -> type[TrainableDenoiser]:
@@ -55,7 +59,7 @@ def make_network(config: NetworkConfig) -> TrainableDenoiser:
             taken = ", ".join(sorted({*channels, *SCALARS, *network.recurrent}))
             raise NteError(f"network '{config.kind}': its forward takes '{name}', expected some of {taken}")
     for parameter in signature(network.forward).parameters.values():
-        if parameter.kind is not Parameter.POSITIONAL_OR_KEYWORD:
+        if parameter.kind not in (Parameter.POSITIONAL_OR_KEYWORD, Parameter.VAR_POSITIONAL):
             raise NteError(
                 f"network '{config.kind}': its forward takes '{parameter}' in a way that export cannot give "
                 "it: expected plain parameters"
@@ -65,6 +69,12 @@ def make_network(config: NetworkConfig) -> TrainableDenoiser:
             f"network '{config.kind}': its forward takes '{FORWARD}', which is made of motion and depth: "
             "expected both in needs"
         )
+    for name, channel in MEASURED.items():
+        if name in network.inputs and channel not in channels:
+            raise NteError(
+                f"network '{config.kind}': its forward takes '{name}', which is measured from {channel} where it is "
+                f"not given: expected {channel} in optional"
+            )
     for name, tensor in network.recurrent.items():
         if name in {*CHANNELS, *SCALARS}:
             raise NteError(f"network '{config.kind}' carries '{name}', which is an input already: give it another name")

@@ -1,222 +1,169 @@
 """The paper's network: multi-scale and temporal kernel prediction with dual motion vectors.
 
 Zeng et al., «Neural Temporal Denoising for Indirect Illumination». Whatever the text leaves open is a setting, which
-`TemporalConfig` documents.
+`TemporalConfig` documents. The steps are modules of their own, of which other networks can be put together:
+nte.models.reading, reprojection, prediction and filtering.
 """
 
-from dataclasses import dataclass, field
-from types import MappingProxyType
+from dataclasses import dataclass
 from typing import NamedTuple
 
 import torch
-import torch.nn.functional as F
 from torch import Tensor, nn
 
-from nte.color import compress, divisor, per_sequence
+from nte.color import luminance
 from nte.errors import NteError
-from nte.frames.usable import (
-    BRIGHTEST,
-    usable_depth,
-    usable_direction,
-    usable_radiance,
-    usable_reflectance,
-    usable_vector,
-)
-from nte.models.kernels import apply_kernels, combine_scales
-from nte.models.trainable import NetworkConfig, TrainableDenoiser
-from nte.models.unet import UNet
-from nte.motion.geometric import dual_motion, traditional_motion
-from nte.motion.warp import warp
+from nte.models.filtering import Blending, KernelApplication, padded
+from nte.models.prediction import KernelConfig, KernelHeads, Memory, Trunk
+from nte.models.reading import LightConfig, Reader, Seen
+from nte.models.reprojection import Reprojected, Reprojection, Statistics, accumulate
+from nte.models.trainable import TrainableDenoiser
+from nte.models.unet import xavier
 from nte.recurrence import FORWARD, Recurrent
 
 
 @dataclass
-class TemporalConfig(NetworkConfig):
+class TemporalConfig(LightConfig, KernelConfig):
     """Settings of the network; the defaults are the paper's, where it states them."""
 
     kind: str = "temporal"
-    channels: list[int] = field(default_factory=lambda: [32, 48, 64, 80, 96])  # U-Net, finest level first
-    front: int = 1  # factor of a pixel-unshuffle before the U-Net; 2 makes it work at half resolution
-    scales: int = 3  # kernels at full, 1/2 and 1/4 resolution; 1 is a single-scale network
-    kernel_size: int = 5
-    head_size: int = 3  # of the convolutions that predict kernels
-    downsample: str = "max"  # D of Eq. 4: max (the paper's text) or mean (Vogels et al. 2018)
-    temporal: bool = True  # false: no temporal kernel and no history
-    motion: str = "dual"  # dual or traditional
+    temporal: bool = True  # a temporal kernel filters the warped previous output, and α blends it in
     feed_warped: bool = True  # the warped previous output is an input of the network
     feed_masks: bool = False  # the history's validity and the disocclusion mask are inputs too (not in the paper)
-    demodulate: bool = False  # filter irradiance and multiply the result by the albedo (not in the paper)
+    moments: bool = False  # mean and deviation over time of the noisy luminance are inputs too (not in the paper)
+    history_length: bool = False  # 1 / number of frames in which the surface was seen is an input (not in the paper)
+    feature_history: int = 0  # number of decoder features that are carried, warped and fed (not in the paper)
 
     def check(self) -> None:
         """Raise NteError, naming the key, for values that make no network."""
-        choices = {"downsample": ("max", "mean"), "motion": ("dual", "traditional"), "front": (1, 2, 4)}
-        for key, allowed in choices.items():
-            if getattr(self, key) not in allowed:
-                raise NteError(f"network.{key} is {getattr(self, key)!r}, expected one of {allowed}")
-        if any(size % 2 == 0 or size < 1 for size in (self.kernel_size, self.head_size)):
-            raise NteError("network.kernel_size and network.head_size must be odd")
-        if not self.channels or min(self.channels) < 1:
-            raise NteError(f"network.channels is {self.channels}, expected at least one width of at least 1")
-        deepest = max(0, self.scales - self.front.bit_length())
-        if self.scales < 1 or deepest >= len(self.channels):
-            raise NteError(f"network.scales is {self.scales}: network.channels has {len(self.channels)} levels")
+        super().check()
+        if self.feature_history < 0:
+            raise NteError(f"network.feature_history is {self.feature_history}, expected a number of features from 0")
+
+    @property
+    def carries(self) -> dict[str, int]:
+        """Images that are carried and warped, with their numbers of components, except the history itself."""
+        statistics = {"moments": 2, "length": 1} if self.moments or self.history_length else {}
+        return statistics | ({"features": self.feature_history} if self.feature_history else {})
 
 
-class Denoised(NamedTuple):
-    """Outputs of the graph: the image in the input's units, the next history, and masks and weights for inspection."""
+class Past(NamedTuple):
+    """What a network knows of the frames before, on the pixels of this one."""
 
-    image: Tensor
-    next_history: Tensor
-    disoccluded: Tensor  # (N, 1, H, W), 0 or 1
-    valid: Tensor  # (N, 1, H, W), 0 or 1
-    alpha: Tensor  # (N, 1, H, W), weight of the current frame
-
-
-class KernelHeads(nn.Module):
-    """Convolutions that predict K·K spatial weights and α for each scale, and K·K temporal weights for the finest."""
-
-    def __init__(self, config: TemporalConfig) -> None:
-        super().__init__()
-        self.taps = config.kernel_size**2
-        front_levels = config.front.bit_length() - 1
-        scales = range(config.scales)
-        self.shuffles = [2 ** max(0, front_levels - scale) for scale in scales]
-        self.levels = [max(0, scale - front_levels) for scale in scales]
-        # 51 = 25 + 25 + α at the finest scale, 26 = 25 + α at the others
-        outputs = [1 + self.taps * (2 if config.temporal and scale == 0 else 1) for scale in scales]
-        self.heads = nn.ModuleList(
-            nn.Conv2d(config.channels[level], n * shuffle**2, config.head_size, padding=config.head_size // 2)
-            for level, n, shuffle in zip(self.levels, outputs, self.shuffles, strict=True)
-        )
-
-    def forward(self, levels: list[Tensor]) -> list[tuple[Tensor, Tensor, Tensor]]:
-        """Predict per scale, finest first: α, the spatial kernel, and the temporal kernel or an empty tensor.
-
-        levels: the U-Net's decoder features, finest first. Kernels (N, K·K, H, W) sum to 1; α (N, 1, H, W) is in
-        (0, 1).
-        """
-        predicted = []
-        for head, level, shuffle in zip(self.heads, self.levels, self.shuffles, strict=True):
-            values = head(levels[level]).float()
-            values = F.pixel_shuffle(values, shuffle) if shuffle > 1 else values
-            spatial, temporal = values[:, 1 : 1 + self.taps], values[:, 1 + self.taps :]
-            predicted.append((values[:, :1].sigmoid(), spatial.softmax(1), temporal.softmax(1)))
-        return predicted
+    features: list[Tensor]  # that the network sees
+    history: Tensor | None  # (N, C, H, W): the previous output; the noisy light where it is not valid
+    readable: Tensor  # (N, 1, H, W): 1 where the temporal kernel may read the history, else 0
+    statistics: Statistics | None
 
 
 class TemporalDenoiser(TrainableDenoiser):
-    """A recurrent, kernel-predicting denoiser of `color`.
+    """A recurrent, kernel-predicting denoiser of one kind of light.
 
-    The state holds the last output, exposed, and demodulated if so configured, and the last depth.
+    The state holds the last output, exposed, and demodulated if so configured, the last depth, and what the settings
+    `moments`, `history_length` and `feature_history` ask for.
     """
 
     Config = TemporalConfig
-    extras = ("disoccluded", "valid", "alpha")
-    recurrent = MappingProxyType({"history": Recurrent("next_history", 3), "previous_depth": Recurrent("depth", 1)})
     config: TemporalConfig
+    inputs: tuple[str, ...] = ()  # depends on the settings
 
     def __init__(self, config: TemporalConfig) -> None:
         super().__init__(config)
-        self.needs: tuple[str, ...] = ("color", "albedo", "normal", "depth", "motion")
-        self.optional: tuple[str, ...] = (FORWARD,) if config.motion == "dual" else ()
-        inputs = 3 + 3 + 3 + 1 + (3 if config.feed_warped and config.temporal else 0) + (2 if config.feed_masks else 0)
-        self.unet = UNet(inputs * config.front**2, config.channels)
-        self.heads = KernelHeads(config)
-        self.apply(_xavier)
+        self.reading = Reader(config.target, tuple(config.inputs), config.demodulate)
+        dual, components = config.motion == "dual", self.reading.components
+        self.target = config.target
+        self.needs: tuple[str, ...] = tuple(dict.fromkeys([*self.reading.needs, "motion"]))
+        self.optional: tuple[str, ...] = (*((FORWARD,) if dual else ()), *self.reading.measured)
+        self.extras = ("disoccluded", "valid", *(("alpha",) if config.temporal else ()))
+        remembers = config.temporal or config.feed_warped
+        self.carried = ({"history": components} if remembers else {}) | config.carries
+        self.recurrent = {name: Recurrent(f"next_{name}", width) for name, width in self.carried.items()}
+        self.recurrent |= {"previous_depth": Recurrent("depth", 1)} if dual else {}
+        vectors = (FORWARD,) if dual else ()
+        self.inputs = (*self.needs, *vectors, "reset", *self.reading.scalars, *self.recurrent)
 
-    @property
-    def multiple(self) -> int:
-        """The number to whose multiples `forward` pads the image's height and width."""
-        levels, scales = len(self.config.channels), self.config.scales
-        return max(self.config.front << (levels - 1), 1 << (scales - 1))
+        width = self.reading.width + components * config.feed_warped + 2 * config.feed_masks
+        width += 2 * config.moments + config.history_length + config.feature_history
+        self.reprojection = Reprojection("dual" if dual else "traditional")
+        self.prediction = Prediction(width, config)
+        self.kernels = KernelApplication()
+        most = None if self.reading.is_radiance else 1.0
+        self.blending = Blending("max" if config.downsample == "max" else "mean", most)
+        self.apply(xavier)
 
-    def forward(
-        self, color: Tensor, albedo: Tensor, normal: Tensor, depth: Tensor, motion: Tensor,
-        previous_forward_motion: Tensor, reset: Tensor, exposure: Tensor, depth_scale: Tensor,
-        history: Tensor, previous_depth: Tensor,
-    ) -> Denoised:  # fmt: skip
+    def forward(self, *tensors: Tensor) -> tuple[Tensor, ...]:
         """Denoise one frame of plain tensors, with all conventions inside: this is the exported graph.
 
-        Images (N, C, H, W) of any size from 16; reset, exposure and depth_scale (N,). Where reset is 1 the history is
-        ignored, and the noisy image takes the place of the warped previous one.
+        tensors: `inputs`, in order: images (N, C, H, W) of any size from 16; reset, exposure and depth_scale (N,).
+        Where reset is 1 the history is ignored, and the noisy image takes the place of the warped previous one.
         """
-        config = self.config
-        scale = per_sequence(exposure)
-        albedo, depth, motion = usable_reflectance(albedo), usable_depth(depth), usable_vector(motion)
-        light = usable_radiance(color * scale, BRIGHTEST)
-        texture = divisor(albedo) if config.demodulate else None
-        light = light if texture is None else light / texture
+        given = dict(zip(self.inputs, tensors, strict=True))
+        seen: Seen = self.reading(given)
+        carried = torch.cat([given[name] for name in self.carried], 1) if self.carried else None
+        moved: Reprojected = self.reprojection(
+            given["motion"], given.get(FORWARD), seen.depth, given.get("previous_depth"), given["reset"], carried
+        )
+        past = self._past(seen, moved)
 
-        if config.motion == "dual":
-            forward = usable_vector(previous_forward_motion)
-            vectors = dual_motion(motion, forward, depth, usable_depth(previous_depth))
-        else:
-            vectors = traditional_motion(motion)
-        continues = per_sequence(reset) == 0
-        valid, disoccluded = vectors.valid & continues, vectors.disoccluded & continues
-        warped = warp(history, vectors.motion).image
-        valid = valid & (warped.abs() < float("inf")).all(1, keepdim=True)
-        warped = torch.where(valid, warped, light)
+        height, width = seen.light.shape[-2:]
+        multiple = self.config.multiple
+        features = padded(torch.cat([seen.features, *past.features], 1), multiple)
+        light, readable = padded(seen.light, multiple), padded(past.readable, multiple)
+        history = None if past.history is None else padded(past.history, multiple)
+        kernels, remembered = self.prediction(features)
+        filtered, alpha = self.blending(self.kernels(light, kernels, history, readable), kernels)
 
-        features = [compress(light), albedo, usable_direction(normal), _normalised(depth, depth_scale)]
-        if config.feed_warped and config.temporal:
-            features.append(compress(warped))
+        filtered = filtered[..., :height, :width]
+        made = {"image": self.reading.image(filtered, seen), "next_history": filtered}
+        made |= {"disoccluded": moved.disoccluded.float(), "valid": moved.valid.float()}
+        if past.statistics is not None:
+            made |= {"next_moments": past.statistics.moments, "next_length": past.statistics.length}
+        if remembered is not None:
+            made["next_features"] = remembered[..., :height, :width]
+        if alpha is not None:
+            made["alpha"] = alpha[..., :height, :width]
+        return tuple(made[name] for name in self.outputs)
+
+    def _past(self, seen: Seen, moved: Reprojected) -> Past:
+        """Read the reprojected images: what the network sees of the past, and what its temporal kernel filters."""
+        config, valid = self.config, moved.valid
+        parts: dict[str, Tensor] = {}
+        if moved.carried is not None:
+            images = torch.split(moved.carried, list(self.carried.values()), 1)
+            parts = dict(zip(self.carried, images, strict=True))
+        history, statistics = parts.get("history"), None
+        features = []
+        if history is not None:
+            history = torch.where(valid, history, seen.light)
+        if config.feed_warped and history is not None:
+            features.append(self.reading.compressed(history))
         if config.feed_masks:
-            features += [valid.to(light.dtype), disoccluded.to(light.dtype)]
+            features += [valid.to(seen.light.dtype), moved.disoccluded.to(seen.light.dtype)]
+        if "moments" in parts:
+            value = luminance(seen.light) if self.reading.components == 3 else seen.light
+            statistics = accumulate(self.reading.compressed(value), parts["moments"], parts["length"], valid)
+            wanted = [0, 1] * config.moments + [2] * config.history_length
+            features.append(statistics.features()[:, wanted])
+        if "features" in parts:
+            features.append(torch.where(valid, parts["features"], 0.0))
         # On the first frame the noisy image replaces the warped one everywhere, as in the paper.
-        warped = torch.cat([warped, (valid | ~continues).to(light.dtype)], 1)
-        filtered, alpha = self._filter(torch.cat(features, 1), light, warped)
-        image = filtered if texture is None else filtered * texture
-        return Denoised(image / scale, filtered, disoccluded.float(), valid.float(), alpha)
-
-    def _filter(self, features: Tensor, light: Tensor, warped: Tensor) -> tuple[Tensor, Tensor]:
-        """Predict kernels from the features and apply them; returns the filtered light ≥ 0 and α of the last blend.
-
-        warped (N, 4, H, W): the previous output, and a mask that is 1 where the temporal kernels may read it, else 0.
-        """
-        config = self.config
-        height, width = light.shape[-2:]
-        pad = (0, -width % self.multiple, 0, -height % self.multiple)
-        features, light, warped = (F.pad(x, pad, mode="replicate") for x in (features, light, warped))
-        front = F.pixel_unshuffle(features, config.front) if config.front > 1 else features
-        predicted = self.heads(self.unet(front))
-        pyramid = [light]
-        for _ in range(config.scales - 1):
-            pyramid.append(F.avg_pool2d(pyramid[-1], 2))
-        filtered = [apply_kernels(image, spatial) for image, (_, spatial, _) in zip(pyramid, predicted, strict=True)]
-        output = filtered[-1]
-        for fine, (alpha, _, _) in zip(reversed(filtered[:-1]), reversed(predicted[1:]), strict=True):
-            output = combine_scales(fine, output, alpha, "max" if config.downsample == "max" else "mean")
-        output = output.clamp(min=0)  # before blending, compression and storage, since Eq. 4 may go negative
-        alpha, _, temporal = predicted[0]
-        if config.temporal:
-            history, known = _apply_masked(warped[:, :3], warped[:, 3:], temporal)
-            alpha = torch.where(known, alpha, 1.0)
-            output = alpha * output + (1 - alpha) * history  # Eq. 1
-        return output[..., :height, :width], alpha[..., :height, :width]
+        readable = (valid | ~moved.continues).to(seen.light.dtype)
+        return Past(features, history if config.temporal else None, readable, statistics)
 
 
-_LEAST_WEIGHT = 1e-12  # a kernel with less total weight on the pixels that it may read has selected only others
+class Prediction(nn.Module):
+    """The step that predicts kernels, and features to remember if so configured, from the features of a frame."""
 
+    def __init__(self, inputs: int, config: TemporalConfig) -> None:
+        super().__init__()
+        self.trunk = Trunk(inputs, config.channels, config.front)
+        self.heads = KernelHeads(
+            config.channels, config.front, config.scales, config.kernel_size, config.head_size, config.temporal
+        )
+        remembered = config.feature_history
+        self.memory = Memory(config.channels[0], config.front, remembered) if remembered else None
 
-def _apply_masked(image: Tensor, weight: Tensor, kernels: Tensor) -> tuple[Tensor, Tensor]:
-    """Apply kernels to the pixels whose weight (N, 1, H, W) is 1 rather than 0, and renormalise the kernels.
-
-    Returns the image, and (N, 1, H, W) bool, true where a kernel had anything to read; elsewhere the image is 0.
-    """
-    summed = apply_kernels(torch.cat([image * weight, weight], 1), kernels)
-    total = summed[:, 3:]
-    known = total > _LEAST_WEIGHT
-    return summed[:, :3] / torch.where(known, total, 1.0) * known, known
-
-
-def _normalised(depth: Tensor, depth_scale: Tensor) -> Tensor:
-    """Depth (N, 1, H, W) mapped to [0, 1] by d / (d + scale): ½ at the scale, 1 for the sky, which is stored as 0."""
-    return torch.where(depth > 0, depth / (depth + per_sequence(depth_scale)), 1.0)
-
-
-def _xavier(module: nn.Module) -> None:
-    if isinstance(module, nn.Conv2d):
-        nn.init.xavier_uniform_(module.weight)
-        if module.bias is not None:
-            nn.init.zeros_(module.bias)
+    def forward(self, features: Tensor) -> tuple[list[Tensor], Tensor | None]:
+        """Return the kernels of each scale, finest first, and the features (N, feature_history, H, W) to remember."""
+        levels = self.trunk(features)
+        return self.heads(levels), None if self.memory is None else self.memory(levels[0])

@@ -19,7 +19,7 @@ from nte.errors import NteError
 from nte.frames.channels import CHANNELS
 from nte.frames.frame import Frame
 from nte.motion.geometric import scatter_forward_motion
-from nte.recurrence import FORWARD, NetworkState, Recurrent, begin, hand_on
+from nte.recurrence import DENOISED, FORWARD, NetworkState, Recurrent, begin, hand_on
 
 
 @dataclass
@@ -39,10 +39,17 @@ class TrainableDenoiser(nn.Module, Denoiser):
     """Base class of the networks.
 
     `forward` has one parameter per input, named after a channel (N, C, H, W) in `needs` or `optional`, a recurrent
-    tensor, or one of `reset`, `exposure` and `depth_scale` (N,). An optional channel is None where a frame lacks it,
-    except previous_forward_motion, which is then scattered from motion and depth. `forward` returns a tensor for each
-    of `outputs`: the image (N, C, H, W) in the units of the target's channel, the new values of the recurrent tensors,
-    and the extras. It must sanitise its inputs itself (nte.frames.usable), so that the exported graph does so too.
+    tensor, or one of `reset`, `exposure` and `depth_scale` (N,). A network whose inputs depend on its settings names
+    them in `inputs` instead, and its `forward` takes `*tensors` in that order. An optional channel is None where a
+    frame lacks it, except previous_forward_motion, which is then scattered from motion and depth. `forward` returns a
+    tensor for each of `outputs`: the image (N, C, H, W) in the units of the target's channel, the new values of the
+    recurrent tensors, and the extras; a light component (`components`) that is an extra is the output denoised_NAME. It
+    must sanitise its inputs itself (nte.frames.usable), so that the exported
+    graph does so too. A network that takes `exposure` without `color`, or `depth_scale` without `depth`, lists that
+    channel as optional: they are measured from it.
+
+    The direct children of the module are its steps: nte bench --steps measures each of them, in PyTorch and in the
+    exported graph.
     """
 
     Config: ClassVar[type[NetworkConfig]]  # class of the network's settings
@@ -57,14 +64,18 @@ class TrainableDenoiser(nn.Module, Denoiser):
 
     @property
     def inputs(self) -> tuple[str, ...]:
-        """Names of the inputs of `forward`, in order."""
+        """Names of the inputs of `forward`, in order: its parameters, unless a subclass says otherwise."""
         return tuple(inspect.signature(self.forward).parameters)
 
     @property
     def outputs(self) -> tuple[str, ...]:
         """Names of the outputs of `forward`, in order."""
         made = [tensor.source for tensor in self.recurrent.values() if tensor.source not in CHANNELS]
-        return tuple(dict.fromkeys(["image", *made, *self.extras]))
+        return tuple(dict.fromkeys(["image", *made, *map(self._output_of, self.extras)]))
+
+    def _output_of(self, extra: str) -> str:
+        """The output that is an extra: a light component's has another name than the noisy input."""
+        return DENOISED + extra if extra in self.components else extra
 
     def step(
         self, frame: Frame, state: NetworkState | None, extras: tuple[str, ...] = ()
@@ -81,13 +92,14 @@ class TrainableDenoiser(nn.Module, Denoiser):
         channels |= {name: given.get(name) for name in self.optional}
         if FORWARD in self.inputs and channels.get(FORWARD) is None:
             channels[FORWARD] = scatter_forward_motion(given["motion"], given["depth"])
-        state, reset = begin(frame, state, self.recurrent, lambda shape: torch.zeros(shape, device=device))
+        taken = self.inputs
+        state, reset = begin(frame, state, self.recurrent, lambda shape: torch.zeros(shape, device=device), taken)
         scalars = {name: torch.tensor(value, device=device) for name, value in state.scalars.known().items()}
         inputs = {**channels, **scalars, **state.tensors, "reset": torch.tensor(reset, device=device)}
-        made = self(**{name: inputs[name] for name in self.inputs})
+        made = self(*(inputs[name] for name in taken))
         if not isinstance(made, tuple) or len(made) != len(self.outputs):
             found = f"{len(made)} tensors" if isinstance(made, tuple) else f"a {type(made).__name__}"
             raise NteError(f"{type(self).__name__}.forward gives {found}, expected a tuple: {', '.join(self.outputs)}")
         outputs = dict(zip(self.outputs, made, strict=True))
-        result = Result(outputs["image"], {name: outputs[name] for name in extras}).like(frame)
+        result = Result(outputs["image"], {name: outputs[self._output_of(name)] for name in extras}).like(frame)
         return result, hand_on(state, self.recurrent, channels | outputs)

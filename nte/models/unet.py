@@ -7,6 +7,8 @@ import torch
 import torch.nn.functional as F
 from torch import Tensor, nn
 
+from nte.errors import NteError
+
 
 class ConvBlock(nn.Sequential):
     """Two 3×3 convolutions, each followed by ReLU: (N, inputs, H, W) → (N, outputs, H, W)."""
@@ -44,3 +46,17 @@ class UNet(nn.Module):
             upsampled = F.interpolate(levels[0], scale_factor=2, mode="nearest")
             levels.insert(0, decoder(torch.cat([upsampled, skip], 1)))
         return levels
+
+
+def check_levels(channels: Sequence[int]) -> None:
+    """Raise NteError, naming the key, for widths of levels that make no network."""
+    if not channels or min(channels) < 1:
+        raise NteError(f"network.channels is {channels}, expected at least one width of at least 1")
+
+
+def xavier(module: nn.Module) -> None:
+    """Initialise a convolution: Xavier's uniform weights, and no bias (Glorot and Bengio 2010)."""
+    if isinstance(module, nn.Conv2d):
+        nn.init.xavier_uniform_(module.weight)
+        if module.bias is not None:
+            nn.init.zeros_(module.bias)

@@ -16,8 +16,9 @@ from nte.errors import NteError
 from nte.files import make_folder, only_writer_of, write_whole
 from nte.frames.channels import CHANNELS, Channel, Kind, width_of
 from nte.frames.frame import Frame
+from nte.models.cost import cost_of
 from nte.models.trainable import TrainableDenoiser
-from nte.recurrence import FORWARD, SCALARS
+from nte.recurrence import FORWARD, MEASURED, SCALARS
 from nte.runtime.description import FORMAT, METADATA_KEY, UNSEALED, seal
 from nte.runtime.session import OnnxDenoiser
 from nte.version import __version__
@@ -196,8 +197,10 @@ def _graph(denoiser: TrainableDenoiser) -> onnx.ModelProto:
 
 def _description(denoiser: TrainableDenoiser) -> dict[str, object]:
     """The content of the model's metadata, from which a runtime learns how to call the graph."""
-    used = dict.fromkeys((*denoiser.needs, *denoiser.optional))
+    used = [name for name in dict.fromkeys((*denoiser.needs, *denoiser.optional)) if name in denoiser.inputs]
+    measured = {MEASURED[name]: name for name in denoiser.inputs if name in MEASURED and MEASURED[name] not in used}
     conventions = {"layout": LAYOUT} | {name: _convention(CHANNELS[name]) for name in used}
+    conventions |= {name: f"not an input: {scalar} is measured from it" for name, scalar in measured.items()}
     image = f"the denoised target in the units of {denoiser.target}"
     scales = {name: tensor.scale for name, tensor in denoiser.recurrent.items() if tensor.scale > 1}
     return {
@@ -205,12 +208,13 @@ def _description(denoiser: TrainableDenoiser) -> dict[str, object]:
         "version": __version__,
         "sha256": UNSEALED,  # later the checksum of the whole file with zeros here
         "needs": [name for name in used if name != FORWARD],  # a graph has no optional input, but FORWARD can be made
-        "optional": [FORWARD] if FORWARD in used else [],
+        "optional": [*([FORWARD] if FORWARD in used else []), *measured],
         "target": denoiser.target,
         # recurrent input ← output or input of the previous frame
         "state": {name: tensor.source for name, tensor in denoiser.recurrent.items()},
         **({"scales": scales} if scales else {}),
         "smallest": SMALLEST,
+        "cost": cost_of(denoiser).lines(),
         "conventions": conventions | OF_SEQUENCES | {"image": image} | dict(denoiser.conventions),
     }
 

@@ -8,10 +8,10 @@ import onnxruntime
 
 from nte.denoiser import Denoiser, Result, require_extras
 from nte.errors import NteError
-from nte.frames.channels import width_of
+from nte.frames.channels import COMPONENTS, width_of
 from nte.frames.clip import Pixels
 from nte.frames.frame import Frame
-from nte.recurrence import FORWARD, NetworkState, begin, hand_on
+from nte.recurrence import DENOISED, FORWARD, NetworkState, begin, hand_on
 from nte.runtime.description import METADATA_KEY, read_description, recurrent_of, require_seal
 
 Provider = str | tuple[str, dict[str, str]]
@@ -21,19 +21,25 @@ class OnnxDenoiser(Denoiser):
     """An exported model as a denoiser: takes frames of NumPy arrays or PyTorch tensors, and returns the same kind.
 
     providers: ONNX Runtime execution providers, best first, by name or as (name, options); None takes the CPU. threads:
-    number of CPU threads; 0 lets ONNX Runtime choose. Raises NteError for a file that is missing, no ONNX model,
+    number of CPU threads; 0 lets ONNX Runtime choose. profile: a folder, to which ONNX Runtime writes the times of the
+    graph's operators at `end_profiling`. Raises NteError for a file that is missing, no ONNX model,
     damaged or not exported by nte, and for a provider that is not available.
     """
 
-    def __init__(self, path: Path | str, providers: Sequence[Provider] | None = None, threads: int = 0) -> None:
-        self.path = Path(path)
+    def __init__(
+        self, path: Path | str, providers: Sequence[Provider] | None = None, threads: int = 0,
+        profile: Path | None = None,
+    ) -> None:  # fmt: skip
+        self.path, self._threads = Path(path), threads
         if not self.path.is_file():
             raise NteError(f"{path}: does not exist; expected an .onnx file made by nte export")
         require_seal(self.path)
         options = onnxruntime.SessionOptions()
         options.intra_op_num_threads = threads
+        if profile is not None:
+            options.enable_profiling, options.profile_file_prefix = True, str(profile / "profile")
         options.log_severity_level = 3  # errors only: the runtime warns about its own graph rewriting
-        chosen = list(providers or ["CPUExecutionProvider"])
+        chosen = self._providers = list(providers or ["CPUExecutionProvider"])
         available = onnxruntime.get_available_providers()
         names = [provider if isinstance(provider, str) else provider[0] for provider in chosen]
         unknown = [name for name in names if name not in available]
@@ -52,7 +58,9 @@ class OnnxDenoiser(Denoiser):
         self.optional = tuple(self.info["optional"])
         self.target = self.info["target"]
         kept = {"image", *(tensor.source for tensor in self._recurrent.values())}
-        self.extras = tuple(name for name in self._outputs if name not in kept)
+        self.components = tuple(name for name in COMPONENTS if DENOISED + name in self._outputs)
+        self._extras = {DENOISED + name: name for name in self.components}  # output → extra, if they differ
+        self.extras = tuple(self._extras.get(name, name) for name in self._outputs if name not in kept)
 
     def step(
         self, frame: Frame, state: NetworkState | None, extras: tuple[str, ...] = ()
@@ -72,14 +80,24 @@ class OnnxDenoiser(Denoiser):
             feed[FORWARD] = (
                 self._checked(arrays, FORWARD) if given else scatter_forward_motion(arrays["motion"], arrays["depth"])
             )
-        state, reset = begin(arrays, state, self._recurrent, lambda shape: np.zeros(shape, np.float32))
+        state, reset = begin(arrays, state, self._recurrent, lambda shape: np.zeros(shape, np.float32), self._inputs)
         feed |= {"reset": reset, **state.scalars.known(), **state.tensors}
         sources = (tensor.source for tensor in self._recurrent.values())
-        wanted = list(dict.fromkeys(["image", *(name for name in sources if name in self._outputs), *extras]))
+        outputs = {name: DENOISED + name if name in self.components else name for name in extras}
+        kept = (name for name in sources if name in self._outputs)
+        wanted = list(dict.fromkeys(["image", *kept, *outputs.values()]))
         used = {name: array for name, array in feed.items() if name in self._inputs}
         made = dict(zip(wanted, self._session.run(wanted, used), strict=True))
-        result = Result(made["image"], {name: made[name] for name in extras}).like(frame)
+        result = Result(made["image"], {name: made[output] for name, output in outputs.items()}).like(frame)
         return result, hand_on(state, self._recurrent, feed | made)
+
+    def profiled(self, folder: Path) -> "OnnxDenoiser":
+        """Load the model once more, with the same providers and threads, to be profiled into `folder`."""
+        return OnnxDenoiser(self.path, self._providers, self._threads, folder)
+
+    def end_profiling(self) -> str:
+        """Write ONNX Runtime's profile (JSON), and return its path. Only for a model that is profiled."""
+        return str(self._session.end_profiling())
 
     def _checked(self, frame: Frame, name: str) -> Pixels:
         array = frame[name]

@@ -10,6 +10,7 @@ from torch import Tensor
 from torch.utils.data import DataLoader, Dataset
 
 from nte.errors import NteError
+from nte.frames.channels import way_to
 from nte.frames.clip import Clip, find_clips
 from nte.recurrence import FORWARD
 from nte.training.augment import Augmentation
@@ -135,7 +136,10 @@ def _require_clip(clip: Clip, channels: Sequence[str], config: DataConfig) -> No
     missing = [name for name in channels if name not in clip.channels and name != FORWARD]  # FORWARD can be scattered
     if missing:
         have = ", ".join(clip.channels)
-        raise NteError(f"{clip.folder}: training needs the channel '{missing[0]}'; the clip has {have}")
+        what = f"{clip.folder}: training needs the channel '{missing[0]}'; the clip has {have}"
+        raise NteError(what + way_to(missing[:1]))
+    if "color" not in clip.channels and "exposure" not in clip.info:
+        raise NteError(f"{clip.folder}: no channel 'color' to measure the exposure of: set 'exposure' in its clip.json")
     if len(clip) < config.frames + config.holdout:
         wanted = f"data.frames {config.frames} + data.holdout {config.holdout}"
         raise NteError(f"{clip.folder}: {len(clip)} frames, but {wanted} are asked for")

@@ -16,7 +16,7 @@ from tqdm import tqdm
 
 from nte.errors import NteError
 from nte.files import only_writer
-from nte.frames.channels import reference_of
+from nte.frames.channels import reference_of, way_to
 from nte.frames.clip import Clip
 from nte.interrupt import InterruptFlag
 from nte.models.registry import make_network
@@ -153,8 +153,12 @@ def _channels(denoiser: TrainableDenoiser, config: TrainConfig) -> tuple[str, ..
         if phase.occlusion * config.loss.occlusion > 0 and HIDDEN not in denoiser.extras:
             what = f"network '{config.network.kind}' gives no '{HIDDEN}'"
             raise NteError(f"'phases[{i}].occlusion' is {phase.occlusion}, but the {what}: set it to 0")
-    channels = (*denoiser.needs, *denoiser.optional, *config.loss.channels(Target(denoiser.target)))
-    return tuple(dict.fromkeys(channels))
+    if missing := [name for name, weight in config.loss.lights.items() if weight and name not in denoiser.components]:
+        what = f"network '{config.network.kind}' does not give '{missing[0]}' apart"
+        raise NteError(f"loss.lights has '{missing[0]}', but the {what}: leave it out")
+    # What the network lists only to measure a scalar from, the batches need not hold: they have the scalar.
+    seen = [name for name in (*denoiser.needs, *denoiser.optional) if name in denoiser.inputs]
+    return tuple(dict.fromkeys([*seen, *config.loss.channels(Target(denoiser.target))]))
 
 
 def _validation_set(config: TrainConfig, clips: Sequence[Clip], channels: Sequence[str]) -> ValidationSet:
@@ -163,7 +167,8 @@ def _validation_set(config: TrainConfig, clips: Sequence[Clip], channels: Sequen
     for clip in own or clips:
         if missing := [name for name in channels if name not in clip.channels]:
             have = ", ".join(clip.channels)
-            raise NteError(f"{clip.folder}: validation needs the channel '{missing[0]}'; the clip has {have}")
+            what = f"{clip.folder}: validation needs the channel '{missing[0]}'; the clip has {have}"
+            raise NteError(what + way_to(missing[:1]))
     frames = 0 if own else max(1, config.data.holdout)
     return ValidationSet(spread(own or clips, config.validate_clips), frames)
 

@@ -14,6 +14,8 @@ from torch import Tensor, nn
 from nte.color import demodulate, per_sequence
 from nte.denoiser import Denoiser, State
 from nte.errors import NteError
+from nte.frames.channels import COMPONENTS
+from nte.frames.frame import Frame
 from nte.training.batch import Batch, as_frames
 from nte.training.target import Target
 
@@ -30,6 +32,7 @@ class LossConfig:
     temporal: float = 1.0
     occlusion: float = 1.0  # multiplied by the weight of the phase
     irradiance: float = 0.0  # weight of the spatial loss on light divided by its texture (not in the paper)
+    lights: dict[str, float] = field(default_factory=dict)  # weights of the spatial losses of single components
     space: str = "log"  # linear, log (log(1 + exposed)) or display
     mask_weights: list[float] = field(default_factory=lambda: [1.0, 0.8, 0.6])  # w_k of frames i, i−1, i−2
     normalise_occlusion: bool = False  # true: by the batch's masked weight instead of all pixels (not in the paper)
@@ -40,16 +43,21 @@ class LossConfig:
             raise NteError("loss.mask_weights is empty, expected a weight for this frame's mask at least")
         if not all(0 <= weight < math.inf for weight in self.mask_weights):
             raise NteError(f"loss.mask_weights is {self.mask_weights}, expected finite numbers of 0 or more")
+        for name, weight in self.lights.items():
+            if name not in COMPONENTS or not 0 <= weight < math.inf:
+                known = ", ".join(COMPONENTS)
+                raise NteError(f"loss.lights has '{name}: {weight}', expected weights from 0 of some of {known}")
         if self.space not in ("linear", "log", "display"):
             raise NteError(f"loss.space is '{self.space}', expected linear, log or display")
 
     def channels(self, target: Target) -> tuple[str, ...]:
         """List the channels that the loss of a target needs. Raises NteError for irradiance without a texture."""
+        references = (target.reference, *(Target(name).reference for name, weight in self.lights.items() if weight))
         if not self.irradiance:
-            return (target.reference,)
+            return references
         if target.texture is None:
             raise NteError(f"loss.irradiance is {self.irradiance}, but '{target.name}' has no texture: set it to 0")
-        return target.reference, target.texture
+        return *references, target.texture
 
 
 def masked_mean(values: Tensor, usable: Tensor) -> Tensor:
@@ -107,13 +115,14 @@ class SequenceLoss(nn.Module):
         state: State | None = None
         target = self.target
         asked = (HIDDEN,) if weights.occlusion else ()
+        lights = {name: weight for name, weight in weights.lights.items() if weight}
         masks: list[Tensor] = []
         before: tuple[Tensor, Tensor, Tensor] | None = None
         for i, frame in enumerate(as_frames(batch)):
             clean, exposure = frame[target.reference], frame.exposure
             assert exposure is not None  # every batch has one
             with torch.autocast(clean.device.type, torch.bfloat16, enabled=self.mixed):
-                result, state = self.denoiser.step(frame, state, asked)
+                result, state = self.denoiser.step(frame, state, (*asked, *lights))
             clean, usable = usable_reference(clean, exposure)
             image, reference = (target.in_space(x, exposure, weights.space) for x in (result.image, clean))
             masks = [result.extras[name] for name in asked] + masks
@@ -132,10 +141,21 @@ class SequenceLoss(nn.Module):
                         target.in_space(demodulate(x, texture), exposure, weights.space) for x in (result.image, clean)
                     ]
                     parts.setdefault("irradiance", []).append(masked_mean((light[0] - light[1]).abs(), usable))
+                for name in lights:
+                    parts.setdefault(name, []).append(self._of_light(name, result.extras[name], frame))
             before = image, reference, usable
-        weighted = [getattr(weights, name) * torch.stack(values).sum() for name, values in parts.items()]
+        factors = {name: getattr(weights, name, 0.0) for name in parts} | lights
+        weighted = [factors[name] * torch.stack(values).sum() for name, values in parts.items()]
         means = {name: torch.stack(values).mean().detach() for name, values in parts.items()}
         return torch.stack(weighted).sum() / (len(batch) - warmup), means
+
+    def _of_light(self, name: str, image: Tensor, frame: Frame) -> Tensor:
+        """The spatial loss of a single light component."""
+        light, exposure = Target(name), frame.exposure
+        assert exposure is not None
+        clean, usable = usable_reference(frame[light.reference], exposure)
+        ours, theirs = (light.in_space(x, exposure, self.config.space) for x in (image, clean))
+        return masked_mean((ours - theirs).abs(), usable)
 
     def _mask(self, masks: Sequence[Tensor]) -> Tensor:
         """Σ w_k M_k over this frame's mask and the earlier ones, newest first; this frame's replaces a missing one."""

@@ -5,10 +5,7 @@ from typing import NamedTuple
 from torch import Tensor
 
 from nte.color import compress, display, per_sequence
-from nte.frames.channels import CHANNELS, reference_of
-
-# target → the channel that its light is multiplied by, for `loss.irradiance`
-_TEXTURES = {"color": "albedo", "indirect": "diffuse_albedo"}
+from nte.frames.channels import CHANNELS, TEXTURES, reference_of
 
 
 class Target(NamedTuple):
@@ -24,7 +21,7 @@ class Target(NamedTuple):
     @property
     def texture(self) -> str | None:
         """The channel by which its light is divided to remove texture; None if there is none."""
-        return _TEXTURES.get(self.name)
+        return TEXTURES.get(self.name)
 
     @property
     def is_radiance(self) -> bool:

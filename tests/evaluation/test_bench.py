@@ -10,11 +10,15 @@ import pytest
 from nte.cli import main
 from nte.denoiser import Noisy
 from nte.errors import NteError
-from nte.evaluation.benchmark.bench import _psnr, bench, named_steps
+from nte.evaluation.benchmark.bench import _psnr, bench
 from nte.evaluation.benchmark.frames import clip_frames, scaled, synthetic_frames
+from nte.evaluation.benchmark.steps import grouped, named_steps
 from nte.filters.svgf import Svgf
 from nte.frames.channels import CHANNELS
 from nte.frames.frame import Frame
+from nte.runtime.export import export_onnx
+from nte.runtime.session import OnnxDenoiser
+from tests.models.lights import light_network
 from tests.synthetic import disc_clip
 
 
@@ -68,6 +72,43 @@ def test_named_steps_are_those_of_the_denoiser() -> None:
     assert all(spent > 0 for spent in steps.values())
     assert sum(steps.values()) < whole
     assert named_steps(Noisy(), synthetic_frames((4, 4), ["color"])) == {}
+
+
+def test_the_steps_of_a_network_are_its_modules() -> None:
+    network = light_network("color")
+    steps = named_steps(network, synthetic_frames((32, 32), [*network.needs, *network.optional]))
+    assert list(steps) == ["reading", "reprojection", "prediction", "kernels", "blending"]
+    assert all(spent > 0 for spent in steps.values())
+    assert not any(child._forward_hooks or child._forward_pre_hooks for child in network.children())
+
+
+@pytest.mark.slow
+def test_the_steps_of_an_exported_graph_are_those_of_its_network(tmp_path: Path) -> None:
+    network = light_network("color")
+    export_onnx(network, tmp_path / "model.onnx", progress=lambda line: None)
+    source = synthetic_frames((64, 64), [*network.needs, *network.optional])
+    steps = named_steps(OnnxDenoiser(tmp_path / "model.onnx"), source)
+    assert list(steps) == ["reading", "reprojection", "prediction", "kernels", "blending"]
+    assert all(spent > 0 for spent in steps.values())
+
+
+def test_operators_between_steps_count_for_the_step_before() -> None:
+    def ran(name: str, begin: int, microseconds: int) -> dict[str, object]:
+        return {"cat": "Node", "name": f"{name}_kernel_time", "ts": begin, "dur": microseconds}
+
+    def run(begin: int, factor: int) -> list[dict[str, object]]:
+        return [
+            {"cat": "Session", "name": "model_run", "ts": begin, "dur": 99},
+            ran("/network/unet/Conv", begin + 1, 30 * factor),
+            ran("ReorderOutput", begin + 2, 3 * factor),
+            ran("/kernels/Mul", begin + 3, 50 * factor),
+            ran("/Cast", begin + 4, 7 * factor),
+            {"cat": "Node", "name": "/kernels/Mul_fence_before", "ts": begin + 3, "dur": 1000},
+        ]
+
+    events = [{"cat": "Session", "name": "session_initialization", "ts": 0, "dur": 5}, *run(10, 1000), *run(200, 1)]
+    assert grouped(events, 1) == {"network": pytest.approx(0.033), "kernels": pytest.approx(0.057)}
+    assert grouped([*events, *run(400, 3)], 2) == {"network": pytest.approx(0.066), "kernels": pytest.approx(0.114)}
 
 
 def test_wrong_input_is_named(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:

@@ -11,21 +11,24 @@ from tests.networks import small_network
 
 def test_the_papers_heads_have_51_26_and_26_channels() -> None:
     network = TemporalDenoiser(TemporalConfig())
-    assert [head.out_channels for head in network.heads.heads] == [51, 26, 26]
-    assert [head.in_channels for head in network.heads.heads] == [32, 48, 64]
-    assert network.unet.encoders[0][0].in_channels == 3 + 3 + 3 + 3 + 1
+    assert [head.out_channels for head in network.prediction.heads.heads] == [51, 26, 26]
+    assert [head.in_channels for head in network.prediction.heads.heads] == [32, 48, 64]
+    assert network.prediction.trunk.unet.encoders[0][0].in_channels == 3 + 3 + 3 + 3 + 1
 
 
-def test_without_time_the_finest_head_has_26_channels_and_no_history_is_fed() -> None:
-    network = small_network(temporal=False)
-    assert [head.out_channels for head in network.heads.heads] == [26, 26, 26]
-    assert network.unet.encoders[0][0].in_channels == 3 + 3 + 3 + 1
+def test_without_time_the_finest_head_has_25_channels_and_nothing_is_carried_but_depth() -> None:
+    network = small_network(temporal=False, feed_warped=False)
+    assert [head.out_channels for head in network.prediction.heads.heads] == [25, 26, 26]
+    assert list(network.recurrent) == ["previous_depth"]
+    assert network.extras == ("disoccluded", "valid")
+    assert network.prediction.trunk.unet.encoders[0][0].in_channels == 3 + 3 + 3 + 1
 
 
 def test_predicted_kernels_sum_to_one_and_alpha_is_a_weight() -> None:
     network = small_network()
-    levels = network.unet(torch.randn(2, 13, 16, 24))
-    for scale, (alpha, spatial, temporal) in enumerate(network.heads(levels)):
+    kernels, remembered = network.prediction(torch.randn(2, 13, 16, 24))
+    assert remembered is None
+    for scale, (spatial, alpha, temporal) in enumerate(kernels):
         size = 2, 1, 16 >> scale, 24 >> scale
         assert alpha.shape == size
         assert ((alpha > 0) & (alpha < 1)).all()
@@ -33,19 +36,17 @@ def test_predicted_kernels_sum_to_one_and_alpha_is_a_weight() -> None:
         if scale == 0:
             torch.testing.assert_close(temporal.sum(1, keepdim=True), torch.ones(size))
         else:
-            assert temporal.numel() == 0
+            assert temporal is None
 
 
 @pytest.mark.parametrize("front", [2, 4])
 def test_a_front_works_at_a_fraction_of_the_resolution_and_predicts_at_all(front: int) -> None:
     network = small_network(front=front)
     seen: list[tuple[int, ...]] = []
-    network.unet.register_forward_hook(lambda _, inputs, __: seen.append(tuple(inputs[0].shape)))
-    features, light = torch.rand(1, 13, 32, 32), torch.rand(1, 3, 32, 32)
-    filtered, alpha = network._filter(features, light, torch.cat([light, torch.ones(1, 1, 32, 32)], 1))
+    network.prediction.trunk.unet.register_forward_hook(lambda _, inputs, __: seen.append(tuple(inputs[0].shape)))
+    kernels, _ = network.prediction(torch.rand(1, 13, 32, 32))
     assert seen == [(1, 13 * front**2, 32 // front, 32 // front)]
-    assert filtered.shape == (1, 3, 32, 32)
-    assert alpha.shape == (1, 1, 32, 32)
+    assert [tuple(scale.spatial.shape) for scale in kernels] == [(1, 25, 32 >> k, 32 >> k) for k in range(3)]
 
 
 def test_the_decoder_returns_every_level_finest_first() -> None:

@@ -76,7 +76,7 @@ def test_the_first_frame_takes_the_noisy_image_for_the_warped_one() -> None:
     network = small_network()
     (frame,) = random_frames(1)
     seen: list[Tensor] = []
-    network.unet.register_forward_hook(lambda _, inputs, __: seen.append(inputs[0]))
+    network.prediction.trunk.unet.register_forward_hook(lambda _, inputs, __: seen.append(inputs[0]))
     run(network, [frame])
     compressed, warped = seen[0][:, :3], seen[0][:, -3:]
     assert torch.equal(compressed, warped)
@@ -87,7 +87,7 @@ def test_later_frames_take_the_warped_history() -> None:
     frame, following = random_frames(2)
     following["motion"][:] = 0
     seen: list[Tensor] = []
-    network.unet.register_forward_hook(lambda _, inputs, __: seen.append(inputs[0]))
+    network.prediction.trunk.unet.register_forward_hook(lambda _, inputs, __: seen.append(inputs[0]))
     _, state = network.step(frame, None)
     network.step(following, state)
     torch.testing.assert_close(seen[1][:, -3:], torch.log1p(state.tensors["history"]), atol=1e-4, rtol=1e-4)
@@ -99,7 +99,7 @@ def test_alpha_weighs_the_current_frame() -> None:
     following["motion"][:] = 0
     black = following.with_channels(color=np.zeros_like(following["color"]))
     for bias, now, past in ((50.0, True, False), (-50.0, False, True)):
-        network.heads.heads[0].bias[0] = bias  # of α before the sigmoid
+        network.prediction.heads.heads[0].bias[0] = bias  # of α before the sigmoid
         _, state = network.step(frame, None)
         forgotten = remembering(state, torch.zeros(1, 3, 24, 36))
         expected, changed, alone = (
@@ -135,9 +135,11 @@ def half_invalid(motion_x: float = 1e4) -> tuple[Frame, Frame]:
 def test_temporal_kernels_leave_invalid_pixels_out(variant: dict[str, object]) -> None:
     # A history without noise, of one colour, and α of 0: whatever the kernels weigh, they can only give that colour.
     network = small_network(**variant)
-    network.heads.heads[0].bias[0] = -50.0  # of α before the sigmoid; of its first pixel where there are several
+    network.prediction.heads.heads[0].bias[
+        0
+    ] = -50.0  # of α before the sigmoid; of its first pixel where there are several
     if network.config.front == 2:
-        network.heads.heads[0].bias[:4] = -50.0
+        network.prediction.heads.heads[0].bias[:4] = -50.0
     frame, following = half_invalid()
     following["previous_forward_motion"][:] = np.nan
     following["albedo"][:] = 1
@@ -205,7 +207,7 @@ def test_filtering_alone_stays_within_the_range_of_the_input(scales: int) -> Non
     (frame,) = random_frames(1, size=(20, 28))
     color = torch.from_numpy(frame["color"])
     low, high = color.amin((2, 3), keepdim=True), color.amax((2, 3), keepdim=True)
-    network = small_network(scales=scales, temporal=False)
+    network = small_network(scales=scales, temporal=False, feed_warped=False)
     (image,) = run(network, [frame])
     assert (image >= 0).all()
     if scales == 1:  # Eq. 4 may leave it

@@ -70,14 +70,14 @@ def test_the_comparison_sees_a_difference(network: TemporalDenoiser, model: Path
     assert typical < 1e-4
     assert worst < 0.05
     other = copy.deepcopy(network)
-    other.unet.encoders[0][0].weight += 1e-3
+    other.prediction.trunk.unet.encoders[0][0].weight += 1e-3
     assert compare_with_torch(other, exported, (33, 47))[0] > 1e-4
 
 
 def test_a_network_that_passes_bad_pixels_on_is_told_so(
     network: TemporalDenoiser, model: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr("nte.models.temporal.usable_radiance", lambda light, brightest: light)
+    monkeypatch.setattr("nte.models.reading.usable_light", lambda target, light, exposure: light)
     with pytest.raises(NteError, match=r"^not exported: in frame 0 .* its forward must make its inputs usable"):
         compare_with_torch(network, OnnxDenoiser(model), (33, 47))
 
@@ -87,7 +87,7 @@ def test_a_graph_that_differs_is_not_written(
     network: TemporalDenoiser, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     wrong = copy.deepcopy(network)
-    wrong.heads.heads[0].bias += torch.linspace(0, 1e-2, len(wrong.heads.heads[0].bias))
+    wrong.prediction.heads.heads[0].bias += torch.linspace(0, 1e-2, len(wrong.prediction.heads.heads[0].bias))
     graph = export._graph(wrong)
     monkeypatch.setattr(export, "_graph", lambda _: graph)
     with pytest.raises(NteError, match=r"model\.onnx: not written: ONNX Runtime differs from PyTorch at 96x64, 20 f"):

@@ -104,7 +104,7 @@ def test_two_processes_train_one_network_and_one_of_them_writes(tmp_path: Path, 
     assert output.count("step 8: loss") == 1
     # Each process contributes a sequence of its own: neither alone would have come here.
     alone = train(tiny_config(tmp_path, noisy_disc, "data.batch=1", "name=alone"), device="cpu")
-    weight = "denoiser.unet.encoders.0.0.weight"
+    weight = "denoiser.prediction.trunk.unet.encoders.0.0.weight"
     assert checkpoint(run)["step"] == "8"
     assert not (checkpoint(run)[weight] == checkpoint(alone)[weight]).all()
     with pytest.raises(NteError, match="trained by 2 processes, and here are 1, which changes what a step is"):

@@ -51,7 +51,7 @@ def test_the_same_seed_gives_the_same_weights_and_another_seed_others(
 ) -> None:
     assert_same_run(train(tiny_config(tmp_path, noisy_disc), device="cpu"), finished)
     other = train(tiny_config(tmp_path, noisy_disc, "seed=2", "name=other"), device="cpu")
-    name = "denoiser.unet.encoders.0.0.weight"
+    name = "denoiser.prediction.trunk.unet.encoders.0.0.weight"
     assert not torch.equal(checkpoint(other)[name], checkpoint(finished)[name])
 
 
@@ -93,7 +93,9 @@ def test_a_run_whose_configuration_names_no_kind_of_network_is_of_the_first_kind
     said = (run / "config.yaml").read_text()
     (run / "config.yaml").write_text(said.replace("  kind: temporal\n", ""))
     assert (run / "config.yaml").read_text() != said
-    assert torch.equal(load_run(run).state_dict()["heads.heads.0.bias"], load_run(finished).heads.heads[0].bias)
+    assert torch.equal(
+        load_run(run).state_dict()["prediction.heads.heads.0.bias"], load_run(finished).prediction.heads.heads[0].bias
+    )
     train(tiny_config(tmp_path, noisy_disc, "resume=true"), device="cpu")
     assert_same_run(run, finished)
 
@@ -112,7 +114,7 @@ def test_the_moving_average_by_hand(tmp_path: Path, noisy_disc: Path) -> None:
 
 def test_bfloat16_trains(tmp_path: Path, noisy_disc: Path) -> None:
     run = train(tiny_config(tmp_path, noisy_disc, "precision=bf16-mixed", "phases=[{steps: 2}]"), device="cpu")
-    weights = checkpoint(run)["denoiser.unet.encoders.0.0.weight"]
+    weights = checkpoint(run)["denoiser.prediction.trunk.unet.encoders.0.0.weight"]
     assert weights.dtype == torch.float32
     assert weights.isfinite().all()
 
@@ -197,7 +199,7 @@ def test_clips_with_backward_vectors_only_train_and_validate(tmp_path: Path, noi
     # It is the training of a clip that has forward vectors, with all of them scattered; with its own it is another one.
     choices = {"scattered": "data.scatter=1", "stored": "data.scatter=0"}
     ours, scattered, stored = (
-        checkpoint(folder)["denoiser.heads.heads.0.weight"]
+        checkpoint(folder)["denoiser.prediction.heads.heads.0.weight"]
         for folder in (
             run,
             *(

@@ -15,9 +15,10 @@ from typing import Any
 
 import numpy as np
 
-from nte.denoiser import Denoiser, State, require_channels
+from nte.denoiser import State, require_channels
 from nte.errors import NteError
-from nte.evaluation.benchmark.frames import Source, source_of
+from nte.evaluation.benchmark.frames import source_of
+from nte.evaluation.benchmark.steps import WARM_UP, named_steps
 from nte.frames.channels import reference_of
 from nte.frames.clip import Clip
 from nte.frames.frame import Array
@@ -28,7 +29,6 @@ from nte.progress import Progress
 from nte.registry import load_denoiser
 
 FORMAT = "nte-bench/1"
-WARM_UP = 4  # frames before the timed ones: caches fill, and history grows beyond what filters call young
 Row = dict[str, Any]
 
 
@@ -53,8 +53,8 @@ def bench(
     """Measure denoisers; return a row for each size and denoiser, with `ms_per_frame` (median), `p95` and `peak_mb`.
 
     sizes: (height, width) each; empty takes the clip's size, or 1280×720. frames: number of timed frames, after four
-    others. clip: None for synthetic frames. steps: also measure the milliseconds of each named step
-    (torch.profiler.record_function) of a denoiser, apart and including the profiler's own time. In a row, peak_mb is
+    others. clip: None for synthetic frames. steps: also measure the milliseconds of each named step of a denoiser
+    (nte.evaluation.benchmark.steps), apart and including the profiler's own time. In a row, peak_mb is
     the peak of resident memory (10⁶ bytes) above that of the process with denoiser and first frame loaded, and psnr
     the mean over the timed frames, if the clip has the target's reference and its own size. Raises NteError for a
     denoiser that does not fit the frames, and if a process dies.
@@ -189,24 +189,3 @@ def _psnr(image: Array, reference: Array, exposure: Array) -> float:
     shown = [display(torch.as_tensor(a), torch.as_tensor(exposure)) for a in (image, reference)]
     errors = (shown[0] - shown[1]).square().mean(1, keepdim=True)[usable_pixels(torch.as_tensor(reference))]
     return float(psnr(errors.mean()))
-
-
-def named_steps(denoiser: Denoiser, source: Source, frames: int = 2) -> dict[str, float]:
-    """Measure the milliseconds per frame in each named step of a denoiser, in the order in which they first begin.
-
-    frames: number of measured frames, after four others. Only CPU time is profiled.
-    """
-    from torch.profiler import ProfilerActivity, profile
-
-    state: State | None = None
-    for index in range(WARM_UP):
-        _, state = denoiser.step(source(index), state)
-    spent: dict[str, float] = {}
-    for index in range(WARM_UP, WARM_UP + frames):
-        frame = source(index)
-        with profile(activities=[ProfilerActivity.CPU]) as profiler:
-            _, state = denoiser.step(frame, state)
-        for event in sorted(profiler.events(), key=lambda event: event.time_range.start):
-            if event.is_user_annotation:
-                spent[event.name] = spent.get(event.name, 0.0) + event.time_range.elapsed_us() / 1e3 / frames
-    return spent

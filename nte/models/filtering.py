@@ -1,0 +1,86 @@
+"""The steps that apply predicted kernels to light and history, and blend the results."""
+
+from typing import NamedTuple
+
+import torch
+import torch.nn.functional as F
+from torch import Tensor, nn
+
+from nte.models.kernels import Downsample, apply_kernels, combine_scales
+from nte.models.prediction import ScaleKernels
+
+_LEAST_WEIGHT = 1e-12  # a kernel with less total weight on the pixels that it may read has selected only others
+
+
+class Filtered(NamedTuple):
+    """Filtered images, before they are blended."""
+
+    scales: list[Tensor]  # (N, C, H/2^k, W/2^k), finest first
+    history: Tensor | None  # (N, C, H, W)
+    known: Tensor | None  # (N, 1, H, W) bool: the temporal kernel had a pixel to read
+
+
+class KernelApplication(nn.Module):
+    """The step that filters each scale of the light with its spatial kernels, and the history with the temporal ones.
+
+    Costs K²·C multiply-adds per pixel of each scale, and K²·(C + 1) more for the history: for 5×5 kernels, 3 scales
+    and 3 components 98 and 100 per pixel.
+    """
+
+    def forward(
+        self, light: Tensor, kernels: list[ScaleKernels], history: Tensor | None, readable: Tensor | None
+    ) -> Filtered:
+        """Filter light and history, both (N, C, H, W). readable (N, 1, H, W): 1 where history may be read, else 0."""
+        pyramid = [light]
+        for _ in kernels[1:]:
+            pyramid.append(F.avg_pool2d(pyramid[-1], 2))
+        scales = [apply_kernels(image, scale.spatial) for image, scale in zip(pyramid, kernels, strict=True)]
+        temporal = kernels[0].temporal
+        if temporal is None or history is None or readable is None:
+            return Filtered(scales, None, None)
+        return Filtered(scales, *apply_masked(history, readable, temporal))
+
+
+class Blending(nn.Module):
+    """The step that combines the scales (Eq. 4), and blends the result with the filtered history (Eq. 1).
+
+    most: upper limit of the light, such as 1 for a share; None for none. Costs a bilinear upsampling per scale and
+    some operations per component.
+    """
+
+    def __init__(self, downsample: Downsample, most: float | None) -> None:
+        super().__init__()
+        self.downsample: Downsample = downsample
+        self.most = most
+
+    def forward(self, filtered: Filtered, kernels: list[ScaleKernels]) -> tuple[Tensor, Tensor | None]:
+        """Return the light (N, C, H, W) in [0, most], and α (N, 1, H, W) of the last blend if there is a history."""
+        output = filtered.scales[-1]
+        for fine, coarse in zip(reversed(filtered.scales[:-1]), reversed(kernels[1:]), strict=True):
+            assert coarse.alpha is not None
+            output = combine_scales(fine, output, coarse.alpha, self.downsample)
+        # Before blending, compression and storage, since Eq. 4 may go below 0, and above the largest input.
+        output = output.clamp(min=0, max=self.most)
+        alpha, history, known = kernels[0].alpha, filtered.history, filtered.known
+        if alpha is None or history is None or known is None:
+            return output, None
+        alpha = torch.where(known, alpha, 1.0)
+        return alpha * output + (1 - alpha) * history, alpha  # Eq. 1
+
+
+def apply_masked(image: Tensor, weight: Tensor, kernels: Tensor) -> tuple[Tensor, Tensor]:
+    """Apply kernels to the pixels whose weight (N, 1, H, W) is 1 rather than 0, and renormalise the kernels.
+
+    Returns the image (N, C, H, W), and (N, 1, H, W) bool, true where a kernel had anything to read; elsewhere the image
+    is 0.
+    """
+    summed = apply_kernels(torch.cat([image * weight, weight], 1), kernels)
+    total = summed[:, -1:]
+    known = total > _LEAST_WEIGHT
+    return summed[:, :-1] / torch.where(known, total, 1.0) * known, known
+
+
+def padded(images: Tensor, multiple: int) -> Tensor:
+    """Pad images (N, C, H, W) at the bottom and on the right to multiples of a size; the border repeats."""
+    height, width = images.shape[-2:]
+    return F.pad(images, (0, -width % multiple, 0, -height % multiple), mode="replicate")
