@@ -7,7 +7,7 @@ whole or absent, so nothing has to be locked: a unit whose worker dies is done a
 from collections.abc import Callable, Iterator, Mapping
 from concurrent.futures import CancelledError, ProcessPoolExecutor, as_completed
 from concurrent.futures.process import BrokenProcessPool
-from contextlib import contextmanager
+from contextlib import chdir, contextmanager, nullcontext
 from dataclasses import dataclass
 from importlib.metadata import PackageNotFoundError, version
 from multiprocessing import get_context
@@ -87,6 +87,7 @@ class _Terms:
 
     kind: Kind
     token: Path  # a file in the output folder
+    here: Path  # the working directory, from which relative paths of units start
     versions: dict[str, str]
     neighbours: dict[str, int]  # address of a worker → how many share its machine
 
@@ -101,9 +102,9 @@ def on_cluster(
 ) -> None:
     """Do all units on the workers of the Dask scheduler at `address`, tcp://host:port; call done(name, result).
 
-    units: name → unit. Every worker must see `folder`, where the results go, under the same path, and have the same
-    versions of nte and of what the work depends on. A unit whose worker dies is done again by another. Raises NteError
-    where no scheduler answers, a worker does not fit, or a unit fails.
+    units: name → unit. Every worker must see `folder`, where the results go, and whatever files a unit names under the
+    same paths, and have the same versions of nte and of what the work depends on. A unit whose worker dies is done
+    again by another. Raises NteError where no scheduler answers, a worker does not fit, or a unit fails.
     """
     try:
         import dask
@@ -113,7 +114,7 @@ def on_cluster(
     except ImportError as error:
         raise needs_extra("cluster", "--scheduler", error) from error
     with _connected(distributed, address) as client, _token(folder.absolute(), kind) as token:
-        terms = _Terms(kind, token, _versions(kind), _neighbours(client))
+        terms = _Terms(kind, token, Path.cwd(), _versions(kind), _neighbours(client))
         for worker, fault in client.run(_fault, terms, on_error="return").items():
             if fault:
                 raise NteError(f"worker {worker}: {fault}")
@@ -206,4 +207,5 @@ def _do_there(work: Callable[[Unit], Result], unit: Unit, terms: _Terms) -> Resu
     if fault := _fault(terms, worker):
         raise NteError(f"worker {worker.address}: {fault}")
     terms.kind.share_cores(terms.neighbours.get(worker.address, 1))
-    return work(unit)
+    with chdir(terms.here) if terms.here.is_dir() else nullcontext():
+        return work(unit)

@@ -11,11 +11,11 @@ import torch
 
 from nte import Clip, Frame, NteError, Result
 from nte.denoiser import Noisy, State
-from nte.evaluation.evaluate import clip_labels, evaluate
+from nte.evaluation.evaluate import evaluate
 from nte.evaluation.metrics import score
 from nte.evaluation.results import Evaluation, means_of
 from nte.evaluation.score_clip import mean
-from nte.frames.clip import find_clips, frame_path, write_clip_info, write_frame
+from nte.frames.clip import clip_labels, find_clips, frame_path, write_clip_info, write_frame
 from nte.frames.reference import BadReferenceWarning
 from nte.frames.show import display
 from tests.evaluation.conftest import noisy_frames

@@ -74,7 +74,7 @@ def address(start: Start, tmp_path_factory: pytest.TempPathFactory) -> str:
 def test_workers_that_do_not_fit_are_refused(address: str, tmp_path: Path):
     with distributed.Client(address, set_as_default=False) as client:
         (tmp_path / "seen").touch()
-        terms = jobs._Terms(RENDERING, tmp_path / "seen", jobs._versions(RENDERING), jobs._neighbours(client))
+        terms = jobs._Terms(RENDERING, tmp_path / "seen", tmp_path, jobs._versions(RENDERING), jobs._neighbours(client))
         assert set(terms.neighbours.values()) == {2}
         assert set(client.run(jobs._fault, terms).values()) == {None}
         other = replace(terms, versions=terms.versions | {"nte": "0.0.1"})
