@@ -9,7 +9,7 @@ from dataclasses import dataclass, field, replace
 import torch
 from torch import Tensor
 
-from nte.denoiser import Denoiser, Result, Session, State
+from nte.denoiser import Denoiser, Noisy, Result, Session, State
 from nte.errors import NteError
 from nte.evaluation.metric_table import METRICS, Row
 from nte.evaluation.metrics import Scores, region_mean, regions_of, score, temporal_l1, temporal_l1_floor
@@ -141,7 +141,7 @@ class ClipRun:
             return False
         for target in self.targets:
             images = {"reference": picture(frame[reference_of(target)], target, self.exposure)}
-            if target in frame and not any(run.spec == "noisy" and target in run.scorers for run in self.runs):
+            if target in frame and not any(type(run.denoiser) is Noisy and target in run.scorers for run in self.runs):
                 images = {"noisy input": picture(frame[target], target, self.exposure), **images}
             self.shown[target] = Shown(self.label, target, frame.index, disoccluded, images)
         return True
