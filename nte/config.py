@@ -23,12 +23,15 @@ def load_config(
     path: Path,
     overrides: Sequence[str] = (),
     choose: Callable[[Callable[[str], Any]], Schema] | None = None,
+    based: bool = False,
 ) -> Schema:
     """Load an instance of the dataclass `schema` from a YAML file and `key=value` overrides.
 
     choose: makes the instance with the defaults, for schemas in which one key decides which others exist. It is called
-    with a function from a dotted key to the value that the file or the overrides give it, or None. ${name} may refer to
-    another key; resolvers such as ${oc.env:…} are refused, so that a configuration means the same on every machine.
+    with a function from a dotted key to the value that the file or the overrides give it, or None. based: the file may
+    name another one in its folder as `base`, whose values it then changes; a list replaces that of the base.
+    ${name} may refer to another key; resolvers such as ${oc.env:…} are refused, so that a configuration means the same
+    on every machine.
     Raises NteError, naming the file and the key, for anything that does not fit.
     """
     for override in overrides:
@@ -36,7 +39,7 @@ def load_config(
             raise NteError(f"'{override}': expected key=value")
     source = str(path)
     try:
-        loaded = _read(path)
+        loaded = _with_base(path) if based else _read(path)
         refuse_resolvers(source, OmegaConf.to_container(loaded, resolve=False))
         source = "command line"
         typed = OmegaConf.from_dotlist(list(overrides))
@@ -84,6 +87,21 @@ def problem_with(error: Exception) -> str:
     known = [field.name for field in fields(schema)]
     near = get_close_matches(str(error.key), known, 1)
     return f"unknown key{f', did you mean {near[0]}?' if near else ':'} expected one of {', '.join(known)}"
+
+
+def _with_base(path: Path, above: Sequence[Path] = ()) -> DictConfig:
+    """Read a file over the one that it names as its base. above: files that it is a base of."""
+    loaded = _read(path)
+    base = loaded.pop("base", None)
+    if base is None:
+        return loaded
+    if not isinstance(base, str) or Path(base).name != base:
+        raise NteError(f"{path}: 'base' is {base!r:.60}: expected the name of a file in the same folder")
+    if path.parent / base in (path, *above):
+        raise NteError(f"{path}: 'base' is {base}, which has this file as its own base")
+    merged = OmegaConf.merge(_with_base(path.parent / base, (path, *above)), loaded)
+    assert isinstance(merged, DictConfig)
+    return merged
 
 
 def _read(path: Path) -> DictConfig:
