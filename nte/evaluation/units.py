@@ -3,7 +3,7 @@
 import warnings
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from functools import cache
+from functools import cache, lru_cache
 from pathlib import Path
 
 import torch
@@ -97,8 +97,22 @@ def require_scorable(label: str, clip: Clip, denoisers: Mapping[str, Denoiser], 
             raise NteError(f"{clip.folder}: no channel '{name}' to compare {spec} with; it has {have}")
 
 
-@cache  # a process evaluates many clips
+def files_of(spec: str) -> list[Path]:
+    """Find the files that a denoiser is read from: an exported model, a checkpoint, or those of a run folder."""
+    path = Path(spec.rpartition("+")[2])
+    if path.is_dir():
+        return [file for name in ("config.yaml", "checkpoint.safetensors") if (file := path / name).is_file()]
+    return [path] if path.is_file() else []
+
+
 def _load(spec: str, device: str) -> Denoiser:
+    """Load a denoiser once for many clips, and again if its files have changed."""
+    stamps = tuple((file, file.stat().st_mtime_ns, file.stat().st_size) for file in files_of(spec))
+    return _loaded(spec, device, stamps)
+
+
+@lru_cache(maxsize=128)
+def _loaded(spec: str, device: str, stamps: tuple[tuple[Path, int, int], ...]) -> Denoiser:
     return load_denoiser(spec, device)
 
 

@@ -5,7 +5,6 @@ of all that the scores depend on; scores with another digest are not read.
 """
 
 import json
-from collections.abc import Sequence
 from dataclasses import asdict
 from hashlib import sha256
 from pathlib import Path
@@ -15,7 +14,7 @@ from zipfile import BadZipFile
 import numpy as np
 
 from nte.evaluation.score_clip import Shown
-from nte.evaluation.units import ClipScores, ClipUnit
+from nte.evaluation.units import ClipScores, ClipUnit, files_of
 from nte.files import make_folder, write_whole
 from nte.frames.clip import Clip
 from nte.version import __version__
@@ -27,16 +26,8 @@ def unit_digest(unit: ClipUnit) -> str:
     """Compute a digest of a clip's clip.json, of the denoisers with the bytes of their files, and of nte's version."""
     info = json.dumps(Clip(unit.clip).info, sort_keys=True)
     how = json.dumps({**asdict(unit), "clip": ""}, sort_keys=True)
-    files = [sha256(path.read_bytes()).hexdigest() for spec in unit.denoisers for path in _files_of(spec)]
+    files = [sha256(path.read_bytes()).hexdigest() for spec in unit.denoisers for path in files_of(spec)]
     return sha256("\n".join([__version__, info, how, *files]).encode()).hexdigest()
-
-
-def _files_of(spec: str) -> Sequence[Path]:
-    """The files that a denoiser is read from: an exported model, a checkpoint, or those of a run folder."""
-    path = Path(spec.rpartition("+")[2])
-    if path.is_dir():
-        return [file for name in ("config.yaml", "checkpoint.safetensors") if (file := path / name).is_file()]
-    return [path] if path.is_file() else []
 
 
 def keep(path: Path, digest: str, scores: ClipScores) -> None:
