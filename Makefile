@@ -2,7 +2,7 @@
 # make test   every test, the notebooks included
 # make lint   style and types
 # make coverage   the lines of nte/ that the fast tests leave out      make slow   the tests that make coverage left out
-# make paper  the published comparisons, with their data: a few hours       make bench   times, as ratios in one run
+# make paper  the published comparisons, with their data: a night or two       make bench   times, as ratios in one run
 PYTHON ?= python3
 VENV := .venv
 BIN := $(VENV)/bin
@@ -41,8 +41,9 @@ acceptance: $(INSTALLED)
 	$(BIN)/pytest -s tests/acceptance
 
 paper: $(INSTALLED)
-	$(BIN)/nte compare configs/compare_trmv.yaml --data data/trmv --out reports/trmv --jobs 2 --force
-	$(BIN)/nte compare configs/compare_trmv_640.yaml --data data/trmv_640 --out reports/trmv_640 --jobs 2 --force
+	$(BIN)/nte compare configs/compare_trmv.yaml --data data/trmv --out reports/trmv --jobs 2
+	$(BIN)/nte compare configs/compare_trmv_640.yaml --data data/trmv_640 --out reports/trmv_640 --jobs 2
+	$(BIN)/nte compare configs/compare_neural_small.yaml --data data --out reports/neural_small --jobs 2
 	$(BIN)/python -m benchmarks.vectors --pictures reports/vectors
 	$(BIN)/python -m benchmarks.correspondence
 	$(BIN)/nte render datasets/motion_blur_60.yaml --out data/motion_blur_60

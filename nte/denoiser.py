@@ -3,7 +3,7 @@
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from dataclasses import dataclass, field, replace
 from functools import wraps
-from typing import Any, ClassVar, Generic, NamedTuple, Protocol, TypeVar, cast, runtime_checkable
+from typing import Any, ClassVar, Generic, Literal, NamedTuple, Protocol, TypeVar, cast, runtime_checkable
 
 import numpy as np
 
@@ -123,17 +123,29 @@ class Filter(Denoiser, Generic[OptionsType]):
         self.device = device if self.uses_device else None
 
 
-class Noisy(Filter[Options]):
+@dataclass(frozen=True)
+class NoisyOptions(Options, name="noisy"):
+    """Options of Noisy. target: the channel that is returned."""
+
+    target: Literal["color", "visibility", "glossy", "indirect"] = "color"
+
+
+class Noisy(Filter[NoisyOptions]):
     """The noisy input, unchanged: the baseline that every denoiser must beat."""
 
     needs: tuple[str, ...] = ("color",)
-    options_type = Options
+    options_type = NoisyOptions
     uses_device = False
+
+    def __init__(self, options: NoisyOptions | None = None, *, device: str = "cpu") -> None:
+        super().__init__(options, device=device)
+        self.target = self.options.target
+        self.needs = (self.target,)
 
     @sanitised
     def step(self, frame: Frame, state: State | None, extras: tuple[str, ...] = ()) -> tuple[Result, State]:
-        """Return `color` as it is, with bad pixels replaced."""
-        return Result(frame["color"]), ()
+        """Return the target as it is, with bad pixels replaced."""
+        return Result(frame[self.target]), ()
 
 
 def require_channels(denoiser: Denoiser, available: Iterable[str], where: object) -> None:

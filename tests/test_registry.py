@@ -55,6 +55,13 @@ def test_options_become_the_types_of_their_fields() -> None:
     assert isinstance(load_denoiser("noisy:"), Noisy)
 
 
+def test_the_noisy_input_of_a_component_is_that_channel() -> None:
+    frame = Frame({name: np.full((1, 3, 4, 5), i, np.float32) for i, name in enumerate(("color", "indirect"))})
+    noisy = load_denoiser("noisy:target=indirect")
+    assert (noisy.needs, noisy.target) == (("indirect",), "indirect")
+    assert noisy.step(frame, None)[0].image.max() == 1
+
+
 @pytest.mark.parametrize(
     ("spec", "message"),
     [
@@ -80,13 +87,16 @@ def test_options_become_the_types_of_their_fields() -> None:
             "^'align_accumulate:target=components': align_accumulate has no target visibility, which components need: "
             "expected a target out of color, indirect, glossy$",
         ),
-        ("noisy:target=components", "unknown option 'target'; it has none"),
+        (
+            "oidn:target=components",
+            "oidn has no target visibility, which components need: expected a target out of colo",
+        ),
         ("trmv:preset=best", "trmv: preset is 'best', expected one of paper, traditional, "),
         ("trmv:presets=paper", "unknown option 'presets'; it has target, .*, preset"),
         ("svgf:preset=paper", "unknown option 'preset'; it has target, .*, depth_floor$"),
         ("estimate:noise=loud+taa", "estimate: noise is 'loud', expected one of auto, clean, "),
         ("taa:device=cpu", "unknown option 'device'; it has clamp, alpha"),
-        ("noisy:seed=1", "unknown option 'seed'; it has none"),
+        ("noisy:seed=1", "unknown option 'seed'; it has target"),
         ("nowhere/model.onnx", r"nowhere/model\.onnx: does not exist"),
         ("runs/nowhere", "'runs/nowhere' is no denoiser"),
     ],

@@ -3,7 +3,7 @@
 import argparse
 from pathlib import Path
 
-from nte.cli.parsing import DENOISER, Commands, add_device, add_force, command
+from nte.cli.parsing import DENOISER, Commands, add_device, add_force, add_jobs, command
 
 
 def add(commands: Commands) -> None:
@@ -14,6 +14,7 @@ def add(commands: Commands) -> None:
     parser.add_argument("--denoisers", nargs="+", required=True, metavar="SPEC", help=DENOISER)
     parser.add_argument("--out", type=Path, required=True, help="folder for metrics.json and index.html")
     parser.add_argument("--first-frame", action="store_true", help="score the first frame too")
+    add_jobs(parser, "a clip")
     add_device(parser)
     add_force(parser)
 
@@ -27,7 +28,7 @@ def _evaluate(options: argparse.Namespace) -> None:
     with Progress("evaluate", 0, "frame") as progress:
         found = evaluate(
             options.clips, options.denoisers, options.out, first, force=options.force, device=options.device,
-            progress=progress.reach,
+            progress=progress.reach, jobs=options.jobs, scheduler=options.scheduler,
         )  # fmt: skip
     print(format_table(found.metrics))
     print(f"report: {options.out / 'index.html'}")

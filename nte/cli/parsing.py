@@ -42,3 +42,21 @@ def add_force(parser: argparse.ArgumentParser, text: str = "overwrite what exist
 def add_device(parser: argparse.ArgumentParser, default: str = "cpu") -> None:
     """Add the option --device."""
     parser.add_argument("--device", default=default, help=f"cpu, cuda, … (default: {default})")
+
+
+def add_jobs(parser: argparse.ArgumentParser, unit: str) -> None:
+    """Add the options --jobs and --scheduler, of which one may be given. unit: what a process does at a time."""
+    where = parser.add_mutually_exclusive_group()
+    where.add_argument(
+        "--jobs", type=_count, default=1, metavar="N", help=f"processes that share the cores, each on {unit}"
+    )
+    where.add_argument(
+        "--scheduler", metavar="tcp://HOST:PORT", help=f"work on a Dask cluster that sees the folders: {unit} a worker"
+    )
+
+
+def _count(text: str) -> int:
+    """Parse a number of processes; raises argparse's error below 1."""
+    if not text.isdecimal() or int(text) < 1:
+        raise argparse.ArgumentTypeError(f"{text!r:.40}: expected a number of processes, 1 or more")
+    return int(text)

@@ -3,7 +3,7 @@
 import argparse
 from pathlib import Path
 
-from nte.cli.parsing import Commands, add_force, command
+from nte.cli.parsing import Commands, add_force, add_jobs, command
 
 
 def add(commands: Commands) -> None:
@@ -13,9 +13,7 @@ def add(commands: Commands) -> None:
         "recipe", type=Path, metavar="RECIPE.yaml", help="what to render: scenes, sizes, samples, seeds"
     )
     parser.add_argument("--out", type=Path, required=True, help="folder for the clips")
-    where = parser.add_mutually_exclusive_group()
-    where.add_argument("--jobs", type=int, default=1, help="processes (one uses every core already)")
-    where.add_argument("--scheduler", metavar="tcp://HOST:PORT", help="render on a Dask cluster that sees the folder")
+    add_jobs(parser, "a clip")
     add_force(parser)
 
 

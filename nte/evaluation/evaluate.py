@@ -1,19 +1,16 @@
 """The comparison of denoisers over clips, for `nte evaluate`."""
 
-import json
-import os
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from pathlib import Path
 
-from nte.denoiser import Denoiser, require_channels
+from nte.denoiser import Denoiser
 from nte.errors import NteError
-from nte.evaluation.metric_table import Row
 from nte.evaluation.report.page import write_report
-from nte.evaluation.results import FORMAT, Evaluation, means_of
-from nte.evaluation.score_clip import ClipRun, Shown
-from nte.files import already_there, only_writer, write_whole
-from nte.frames.channels import reference_of
-from nte.frames.clip import Clip, find_clips
+from nte.evaluation.results import Evaluation, gathered
+from nte.evaluation.units import ClipScores, ClipUnit, elsewhere, require_scorable, score_clip
+from nte.files import already_there, only_writer
+from nte.frames.clip import Clip, clip_labels, find_clips
+from nte.jobs import require_jobs
 from nte.registry import load_denoiser
 
 OURS = ("metrics.json", "index.html")  # all files that an evaluation writes, and that force replaces
@@ -29,17 +26,20 @@ def evaluate(
     force: bool = False,
     device: str = "cpu",
     progress: Advance | None = None,
-    titles: Mapping[str, str] | None = None,
+    jobs: int = 1,
+    scheduler: str | None = None,
 ) -> Evaluation:
     """Run every denoiser over every clip, score its frames, and write `out`/metrics.json and index.html, the report.
 
     clips: clip folders, or folders that hold clips. denoisers: specifications as for `load_denoiser`, or a mapping from
     a name for the rows to a denoiser. first: index of the first frame that is scored; every denoiser starts at frame 0.
     lights: the light components that are scored besides each denoiser's own target; None takes all that it gives.
-    progress: called after each frame with the frames done, the frames in all and the frame's name. titles: the
-    report's title for a denoiser → the denoiser. One frame of one clip is in memory at a time, besides the denoisers'
-    states. Raises NteError, before any work is done, for missing clips, channels or denoisers, and for an `out` that
-    exists without `force`.
+    progress: called after each frame with the frames done, the frames in all and the frame's name. jobs: number of
+    processes, each of which evaluates a clip at a time. scheduler: address of a Dask scheduler, whose workers evaluate
+    instead; they must see `out` and the working directory under the same paths. Both need specifications, and progress
+    is then told after each clip. The numbers are the same, except for times. One frame of one clip is in memory at a
+    time, besides the denoisers' states. Raises NteError, before any work is done, for missing clips, channels or
+    denoisers, and for an `out` that exists without `force`.
 
     >>> found = nte.evaluate("data/clips", ["noisy", "taa"], "report")
     >>> means = found.metrics["means"]
@@ -48,18 +48,29 @@ def evaluate(
     >>> sorted(path.name for path in Path("report").iterdir())
     ['index.html', 'metrics.json']
     """
+    require_jobs(jobs)
+    if isinstance(denoisers, Mapping) and (jobs > 1 or scheduler is not None):
+        raise NteError("denoisers are objects of this process: give specifications, or leave out jobs and scheduler")
     out = Path(out)
     folders = find_clips(Path(clip) for clip in ([clips] if isinstance(clips, str | Path) else clips))
     opened = dict(zip(clip_labels(folders), map(Clip, folders), strict=True))
     loaded = _loaded(denoisers, device)
     for label, clip in opened.items():
-        _require_scorable(label, clip, loaded, first)
+        require_scorable(label, clip, loaded, first)
     prepare_folder(out, force)
     with only_writer(out):
-        found = _evaluated(opened, loaded, first, lights, device, progress)
-        text = json.dumps(found.metrics, indent=1, allow_nan=False) + "\n"
-        write_whole(out / "metrics.json", lambda temporary: temporary.write_text(text, encoding="utf-8"))
-        write_report(found.titled(titles) if titles else found, out, titles)
+        units = {
+            label: ClipUnit(label, clip.folder, tuple(loaded), first, None if lights is None else tuple(lights), device)
+            for label, clip in opened.items()
+        }
+        frames = {label: len(clip) for label, clip in opened.items()}
+        if jobs > 1 or scheduler is not None:
+            scores = _elsewhere(units, frames, out, jobs, scheduler, progress)
+        else:
+            scores = _here(units, frames, loaded, progress)
+        found = gathered([scores[label] for label in units])
+        found.write(out)
+        write_report(found, out)
     return found
 
 
@@ -75,34 +86,45 @@ def _loaded(denoisers: Iterable[str] | Mapping[str, Denoiser], device: str) -> d
     return loaded
 
 
-def _evaluated(
-    opened: Mapping[str, Clip], denoisers: Mapping[str, Denoiser], first: int, lights: Sequence[str] | None,
-    device: str, progress: Advance | None,
-) -> Evaluation:  # fmt: skip
-    """Run and score denoisers on clips, both checked before."""
-    total, done = sum(map(len, opened.values())), 0
-    rows: list[Row] = []
-    shown: list[Shown] = []
-    for label, clip in opened.items():
-        run = ClipRun(label, clip, denoisers, device, first, lights)
-        for index in range(len(clip)):
-            run.advance(index)
-            done += 1
+def _here(
+    units: Mapping[str, ClipUnit],
+    frames: Mapping[str, int],
+    denoisers: Mapping[str, Denoiser],
+    progress: Advance | None,
+) -> dict[str, ClipScores]:
+    """Score clips one after the other."""
+    scores, before, total = {}, 0, sum(frames.values())
+    for label, unit in units.items():
+
+        def tick(index: int, label: str = label, before: int = before) -> None:
             if progress:
-                progress(done, total, f"{label}, frame {index}")
-        rows += run.rows()
-        shown += run.shown.values()
-    return Evaluation({"format": FORMAT, "rows": rows, "means": means_of(rows)}, shown)
+                progress(before + index + 1, total, f"{label}, frame {index}")
+
+        scores[label] = score_clip(unit, denoisers, tick)
+        before += frames[label]
+    return scores
 
 
-def clip_labels(folders: Sequence[Path]) -> list[str]:
-    """Make a short unique name for each clip: the folder's name, with its parents if several folders have that name."""
-    resolved = [folder.resolve() for folder in folders]
-    names = [folder.name for folder in resolved]
-    common = Path(os.path.commonpath([folder.parent for folder in resolved])) if resolved else Path()
-    return [
-        folder.relative_to(common).as_posix() if names.count(folder.name) > 1 else folder.name for folder in resolved
-    ]
+def _elsewhere(
+    units: Mapping[str, ClipUnit],
+    frames: Mapping[str, int],
+    out: Path,
+    jobs: int,
+    scheduler: str | None,
+    progress: Advance | None,
+) -> dict[str, ClipScores]:
+    """Score clips in other processes."""
+    scores: dict[str, ClipScores] = {}
+
+    def done(label: str, found: ClipScores) -> None:
+        if found.failed:
+            raise NteError(next(iter(found.failed.values())))
+        scores[label] = found
+        if progress:
+            progress(sum(frames[label] for label in scores), sum(frames.values()), label)
+
+    elsewhere(units, out, jobs, scheduler, done)
+    return scores
 
 
 def prepare_folder(out: Path, force: bool) -> None:
@@ -115,23 +137,3 @@ def prepare_folder(out: Path, force: bool) -> None:
         out.mkdir(parents=True, exist_ok=True)
     except OSError as error:
         raise NteError(f"{out}: cannot be made: {error.strerror}") from error
-
-
-def _require_scorable(label: str, clip: Clip, denoisers: Mapping[str, Denoiser], first: int) -> None:
-    """Raise NteError for a clip that cannot be evaluated, before an hour of work is lost."""
-    if len(clip) == first == 1:
-        raise NteError(f"{clip.folder}: has one frame, and the first frame is not scored: use --first-frame")
-    if len(clip) <= first:
-        raise NteError(f"{clip.folder}: has {len(clip)} frames, and frame {first} is the first that is scored")
-    if "color" not in clip.channels and "exposure" not in clip.info:
-        have = ", ".join(clip.channels)
-        raise NteError(
-            f"{clip.folder}: no channel 'color' to measure the exposure of, in which scores are taken; it has {have}: "
-            "set 'exposure' in its clip.json"
-        )
-    for spec, denoiser in denoisers.items():
-        require_channels(denoiser, clip.channels, f"{label}: {spec}")
-        name = reference_of(denoiser.target)
-        if name not in clip.channels:
-            have = ", ".join(clip.channels)
-            raise NteError(f"{clip.folder}: no channel '{name}' to compare {spec} with; it has {have}")

@@ -1,11 +1,15 @@
 """The results of an evaluation: the content of metrics.json, means over its rows, and the frames to show."""
 
+import json
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
+from pathlib import Path
 from typing import TypeVar
 
 from nte.evaluation.metric_table import METRICS, Row
 from nte.evaluation.score_clip import Shown, mean
+from nte.evaluation.units import ClipScores
+from nte.files import write_whole
 
 FORMAT = "nte-metrics/1"
 _Image = TypeVar("_Image")
@@ -18,6 +22,11 @@ class Evaluation:
     metrics: Row
     shown: list[Shown]
 
+    def write(self, out: Path) -> None:
+        """Write `out`/metrics.json. Raises NteError if it cannot be written."""
+        text = json.dumps(self.metrics, indent=1, allow_nan=False) + "\n"
+        write_whole(out / "metrics.json", lambda temporary: temporary.write_text(text, encoding="utf-8"))
+
     def titled(self, denoisers: Mapping[str, str]) -> "Evaluation":
         """Return a copy that calls denoisers by their titles. denoisers: title → spec, for all denoisers."""
         titles = {spec: title for title, spec in denoisers.items()}
@@ -28,6 +37,13 @@ class Evaluation:
         rows = [{**row, "denoiser": titles[row["denoiser"]]} for row in self.metrics["rows"]]
         metrics = {**self.metrics, "rows": rows, "means": rename(self.metrics["means"])}
         return Evaluation(metrics, [replace(s, images=rename(s.images), flip=rename(s.flip)) for s in self.shown])
+
+
+def gathered(clips: Sequence[ClipScores]) -> Evaluation:
+    """Put the scores of clips together, in their order."""
+    rows = [row for clip in clips for row in clip.rows]
+    shown = [one for clip in clips for one in clip.shown]
+    return Evaluation({"format": FORMAT, "rows": rows, "means": means_of(rows)}, shown)
 
 
 def means_of(rows: Sequence[Row], region: str = "all", target: str | None = None) -> dict[str, dict[str, float | None]]:

@@ -9,7 +9,8 @@ from dataclasses import dataclass, field, replace
 import torch
 from torch import Tensor
 
-from nte.denoiser import Denoiser, Result, Session, State
+from nte.denoiser import Denoiser, Noisy, Result, Session, State
+from nte.errors import NteError
 from nte.evaluation.metric_table import METRICS, Row
 from nte.evaluation.metrics import Scores, region_mean, regions_of, score, temporal_l1, temporal_l1_floor
 from nte.evaluation.targets import Truth, displayed, picture, read_truth
@@ -40,8 +41,9 @@ class ClipRun:
 
     Call `advance` for each frame in order; the results then are `rows` and `shown`. A denoiser that filters light
     components apart (`components`) is also scored on each of them, if the clip has its reference and `lights` (None:
-    all) has its name. Frames before `first` fill the history and are not scored. label: the clip's name. Raises
-    NteError, naming denoiser, clip and frame, for an output or a reference that cannot be scored.
+    all) has its name. Frames before `first` fill the history and are not scored. label: the clip's name. A denoiser
+    that fails, or whose output cannot be scored, takes no further part: `failed` has its spec and the error. Raises
+    NteError for a reference that cannot be scored.
     """
 
     def __init__(
@@ -55,6 +57,7 @@ class ClipRun:
         self.targets = list(dict.fromkeys(target for run in self.runs for target in run.scorers))
         self.truths: dict[str, Truth] = {}
         self.shown: dict[str, Shown] = {}  # by target
+        self.failed: dict[str, str] = {}  # spec → what went wrong
         self._depth: Tensor | None = None  # depth of the previous frame
         self._told: set[str] = set()  # targets with a warning about bad pixels
 
@@ -70,17 +73,36 @@ class ClipRun:
         self._depth = frame.get("depth")
         scored = index >= self.first
         chosen = scored and self._choose(frame, regions)
-        for run in self.runs:
-            for target, output in run.step(on_device).items():
-                where = f"{run.spec} on {self.label}, frame {index}"
-                image = displayed(output.cpu(), target, self.exposure, where, frame.size)
+        for run in list(self.runs):
+            try:
+                images = self._step(run, on_device)
+            except NteError as error:
+                self._drop(run, str(error))
+                continue
+            for target, (output, image) in images.items():
                 scorer = run.scorers[target]
                 if scored:
                     maps = scorer.score(image, self.truths[target], before.get(target), regions)
                     if chosen:
-                        self.shown[target].images[run.spec] = picture(output.cpu(), target, self.exposure)
+                        self.shown[target].images[run.spec] = picture(output, target, self.exposure)
                         self.shown[target].flip[run.spec] = quantise(heat(maps["flip"][0, 0].numpy(), "magma"))
                 scorer.before = image
+
+    def _step(self, run: "_Run", frame: Frame) -> dict[str, tuple[Tensor, Tensor]]:
+        """Denoise a frame: target → output, and the same as it is displayed."""
+        where = f"{run.spec} on {self.label}, frame {frame.index}"
+        outputs = {target: output.cpu() for target, output in run.step(frame).items()}
+        return {
+            target: (output, displayed(output, target, self.exposure, where, frame.size))
+            for target, output in outputs.items()
+        }
+
+    def _drop(self, run: "_Run", why: str) -> None:
+        self.failed[run.spec] = why
+        self.runs.remove(run)
+        for shown in self.shown.values():
+            shown.images.pop(run.spec, None)
+            shown.flip.pop(run.spec, None)
 
     def _tell_bad_pixels(self, index: int) -> None:
         for target, truth in self.truths.items():
@@ -119,7 +141,7 @@ class ClipRun:
             return False
         for target in self.targets:
             images = {"reference": picture(frame[reference_of(target)], target, self.exposure)}
-            if target in frame and not any(run.spec == "noisy" and target in run.scorers for run in self.runs):
+            if target in frame and not any(type(run.denoiser) is Noisy and target in run.scorers for run in self.runs):
                 images = {"noisy input": picture(frame[target], target, self.exposure), **images}
             self.shown[target] = Shown(self.label, target, frame.index, disoccluded, images)
         return True

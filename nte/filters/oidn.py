@@ -26,15 +26,17 @@ _Handle: TypeAlias = Any  # a device or a filter of pyoidn, which is not typed
 class OidnOptions(Options, name="oidn"):
     """Options of OIDN.
 
-    quality: OIDN's own quality setting. prefilter: denoise the guides first, each by itself, as OIDN's documentation
-    recommends for noisy guides; None does so for guides that are not known to be clean (`Frame.clean_guides`), unless
-    clean_aux is given. clean_aux: tell OIDN that its guides are free of noise (its `cleanAux`); with noisy guides it
-    then copies their noise into the image; None does so for guides that are clean or prefiltered. None is typed `auto`.
+    target: the radiance to denoise. quality: OIDN's own quality setting. prefilter: denoise the guides first, each by
+    itself, as OIDN's documentation recommends for noisy guides; None does so for guides that are not known to be clean
+    (`Frame.clean_guides`), unless clean_aux is given. clean_aux: tell OIDN that its guides are free of noise (its
+    `cleanAux`); with noisy guides it then copies their noise into the image; None does so for guides that are clean or
+    prefiltered. None is typed `auto`.
     """
 
     quality: Literal["high", "balanced", "fast"] = "high"
     clean_aux: bool | None = None
     prefilter: bool | None = None
+    target: Literal["color", "glossy", "indirect"] = "color"
 
 
 class Oidn(Filter[OidnOptions]):
@@ -55,15 +57,17 @@ class Oidn(Filter[OidnOptions]):
             import pyoidn
         except ImportError as error:
             raise needs_extra("compare", "oidn", error) from error
+        self.target = self.options.target
+        self.needs = (self.target,)
         self._denoise = pyoidn.denoise
         self._prefilters = _Prefilters(self.options.quality)
 
     @sanitised
     def step(self, frame: Frame, state: State | None, extras: tuple[str, ...] = ()) -> tuple[Result, State]:
-        """Denoise `color` (N, 3, H, W), each image of the batch separately; bad pixels count as 0."""
+        """Denoise `target` (N, 3, H, W), each image of the batch separately; bad pixels count as 0."""
         arrays = frame.numpy()
         prefilter, clean_aux = self._switches(frame)
-        color = _interleaved(arrays["color"])
+        color = _interleaved(arrays[self.target])
         albedo = _interleaved(arrays["albedo"]) if "albedo" in frame else [None] * len(color)
         normal = _interleaved(arrays["normal"]) if "normal" in frame else [None] * len(color)
         denoised = []

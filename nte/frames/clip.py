@@ -1,6 +1,7 @@
 """A clip on disk: a folder with clip.json and one layered OpenEXR file per frame."""
 
 import json
+import os
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from functools import cached_property
 from pathlib import Path
@@ -279,3 +280,13 @@ def find_clips(paths: Iterable[Path]) -> list[Path]:
     if not found:
         raise NteError("no clips are named: give at least one clip or folder of clips")
     return list(found.values())
+
+
+def clip_labels(folders: Sequence[Path]) -> list[str]:
+    """Make a short unique name for each clip: the folder's name, with its parents if several folders have that name."""
+    resolved = [folder.resolve() for folder in folders]
+    names = [folder.name for folder in resolved]
+    common = Path(os.path.commonpath([folder.parent for folder in resolved])) if resolved else Path()
+    return [
+        folder.relative_to(common).as_posix() if names.count(folder.name) > 1 else folder.name for folder in resolved
+    ]

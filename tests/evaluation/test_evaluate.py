@@ -9,13 +9,13 @@ import numpy as np
 import pytest
 import torch
 
-from nte import Clip, Frame, NteError, Result
+from nte import Clip, Denoiser, Frame, NteError, Result
 from nte.denoiser import Noisy, State
-from nte.evaluation.evaluate import clip_labels, evaluate
+from nte.evaluation.evaluate import evaluate
 from nte.evaluation.metrics import score
 from nte.evaluation.results import Evaluation, means_of
 from nte.evaluation.score_clip import mean
-from nte.frames.clip import find_clips, frame_path, write_clip_info, write_frame
+from nte.frames.clip import clip_labels, find_clips, frame_path, write_clip_info, write_frame
 from nte.frames.reference import BadReferenceWarning
 from nte.frames.show import display
 from tests.evaluation.conftest import noisy_frames
@@ -150,7 +150,7 @@ def test_a_component_is_compared_with_its_own_reference(tmp_path: Path) -> None:
     assert all(list(shown.images)[1:] == ["reference", shown.target] for shown in evaluation.shown)
 
 
-class Apart(Noisy):
+class Apart(Denoiser):
     """A denoiser that filters shadows and indirect light apart, one well and one badly."""
 
     components = ("visibility", "indirect", "glossy")
@@ -236,6 +236,45 @@ def test_of_frames_without_disocclusion_the_last_is_shown(tmp_path: Path) -> Non
 def test_the_noisy_input_is_shown_even_if_it_is_not_compared(clip: Path, tmp_path: Path) -> None:
     shown = evaluate([clip], ["taa"], tmp_path / "out").shown[0]
     assert list(shown.images) == ["noisy input", "reference", "taa"]
+
+
+def test_the_noisy_input_of_a_component_is_shown_once(tmp_path: Path) -> None:
+    frames = [clean_frame(i) | {"indirect": clean_frame(i)["color"]} for i in range(2)]
+    folder = write_clip(tmp_path / "parts", [f | {"reference_indirect": f["reference"]} for f in frames])
+    spec = "noisy:target=indirect"
+    assert list(evaluate([folder], [spec], tmp_path / "out").shown[0].images) == ["reference", spec]
+
+
+@pytest.mark.slow
+def test_processes_give_the_same_numbers_in_the_same_order(clip: Path, tmp_path: Path) -> None:
+    frames = noisy_frames(3, seed=7)
+    frames[1]["reference_a"][0, 3, 4] = math.nan
+    other = write_clip(tmp_path / "other", frames)
+    said: list[tuple[int, int, str]] = []
+    found = []
+    for jobs in (1, 2):
+        with pytest.warns(BadReferenceWarning, match="other, frame 1") as told:
+            found.append(
+                evaluate(
+                    [clip, other], ["taa", "noisy"], tmp_path / str(jobs), jobs=jobs,
+                    progress=lambda *what: said.append(what),
+                )
+            )  # fmt: skip
+        assert len(told) == 1
+    for evaluation in found:
+        for row in evaluation.metrics["rows"]:
+            row.pop("ms_per_frame")
+    assert found[1].metrics["rows"] == found[0].metrics["rows"]
+    assert said[-1][:2] == (7, 7)
+    assert [shown.clip for shown in found[1].shown] == ["disc", "other"]
+
+
+def test_objects_cannot_be_evaluated_elsewhere(clip: Path, tmp_path: Path) -> None:
+    with pytest.raises(NteError, match="denoisers are objects of this process: give specifications"):
+        evaluate([clip], {"one": Noisy()}, tmp_path / "out", jobs=2)
+    with pytest.raises(NteError, match="--jobs 0: expected a number of processes, 1 or more"):
+        evaluate([clip], ["noisy"], tmp_path / "out", jobs=0)
+    assert not (tmp_path / "out").exists()
 
 
 def test_progress_counts_frames(clip: Path, tmp_path: Path) -> None:

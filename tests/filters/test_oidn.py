@@ -37,6 +37,14 @@ def test_it_removes_most_of_the_noise(quality: str) -> None:
     assert np.square(image - clean).mean() < 0.1 * np.square(noisy - clean).mean()
 
 
+def test_a_component_is_denoised_like_any_radiance() -> None:
+    noisy, _ = noisy_gradient()
+    oidn = load_denoiser("oidn:quality=fast,target=indirect")
+    assert (oidn.needs, oidn.target) == (("indirect",), "indirect")
+    image = denoise(oidn, indirect=noisy, color=5 * noisy)
+    np.testing.assert_array_equal(image, denoise(Oidn(OidnOptions("fast")), color=noisy))
+
+
 @pytest.mark.parametrize("size", [(7, 13), (33, 20), (65, 97)])
 def test_a_constant_stays_constant_at_odd_sizes(size: tuple[int, int]) -> None:
     image = denoise(Oidn(), color=np.full((1, 3, *size), 3.0, np.float32))

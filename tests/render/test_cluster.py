@@ -13,10 +13,11 @@ from pathlib import Path
 
 import pytest
 
+from nte import jobs
 from nte.cli import main
 from nte.errors import NteError
-from nte.render.recipes import jobs
 from nte.render.recipes.clips import render_recipe
+from nte.render.recipes.jobs import RENDERING
 from nte.render.recipes.output import claim
 from nte.render.recipes.recipe import read_recipe
 from tests.render.test_clips import CLIP, contents
@@ -73,7 +74,7 @@ def address(start: Start, tmp_path_factory: pytest.TempPathFactory) -> str:
 def test_workers_that_do_not_fit_are_refused(address: str, tmp_path: Path):
     with distributed.Client(address, set_as_default=False) as client:
         (tmp_path / "seen").touch()
-        terms = jobs._Terms(tmp_path / "seen", jobs._versions(), jobs._neighbours(client))
+        terms = jobs._Terms(RENDERING, tmp_path / "seen", tmp_path, jobs._versions(RENDERING), jobs._neighbours(client))
         assert set(terms.neighbours.values()) == {2}
         assert set(client.run(jobs._fault, terms).values()) == {None}
         other = replace(terms, versions=terms.versions | {"nte": "0.0.1"})
@@ -92,7 +93,7 @@ def test_a_fault_on_a_worker_is_one_line(
     assert said[-1].startswith("nte: ")
     assert "cannot be made a folder" in said[-1]
     assert not any("Traceback" in line for line in said)
-    assert not list(tmp_path.glob(".rendering-*"))
+    assert not list(tmp_path.glob(".render-*"))
 
 
 def test_a_killed_worker_changes_nothing(address: str, rendered: Path, recipe: Path, tmp_path: Path):
@@ -118,7 +119,7 @@ def test_a_killed_worker_changes_nothing(address: str, rendered: Path, recipe: P
 def test_without_dask_the_extra_is_named(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
     monkeypatch.setitem(sys.modules, "dask", None)
     with pytest.raises(NteError, match=r"--scheduler needs the package 'dask': pip install 'nte-denoiser\[cluster\]'"):
-        jobs.on_cluster(lambda unit, out: None, [], tmp_path, "tcp://127.0.0.1:1", lambda unit: None)
+        jobs.on_cluster(RENDERING, str, {}, tmp_path, "tcp://127.0.0.1:1", lambda name, result: None)
 
 
 def test_a_scheduler_without_workers_or_with_wide_ones(
@@ -137,4 +138,4 @@ def test_a_scheduler_without_workers_or_with_wide_ones(
     with pytest.raises(NteError, match=f"no Dask scheduler answers at {found}: start one") as caught:
         render_recipe(recipe, tmp_path / "out", progress=False, scheduler=found)
     assert "\n" not in str(caught.value)
-    assert not list((tmp_path / "out").glob(".rendering-*"))
+    assert not list((tmp_path / "out").glob(".render-*"))

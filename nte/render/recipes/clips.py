@@ -1,6 +1,7 @@
 """Rendering of a recipe into clips: resumable, in any order, on any number of processes."""
 
 from collections.abc import Callable
+from functools import partial
 from pathlib import Path
 from typing import cast
 
@@ -9,6 +10,7 @@ import numpy as np
 from nte.files import make_folder, only_writer, remove
 from nte.frames.channels import channels_of
 from nte.frames.clip import write_clip_info, write_frame
+from nte.jobs import in_processes, on_cluster, require_jobs
 from nte.progress import Progress
 from nte.render.components.frame import noisy, references
 from nte.render.engine.backend import load_mitsuba, require_arrays
@@ -17,7 +19,7 @@ from nte.render.passes.gbuffer import guides
 from nte.render.passes.radiance import radiance
 from nte.render.passes.rays import Mirrors
 from nte.render.passes.shutter import blurred, centre_motion
-from nte.render.recipes.jobs import in_processes, on_cluster
+from nte.render.recipes.jobs import RENDERING
 from nte.render.recipes.output import claim, files_of, is_whole, remove_leftovers
 from nte.render.recipes.recipe import ClipPlan, make_stage, plan, read_recipe
 from nte.render.world.scene import Pixels
@@ -51,8 +53,9 @@ def render_recipe(
 
     jobs: number of processes; a single process already uses all cores. force: see output.claim. progress: show progress
     on stderr. scheduler: address of a Dask scheduler, whose workers render instead; they must see `out` under the same
-    path (jobs.on_cluster). Raises NteError for a faulty recipe, a folder that is not ours, or a full disk.
+    path (nte.jobs.on_cluster). Raises NteError for a faulty recipe, a folder that is not ours, or a full disk.
     """
+    require_jobs(jobs)
     out, folder = Path(out), Path(recipe_path).parent
     load_mitsuba()  # before anything is read or written, because it may be missing
     recipe = read_recipe(Path(recipe_path))
@@ -63,14 +66,17 @@ def render_recipe(
     with only_writer(out), Progress("render", sum(p.group.frames for p in plans), "frame", progress) as told:
         claim(out, recipe, force, folder)
 
-        def done(unit: ClipPlan) -> None:
-            told.advance(unit.group.frames)
-            told.say(unit.folder)
+        units = {unit.folder: unit for unit in plans}
+        work = partial(render_clip, out=out.absolute())
+
+        def done(name: str, _: None) -> None:
+            told.advance(units[name].group.frames)
+            told.say(name)
 
         if scheduler is not None:
-            on_cluster(render_clip, plans, out, scheduler, done)
+            on_cluster(RENDERING, work, units, out, scheduler, done)
         elif jobs > 1:
-            in_processes(render_clip, plans, out, jobs, done)
+            in_processes(RENDERING, work, units, jobs, done)
         else:
             for unit in plans:
                 render_clip(unit, out, told.advance)

@@ -1,0 +1,70 @@
+"""The scores of a clip on disk, so that a comparison which is stopped goes on with the clips that are left.
+
+A file is whole or absent: rows, failures and pictures of one clip in a NumPy archive, without pickling. It has a digest
+of all that the scores depend on; scores with another digest are not read.
+"""
+
+import json
+from dataclasses import asdict
+from hashlib import sha256
+from pathlib import Path
+from typing import Any
+from zipfile import BadZipFile
+
+import numpy as np
+
+from nte.evaluation.score_clip import Shown
+from nte.evaluation.units import ClipScores, ClipUnit, files_of
+from nte.files import make_folder, write_whole
+from nte.frames.clip import Clip
+from nte.version import __version__
+
+_KINDS = ("images", "flip")
+
+
+def unit_digest(unit: ClipUnit) -> str:
+    """Compute a digest of a clip's clip.json, of the denoisers with the bytes of their files, and of nte's version."""
+    info = json.dumps(Clip(unit.clip).info, sort_keys=True)
+    how = json.dumps({**asdict(unit), "clip": ""}, sort_keys=True)
+    files = [sha256(path.read_bytes()).hexdigest() for spec in unit.denoisers for path in files_of(spec)]
+    return sha256("\n".join([__version__, info, how, *files]).encode()).hexdigest()
+
+
+def keep(path: Path, digest: str, scores: ClipScores) -> None:
+    """Write the scores of a clip. Raises NteError if that fails."""
+    pictures: dict[str, Any] = {}
+    shown = []
+    for number, one in enumerate(scores.shown):
+        names = {kind: list(getattr(one, kind)) for kind in _KINDS}
+        shown.append(
+            {"clip": one.clip, "target": one.target, "frame": one.frame, "disoccluded": one.disoccluded} | names
+        )
+        for kind in _KINDS:
+            pictures |= {f"{number}_{kind}_{i}": image for i, image in enumerate(getattr(one, kind).values())}
+    about = {"digest": digest, "rows": scores.rows, "failed": scores.failed, "shown": shown}
+    text = np.frombuffer(json.dumps(about).encode(), np.uint8)
+
+    def write(temporary: Path) -> None:
+        with temporary.open("wb") as file:
+            np.savez_compressed(file, allow_pickle=False, about=text, **pictures)
+
+    make_folder(path.parent)
+    write_whole(path, write)
+
+
+def read_kept(path: Path, digest: str) -> ClipScores | None:
+    """Read the scores of a clip; None if there are none, or if they are of other denoisers or another clip."""
+    try:
+        with np.load(path, allow_pickle=False) as file:
+            about: dict[str, Any] = json.loads(file["about"].tobytes())
+            if about["digest"] != digest:
+                return None
+            shown = []
+            for number, one in enumerate(about["shown"]):
+                images, flip = (
+                    {name: file[f"{number}_{kind}_{i}"] for i, name in enumerate(one[kind])} for kind in _KINDS
+                )
+                shown.append(Shown(one["clip"], one["target"], one["frame"], one["disoccluded"], images, flip))
+            return ClipScores(about["rows"], shown, about["failed"])
+    except (OSError, ValueError, KeyError, TypeError, BadZipFile):
+        return None

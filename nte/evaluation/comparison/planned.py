@@ -1,0 +1,58 @@
+"""A situation of a comparison with its clips, and the units of work that it consists of."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+
+from nte.errors import NteError
+from nte.evaluation.comparison.clips import matching_clips, require_same_channels
+from nte.evaluation.comparison.numbers import Method
+from nte.evaluation.comparison.schema import Situation
+from nte.evaluation.units import ClipUnit
+from nte.frames.clip import clip_labels
+
+
+@dataclass
+class Planned:
+    """A situation with its clips, and the methods that are evaluated on them."""
+
+    situation: Situation
+    clips: dict[str, Path]  # label → folder
+    methods: list[Method] = field(default_factory=list)
+
+    def units(self, device: str) -> dict[str, ClipUnit]:
+        """Make the unit of each clip, by a name that no other situation has."""
+        specs = tuple(spec for method in self.methods for spec in method.specs)
+        shown = tuple(method.specs[0] for method in self.methods if method.specs)  # one seed of a network
+        labels = list(self.clips)
+        count = min(self.situation.pictures, len(labels))
+        pictured = {labels[i * len(labels) // count] for i in range(count)}
+        first = self.situation.first or 0
+        return {
+            unit_name(self.situation, label): ClipUnit(
+                label, clip, specs, first, (self.situation.light,), device, shown if label in pictured else ()
+            )
+            for label, clip in self.clips.items()
+        }
+
+
+def unit_name(situation: Situation, label: str) -> str:
+    """Name the unit of a clip in a situation."""
+    return f"{situation.name}/{label}"
+
+
+def plan_situation(situation: Situation, data: Path) -> Planned:
+    """Find the clips of a situation. Raises NteError for a pattern without clips, and for clips that do not fit."""
+    where = f"situation '{situation.name}'"
+    clips = matching_clips(situation.clips, data, where)
+    require_same_channels(clips, where)
+    return Planned(situation, dict(zip(clip_labels(clips), clips, strict=True)))
+
+
+def require_clips(patterns: Sequence[str], data: Path, name: str, plan: Planned) -> list[Path]:
+    """Find the clips of a table or plot. Raises NteError for a pattern that names none, or one of another situation."""
+    clips = matching_clips(patterns, data, f"'{name}'")
+    for clip in clips:
+        if clip not in plan.clips.values():
+            raise NteError(f"'{name}': {clip} is not a clip of its situation '{plan.situation.name}'")
+    return clips

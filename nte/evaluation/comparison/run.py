@@ -1,0 +1,198 @@
+"""A comparison from rendered clips to tables: networks are trained, clips evaluated, results put together."""
+
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import Any, NamedTuple
+
+from nte.errors import NteError
+from nte.evaluation.comparison.kept import keep, read_kept, unit_digest
+from nte.evaluation.comparison.numbers import Method
+from nte.evaluation.comparison.planned import Planned, plan_situation, require_clips, unit_name
+from nte.evaluation.comparison.schema import Comparison
+from nte.evaluation.comparison.write import write_results
+from nte.evaluation.units import ClipScores, elsewhere, evaluate_clip, require_scorable
+from nte.files import only_writer, refuse_links, remove, write_whole
+from nte.frames.clip import Clip
+from nte.jobs import require_jobs
+from nte.progress import Progress
+from nte.registry import load_denoiser
+
+MARK = "comparison.yaml"  # says which comparison a folder holds
+
+
+class Failure(NamedTuple):
+    """A method, or a seed of a network, that takes no further part."""
+
+    method: str
+    seed: int | None
+    situation: str  # "" if it failed in training, and so everywhere
+    what: str
+
+
+def run_comparison(
+    comparison: Comparison,
+    data: Path,
+    out: Path,
+    runs: Path = Path("runs"),
+    force: bool = False,
+    device: str = "cpu",
+    jobs: int = 1,
+    scheduler: str | None = None,
+    progress: bool = True,
+) -> dict[str, Any]:
+    """Train the networks, evaluate every situation on the rendered clips in `data`, and write the results to `out`.
+
+    A run that is trained is kept, and one that was interrupted goes on; runs lie in the folder `runs`. Clips that are
+    evaluated are kept in `out`/<situation>/clips: the same comparison goes on with the others, and one in which only
+    tables or plots were changed evaluates nothing. force: replace another comparison, and evaluate everything anew.
+
+    jobs, scheduler: processes, or a Dask cluster, that do a training or a clip at a time. progress: show it on stderr.
+    Returns the content of summary.json; its `failures` tell which seeds or methods failed while the others went on.
+    Raises NteError, before any work, for faulty patterns, clips, denoisers and configurations, and for an `out` that
+    holds anything else.
+    """
+    require_jobs(jobs)
+    planned = [plan_situation(situation, data) for situation in comparison.situations]
+    for table in comparison.tables:
+        patterns = [pattern for part in table.columns for pattern in part.clips]
+        require_clips(patterns, data, table.name, _of(planned, table.situation))
+    for plot in comparison.plots:
+        if len(require_clips([plot.clip], data, plot.name, _of(planned, plot.situation))) > 1:
+            raise NteError(f"'{plot.name}': several clips match '{plot.clip}': expected one")
+    _require_methods(planned, device)
+    networks = _Networks(comparison, data, runs, device)
+    with only_writer(out):
+        _claim(out, comparison, force)
+        failures = networks.train(out, jobs, scheduler, progress)
+        for plan in planned:
+            plan.methods = [Method(title, (spec,)) for title, spec in plan.situation.methods.items()]
+            plan.methods += [networks.method(title) for title in plan.situation.networks]
+        scores = _evaluate(planned, out, device, jobs, scheduler, progress)
+        for plan in planned:
+            failures += _failures(plan, scores)
+        return write_results(comparison, planned, scores, [failure._asdict() for failure in failures], data, out)
+
+
+def _of(planned: Sequence[Planned], situation: str) -> Planned:
+    return next(plan for plan in planned if plan.situation.name == situation)
+
+
+def _require_methods(planned: Sequence[Planned], device: str) -> None:
+    """Raise NteError for a denoiser that cannot be loaded, or that misses a channel in a clip."""
+    specs = dict.fromkeys(spec for plan in planned for spec in plan.situation.methods.values())
+    loaded = {spec: load_denoiser(spec, device) for spec in specs}
+    for plan in planned:
+        assert plan.situation.first is not None
+        for label, folder in plan.clips.items():
+            methods = {spec: loaded[spec] for spec in plan.situation.methods.values()}
+            require_scorable(label, Clip(folder), methods, plan.situation.first)
+
+
+def check_networks(comparison: Comparison, data: Path, runs: Path, device: str) -> None:
+    """Raise NteError for a configuration of a network that does not load, or whose target is not what tables show."""
+    _Networks(comparison, data, runs, device)
+
+
+class _Networks:
+    """The networks of a comparison and their runs. PyTorch's training is imported only if there are any."""
+
+    def __init__(self, comparison: Comparison, data: Path, runs: Path, device: str) -> None:
+        self._units: dict[str, Any] = {}
+        self._faults: dict[str, str] = {}
+        if any(situation.networks for situation in comparison.situations):
+            from nte.evaluation.comparison.networks import trainings
+
+            self._units = {unit.name: unit for unit in trainings(comparison, data, runs, device)}
+
+    def train(self, out: Path, jobs: int, scheduler: str | None, progress: bool) -> list[Failure]:
+        """Train what is not trained, and return what failed."""
+        if self._units:
+            from nte.evaluation.comparison.networks import train_all
+
+            with Progress("train", len(self._units), "run", progress) as told:
+
+                def done(name: str, fault: str) -> None:
+                    if fault:
+                        self._faults[name] = fault
+                    told.advance(1)
+                    told.say(f"{name} failed: {fault}" if fault else name)
+
+                train_all(self._units, out, jobs, scheduler, done)
+        units = self._units
+        return [Failure(units[name].title, units[name].seed, "", fault) for name, fault in self._faults.items()]
+
+    def method(self, title: str) -> Method:
+        """Return the network as a method, with those of its seeds that were trained."""
+        trained = [u for name, u in self._units.items() if u.title == title and name not in self._faults]
+        return Method(title, tuple(str(unit.folder) for unit in trained), tuple(unit.seed for unit in trained))
+
+
+def _claim(out: Path, comparison: Comparison, force: bool) -> None:
+    """Make `out` the folder of this comparison. Raises NteError if it holds anything else, unless `force`."""
+    refuse_links(out)
+    text, mark = comparison.evaluated(), out / MARK
+    found = mark.read_text(encoding="utf-8") if mark.is_file() else None
+    if found != text and not force and any(out.iterdir()):
+        what = "holds another comparison" if found is not None else "exists and is not empty"
+        raise NteError(f"{out}: {what}: choose another folder, or replace what is there with --force")
+    if force:
+        for path in out.glob("*/clips/**/*.npz"):
+            remove(path)
+    write_whole(mark, lambda temporary: temporary.write_text(text, encoding="utf-8"))
+
+
+def _evaluate(
+    planned: Sequence[Planned], out: Path, device: str, jobs: int, scheduler: str | None, progress: bool
+) -> dict[str, ClipScores]:
+    """Evaluate all clips of all situations but those that are kept; name of the unit → scores."""
+    units = {name: unit for plan in planned for name, unit in plan.units(device).items()}
+    digests = {name: unit_digest(unit) for name, unit in units.items()}
+    paths = {name: out / unit_folder(name) for name in units}
+    kept = {name: read_kept(paths[name], digests[name]) for name in units}
+    scores = {name: found for name, found in kept.items() if found is not None}
+    left = {name: unit for name, unit in units.items() if name not in scores}
+    frames = {name: len(Clip(unit.clip)) for name, unit in left.items()}
+    with Progress("evaluate", sum(frames.values()), "frame", progress) as told:
+
+        def done(name: str, found: ClipScores) -> None:
+            keep(paths[name], digests[name], found)
+            scores[name] = found
+            told.say(name)
+
+        if jobs > 1 or scheduler is not None:
+
+            def ended(name: str, found: ClipScores) -> None:
+                told.advance(frames[name])
+                done(name, found)
+
+            elsewhere(left, out, jobs, scheduler, ended)
+        else:
+            for name, unit in left.items():
+                done(name, evaluate_clip(unit, lambda index: told.advance(1)))
+    return scores
+
+
+def unit_folder(name: str) -> Path:
+    """Return the file of a unit's scores, relative to the results: <situation>/clips/<clip>.npz."""
+    situation, _, label = name.partition("/")
+    return Path(situation, "clips", f"{label}.npz")
+
+
+def _failures(plan: Planned, scores: Mapping[str, ClipScores]) -> list[Failure]:
+    """Take the methods that failed on a clip out of a situation, and say why."""
+    faults: dict[str, str] = {}
+    for label in plan.clips:
+        for spec, what in scores[unit_name(plan.situation, label)].failed.items():
+            faults.setdefault(spec, what)
+    failures, methods = [], []
+    for method in plan.methods:
+        seeds = method.seeds or (None,)
+        pairs = list(zip(method.specs, seeds, strict=True)) if method.specs else []
+        failures += [
+            Failure(method.title, seed, plan.situation.name, faults[spec]) for spec, seed in pairs if spec in faults
+        ]
+        good = [(spec, seed) for spec, seed in pairs if spec not in faults]
+        own = tuple(seed for _, seed in good if seed is not None)
+        methods.append(Method(method.title, tuple(spec for spec, _ in good), own))
+    plan.methods = methods
+    return failures

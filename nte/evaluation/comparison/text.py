@@ -1,0 +1,97 @@
+"""The tables of a comparison as text: aligned for terminals, and in Markdown for pages."""
+
+from collections.abc import Iterator
+from typing import Any, NamedTuple
+
+from nte.evaluation.metric_table import METRICS, Metric, best_of
+from nte.text_table import aligned
+
+_METRICS = {metric.name: metric for metric in METRICS}
+Summary = dict[str, Any]  # the content of summary.json, or of one of its tables
+
+
+class _Column(NamedTuple):
+    heading: str
+    cells: list[str]  # one for each line
+    best: list[bool]
+
+
+def plain(summary: Summary) -> str:
+    """Format all tables as aligned text; * marks the best of each column, and failures follow."""
+    blocks = []
+    for table in summary["tables"]:
+        columns = [[_heading(table), *(row["label"] for row in table["rows"])]]
+        for heading, cells, best in _columns(table):
+            marked = [cell + ("*" if is_best else " ") for cell, is_best in zip(cells, best, strict=True)]
+            columns.append([f"{heading} ", *marked])
+        blocks.append("\n".join([*([table["caption"]] if table["caption"] else []), aligned(columns)]))
+    return "\n\n".join([*blocks, *(["\n".join(failure_lines(summary))] if summary["failures"] else [])])
+
+
+def markdown(summary: Summary) -> str:
+    """Format all tables in Markdown, each below a heading; the best of each column is bold, and failures follow."""
+    blocks = []
+    for table in summary["tables"]:
+        columns = _columns(table)
+        heads = [_heading(table), *(column.heading for column in columns)]
+        lines = [f"### {table['name']}", "", *([table["caption"], ""] if table["caption"] else [])]
+        lines += [_line(heads), _line(["---", *["---:"] * len(columns)])]
+        for number, row in enumerate(table["rows"]):
+            cells = [f"**{c.cells[number]}**" if c.best[number] else c.cells[number] for c in columns]
+            lines.append(_line([row["label"], *cells]))
+        blocks.append("\n".join(lines))
+    failures = [f"- {line}" for line in failure_lines(summary)]
+    return "\n\n".join([*blocks, *(["\n".join(["### Failures", "", *failures])] if failures else [])]) + "\n"
+
+
+def failure_lines(summary: Summary) -> list[str]:
+    """Say in one line each what failed."""
+    lines = []
+    for failure in summary["failures"]:
+        who = failure["method"] if failure["seed"] is None else f"{failure['method']}, seed {failure['seed']}"
+        where = f" in {failure['situation']}" if failure["situation"] else ""
+        lines.append(f"{who} failed{where}: {failure['what']}")
+    return lines
+
+
+def _heading(table: Summary) -> str:
+    """The heading of the first column: the table's name, and the number of clips if all parts have the same."""
+    counts = {part["clips"] for part in table["columns"]}
+    return f"{table['name']}, {counts.pop()} clips" if len(counts) == 1 else str(table["name"])
+
+
+def _columns(table: Summary) -> list[_Column]:
+    several = len({part["clips"] for part in table["columns"]}) > 1
+    found = []
+    for number, part in enumerate(table["columns"]):
+        where = f"{part['title']}, {part['clips']} clips" if several else part["title"]
+        parts = {row["method"]: row["parts"][number] for row in table["rows"]}
+        found += [_metric(_METRICS[name], where, parts) for name in part["metrics"]]
+        found += list(_margins(table, part, where, parts))
+    return found
+
+
+def _metric(metric: Metric, where: str, parts: dict[str, Any]) -> _Column:
+    means = {method: part["metrics"] for method, part in parts.items()}
+    best = best_of(means, metric)
+    cells = [metric.text(numbers[metric.name]) for numbers in means.values()]
+    return _Column(f"{where}: {metric.label}", cells, [method in best for method in means])
+
+
+def _margins(table: Summary, part: Summary, where: str, parts: dict[str, Any]) -> Iterator[_Column]:
+    for name in part["margins"]:
+        metric = _METRICS[name]
+        cells = [_margin(metric, numbers.get("margins", {}).get(name)) for numbers in parts.values()]
+        heading = f"{where}: {metric.label} − {table['against']}'s, 95 % interval"
+        yield _Column(heading, cells, [False] * len(cells))
+
+
+def _margin(metric: Metric, margin: Summary | None) -> str:
+    if margin is None:
+        return "–"
+    mean, low, high = (f"{margin[key]:+.{metric.digits}f}" for key in ("mean", "low", "high"))
+    return f"{mean} ({low} … {high})"
+
+
+def _line(cells: list[str]) -> str:
+    return "| " + " | ".join(cell.replace("|", "\\|") for cell in cells) + " |"

@@ -1,0 +1,169 @@
+"""The evaluation of a clip as a unit of work, for `nte.jobs`."""
+
+import warnings
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from functools import cache, lru_cache
+from pathlib import Path
+
+import torch
+
+from nte.denoiser import Denoiser, require_channels
+from nte.errors import NteError
+from nte.evaluation.metric_table import Row
+from nte.evaluation.score_clip import ClipRun, Shown
+from nte.frames.channels import reference_of
+from nte.frames.clip import Clip
+from nte.jobs import Kind, in_processes, on_cluster, require_jobs, versions_of
+from nte.registry import load_denoiser
+
+
+@dataclass(frozen=True)
+class ClipUnit:
+    """The evaluation of denoisers on one clip, and all that it depends on."""
+
+    label: str  # the clip's name in rows
+    clip: Path
+    denoisers: tuple[str, ...]  # specifications
+    first: int  # index of the first frame that is scored
+    lights: tuple[str, ...] | None  # light components that are scored; None: all that a denoiser gives
+    device: str
+    pictured: tuple[str, ...] | None = None  # denoisers that the report shows; None: all
+
+
+@dataclass(frozen=True)
+class ClipScores:
+    """The result of one clip: rows of metrics.json, pictures, and the denoisers that failed, with the reason."""
+
+    rows: list[Row]
+    shown: list[Shown]
+    failed: dict[str, str] = field(default_factory=dict)
+    told: list[Warning] = field(default_factory=list)  # warnings of another process
+
+
+def score_clip(
+    unit: ClipUnit,
+    denoisers: Mapping[str, Denoiser],
+    tick: Callable[[int], None] = lambda index: None,
+    strict: bool = True,
+) -> ClipScores:
+    """Run denoisers over a clip, and score their frames; call tick(index) after each frame.
+
+    strict: raise NteError as soon as a denoiser fails; otherwise the others go on.
+    """
+    clip = Clip(unit.clip)
+    run = ClipRun(unit.label, clip, denoisers, unit.device, unit.first, unit.lights)
+    for index in range(len(clip)):
+        run.advance(index)
+        if strict and run.failed:
+            raise NteError(next(iter(run.failed.values())))
+        tick(index)
+    shown = [_only(one, unit.pictured) for one in run.shown.values()]
+    return ClipScores(run.rows(), [one for one in shown if one.flip], run.failed)
+
+
+def evaluate_clip(unit: ClipUnit, tick: Callable[[int], None] = lambda index: None) -> ClipScores:
+    """Load the denoisers of a unit and score them; one that fails, also in loading, is told in `failed`."""
+    failed: dict[str, str] = {}
+    loaded: dict[str, Denoiser] = {}
+    for spec in unit.denoisers:
+        try:
+            denoiser = _load(spec, unit.device)
+            require_scorable(unit.label, Clip(unit.clip), {spec: denoiser}, unit.first)
+            loaded[spec] = denoiser
+        except NteError as error:
+            failed[spec] = str(error)
+    scores = score_clip(unit, loaded, tick, strict=False)
+    return replace(scores, failed=failed | scores.failed)
+
+
+def require_scorable(label: str, clip: Clip, denoisers: Mapping[str, Denoiser], first: int) -> None:
+    """Raise NteError for a clip that cannot be evaluated, before an hour of work is lost."""
+    if len(clip) == first == 1:
+        raise NteError(f"{clip.folder}: has one frame, and the first frame is not scored: use --first-frame")
+    if len(clip) <= first:
+        raise NteError(f"{clip.folder}: has {len(clip)} frames, and frame {first} is the first that is scored")
+    if "color" not in clip.channels and "exposure" not in clip.info:
+        have = ", ".join(clip.channels)
+        raise NteError(
+            f"{clip.folder}: no channel 'color' to measure the exposure of, in which scores are taken; it has {have}: "
+            "set 'exposure' in its clip.json"
+        )
+    for spec, denoiser in denoisers.items():
+        require_channels(denoiser, clip.channels, f"{label}: {spec}")
+        name = reference_of(denoiser.target)
+        if name not in clip.channels:
+            have = ", ".join(clip.channels)
+            raise NteError(f"{clip.folder}: no channel '{name}' to compare {spec} with; it has {have}")
+
+
+def files_of(spec: str) -> list[Path]:
+    """Find the files that a denoiser is read from: an exported model, a checkpoint, or those of a run folder."""
+    path = Path(spec.rpartition("+")[2])
+    if path.is_dir():
+        return [file for name in ("config.yaml", "checkpoint.safetensors") if (file := path / name).is_file()]
+    return [path] if path.is_file() else []
+
+
+def _load(spec: str, device: str) -> Denoiser:
+    """Load a denoiser once for many clips, and again if its files have changed."""
+    stamps = tuple((file, file.stat().st_mtime_ns, file.stat().st_size) for file in files_of(spec))
+    return _loaded(spec, device, stamps)
+
+
+@lru_cache(maxsize=128)
+def _loaded(spec: str, device: str, stamps: tuple[tuple[Path, int, int], ...]) -> Denoiser:
+    return load_denoiser(spec, device)
+
+
+def _only(shown: Shown, pictured: Sequence[str] | None) -> Shown:
+    """The pictures of those denoisers that are to be shown."""
+    if pictured is None:
+        return shown
+    images = {name: image for name, image in shown.images.items() if name in pictured or name not in shown.flip}
+    return replace(shown, images=images, flip={name: shown.flip[name] for name in shown.flip if name in pictured})
+
+
+def elsewhere(
+    units: Mapping[str, ClipUnit],
+    folder: Path,
+    jobs: int,
+    scheduler: str | None,
+    done: Callable[[str, ClipScores], None],
+) -> None:
+    """Evaluate units in processes, or on the workers of a Dask scheduler that see `folder`; call done(name, scores)."""
+    require_jobs(jobs)
+
+    def tell(name: str, scores: ClipScores) -> None:
+        for message in scores.told:
+            warnings.warn(message, stacklevel=2)
+        done(name, scores)
+
+    if scheduler is not None:
+        on_cluster(EVALUATION, _there, units, folder, scheduler, tell)
+    else:
+        in_processes(EVALUATION, _there, units, jobs, tell)
+
+
+def _there(unit: ClipUnit) -> ClipScores:
+    """Evaluate a clip in another process, which hands its warnings on."""
+    with warnings.catch_warnings(record=True) as told:
+        scores = evaluate_clip(unit)
+    return replace(scores, told=[warning.message for warning in told if isinstance(warning.message, Warning)])
+
+
+def share_threads(jobs: int) -> None:
+    """Limit PyTorch to this process's share of the cores, for `jobs` processes side by side."""
+    torch.set_num_threads(max(1, _threads() // jobs))
+
+
+@cache  # the number that the process started with
+def _threads() -> int:
+    return torch.get_num_threads()
+
+
+def _versions() -> dict[str, str]:
+    return versions_of("torch", "numpy", "torchmetrics", "flip-evaluator")
+
+
+EVALUATION = Kind("evaluate", share_threads, _versions)

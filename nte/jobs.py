@@ -1,0 +1,211 @@
+"""Work in other processes: several on this machine, or the workers of a Dask cluster.
+
+Work is a list of units, such as the clips of a recipe. A unit depends on nothing but itself, and writes files that are
+whole or absent, so nothing has to be locked: a unit whose worker dies is done again by another one.
+"""
+
+from collections.abc import Callable, Iterator, Mapping
+from concurrent.futures import CancelledError, ProcessPoolExecutor, as_completed
+from concurrent.futures.process import BrokenProcessPool
+from contextlib import chdir, contextmanager, nullcontext
+from dataclasses import dataclass
+from importlib.metadata import PackageNotFoundError, version
+from multiprocessing import get_context
+from pathlib import Path
+from secrets import token_hex
+from types import ModuleType
+from typing import TYPE_CHECKING, TypeVar
+
+from nte.errors import NteError, needs_extra
+from nte.interrupt import end_when_told, ending_workers
+from nte.version import __version__
+
+if TYPE_CHECKING:
+    from distributed import Client, Worker
+
+Unit = TypeVar("Unit")
+Result = TypeVar("Result")
+
+PATIENCE = 10  # seconds within which a scheduler must answer and have a worker
+
+
+@dataclass(frozen=True)
+class Kind:
+    """A kind of work, and what it asks of the processes that do it. The functions must be those of a module.
+
+    verb: what is done, for messages. share_cores: limits the calling process to its share of the cores; its argument is
+    the number of processes side by side. versions: what the results depend on besides nte, by name.
+    """
+
+    verb: str
+    share_cores: Callable[[int], None]
+    versions: Callable[[], dict[str, str]]
+
+
+def require_jobs(jobs: int) -> None:
+    """Raise NteError for a number of processes below 1."""
+    if jobs < 1:
+        raise NteError(f"--jobs {jobs}: expected a number of processes, 1 or more")
+
+
+def in_processes(
+    kind: Kind,
+    work: Callable[[Unit], Result],
+    units: Mapping[str, Unit],
+    jobs: int,
+    done: Callable[[str, Result], None],
+) -> None:
+    """Do all units in `jobs` processes; call done(name, result) as each ends.
+
+    units: name → unit. Processes are spawned, because threads of Dr.Jit and PyTorch do not survive a fork. Raises what
+    a unit raises, and NteError if a process is killed.
+    """
+    require_jobs(jobs)
+    context = get_context("spawn")
+    pool = ProcessPoolExecutor(jobs, mp_context=context, initializer=_begin_worker, initargs=(kind, jobs))
+    try:
+        with ending_workers():
+            futures = {pool.submit(work, unit): name for name, unit in units.items()}
+            for future in as_completed(futures):
+                done(futures[future], future.result())
+    except BrokenProcessPool as error:
+        raise NteError(
+            f"a process that had to {kind.verb} was killed: if memory ran out, give fewer --jobs; what is done is kept"
+        ) from error
+    finally:
+        pool.shutdown(wait=True, cancel_futures=True)
+
+
+def _begin_worker(kind: Kind, jobs: int) -> None:
+    end_when_told()
+    kind.share_cores(jobs)
+
+
+@dataclass(frozen=True)
+class _Terms:
+    """What a worker must have in common with this process."""
+
+    kind: Kind
+    token: Path  # a file in the output folder
+    here: Path  # the working directory, from which relative paths of units start
+    versions: dict[str, str]
+    neighbours: dict[str, int]  # address of a worker → how many share its machine
+
+
+def on_cluster(
+    kind: Kind,
+    work: Callable[[Unit], Result],
+    units: Mapping[str, Unit],
+    folder: Path,
+    address: str,
+    done: Callable[[str, Result], None],
+) -> None:
+    """Do all units on the workers of the Dask scheduler at `address`, tcp://host:port; call done(name, result).
+
+    units: name → unit. Every worker must see `folder`, where the results go, and whatever files a unit names under the
+    same paths, and have the same versions of nte and of what the work depends on. A unit whose worker dies is done
+    again by another. Raises NteError where no scheduler answers, a worker does not fit, or a unit fails.
+    """
+    try:
+        import dask
+
+        with dask.config.set(logging={"distributed": "critical", "distributed.client": "critical"}):
+            import distributed  # sets up its log on first import; anything that matters comes back as an error
+    except ImportError as error:
+        raise needs_extra("cluster", "--scheduler", error) from error
+    with _connected(distributed, address) as client, _token(folder.absolute(), kind) as token:
+        terms = _Terms(kind, token, Path.cwd(), _versions(kind), _neighbours(client))
+        for worker, fault in client.run(_fault, terms, on_error="return").items():
+            if fault:
+                raise NteError(f"worker {worker}: {fault}")
+        futures = {
+            client.submit(_do_there, work, unit, terms, key=f"{name} {token.name}"): name
+            for name, unit in units.items()
+        }
+        try:
+            for future in distributed.as_completed(futures, loop=client.loop):
+                done(futures[future], future.result())
+        except CancelledError as error:
+            raise NteError(
+                f"the scheduler at {address} is gone: start it and {kind.verb} again, what is done is kept"
+            ) from error
+        except distributed.KilledWorker as error:
+            name = futures[future]
+            raise NteError(
+                f"{name}: every worker that tried to {kind.verb} it has died: give them more memory"
+            ) from error
+        finally:
+            client.cancel(list(futures))
+
+
+@contextmanager
+def _connected(distributed: ModuleType, address: str) -> Iterator["Client"]:
+    """A client of the scheduler, which has at least one worker."""
+    try:
+        client = distributed.Client(address, timeout=PATIENCE, set_as_default=False)
+    except (OSError, ValueError) as error:
+        raise NteError(f"no Dask scheduler answers at {address}: start one with: dask scheduler") from error
+    with client:
+        try:
+            client.wait_for_workers(1, timeout=PATIENCE)
+        except TimeoutError as error:
+            raise NteError(
+                f"the scheduler at {address} has no workers: start some with: dask worker {address} --nthreads 1"
+            ) from error
+        yield client
+
+
+@contextmanager
+def _token(folder: Path, kind: Kind) -> Iterator[Path]:
+    """A file in the folder while it is written to; a worker that sees the file shares our file system."""
+    token = folder / f".{kind.verb}-{token_hex(8)}"
+    token.touch()
+    try:
+        yield token
+    finally:
+        token.unlink(missing_ok=True)
+
+
+def _neighbours(client: "Client") -> dict[str, int]:
+    hosts = {address: worker["host"] for address, worker in client.scheduler_info()["workers"].items()}
+    return {address: list(hosts.values()).count(host) for address, host in hosts.items()}
+
+
+def versions_of(*packages: str) -> dict[str, str]:
+    """Look up the versions of installed packages; "none" for one that is missing."""
+    found = {}
+    for name in packages:
+        try:
+            found[name] = version(name)
+        except PackageNotFoundError:
+            found[name] = "none"
+    return found
+
+
+def _versions(kind: Kind) -> dict[str, str]:
+    return {"nte": __version__, **kind.versions()}
+
+
+def _fault(terms: _Terms, dask_worker: "Worker") -> str | None:
+    """Why this worker does not fit, or None. Runs on workers, and again for each unit, as workers come and go."""
+    if not terms.token.is_file():
+        return f"does not see {terms.token.parent}: the folder must be on a file system that all workers share"
+    if dask_worker.state.nthreads != 1:
+        return f"has {dask_worker.state.nthreads} threads, expected 1 (a unit uses all cores): give it --nthreads 1"
+    here = _versions(terms.kind)
+    for name, ours in terms.versions.items():
+        if (theirs := here[name]) != ours:
+            return f"{name} is {theirs} there and {ours} here: install the same on both"
+    return None
+
+
+def _do_there(work: Callable[[Unit], Result], unit: Unit, terms: _Terms) -> Result:
+    """Do one unit, on a worker."""
+    from distributed import get_worker
+
+    worker = get_worker()
+    if fault := _fault(terms, worker):
+        raise NteError(f"worker {worker.address}: {fault}")
+    terms.kind.share_cores(terms.neighbours.get(worker.address, 1))
+    with chdir(terms.here) if terms.here.is_dir() else nullcontext():
+        return work(unit)

@@ -1,0 +1,364 @@
+"""A comparison of situations: what it reads, evaluates, keeps, prints and refuses; and the strips of pictures."""
+
+import json
+from collections.abc import Callable
+from pathlib import Path
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from PIL import Image
+
+from nte import NteError
+from nte.cli import main
+from nte.evaluation.comparison import run
+from nte.evaluation.comparison.run import run_comparison
+from nte.evaluation.comparison.schema import read_comparison
+from nte.evaluation.comparison.text import markdown, plain
+from nte.evaluation.evaluate import evaluate
+from nte.evaluation.report.strips import most_different, strip
+from nte.evaluation.score_clip import Shown
+from nte.files import only_writer
+from nte.frames.clip import write_clip_info
+from tests.evaluation.conftest import noisy_frames
+from tests.synthetic import write_clip
+
+TEXT = """
+recipes: {".": ../recipe.yaml}
+situations:
+  - {name: disc, clips: ["test/disc_*"], region: moving, methods: {ghosts: "taa:clamp=none", clamped: taa}}
+  - {name: other, clips: [test/other_000], methods: {nothing done: noisy}}
+"""
+TABLES = """
+tables:
+  - name: both
+    situation: disc
+    caption: What it shows.
+    methods: [clamped, ghosts]
+    against: ghosts
+    columns:
+      - {metrics: [psnr, flip], margins: [psnr]}
+      - {title: later, first: 2, metrics: [psnr, temporal_l1]}
+      - {title: one, clips: ["test/disc_001"], region: moving, metrics: [ssim]}
+plots:
+  - {name: curves, situation: disc, clip: "*/disc_001", metrics: [ssim, mse]}
+"""
+
+
+@pytest.fixture
+def data(tmp_path: Path) -> Path:
+    """Two finished clips and one that is not, of one scene, and one of another."""
+    for seed, name in enumerate(("disc_000", "disc_001", "disc_002", "other_000")):
+        write_clip(tmp_path / "data" / "test" / name, noisy_frames(3, seed))
+    (tmp_path / "data" / "test" / "disc_002" / "clip.json").unlink()
+    return tmp_path / "data"
+
+
+@pytest.fixture
+def config(tmp_path: Path) -> Path:
+    path = tmp_path / "configs" / "small.yaml"
+    path.parent.mkdir()
+    path.write_text(TEXT)
+    return path
+
+
+def compare(config: Path, data: Path, out: Path, **options: object) -> dict:
+    return run_comparison(read_comparison(config), data, out, progress=False, **options)
+
+
+def lines_of(summary: dict, table: int = 0) -> dict[str, list[dict]]:
+    """The parts of each method in a table."""
+    return {row["method"]: row["parts"] for row in summary["tables"][table]["rows"]}
+
+
+def test_each_situation_has_its_numbers_its_report_and_its_strips(config: Path, data: Path, tmp_path: Path) -> None:
+    comparison = read_comparison(config)
+    assert Path(comparison.recipes["."]).resolve() == (tmp_path / "recipe.yaml").resolve()
+    out = tmp_path / "out"
+    summary = compare(config, data, out)
+    assert json.loads((out / "summary.json").read_text()) == summary
+    assert [(table["name"], *lines_of(summary, i)) for i, table in enumerate(summary["tables"])] == [
+        ("disc", "ghosts", "clamped"),
+        ("other", "nothing done"),
+    ]
+    assert {path.relative_to(out).as_posix() for path in out.rglob("*") if path.is_file()} == {
+        "summary.json", "tables.md", "comparison.yaml", "disc/metrics.json", "disc/index.html",
+        "disc/clips/disc_000.npz", "disc/clips/disc_001.npz", "disc/strips/disc_000_color.png",
+        "disc/strips/disc_001_color.png", "other/metrics.json", "other/index.html", "other/clips/other_000.npz",
+        "other/strips/other_000_color.png",
+    }  # fmt: skip
+    page = (out / "disc" / "index.html").read_text()
+    assert '<th scope="row">ghosts</th>' in page  # a row of a table has the title, and the spec stands at the end
+    assert "<dt>ghosts</dt><dd><code>taa:clamp=none</code></dd>" in page
+    alone = evaluate([data / "test/disc_000", data / "test/disc_001"], ["taa"], tmp_path / "alone").metrics
+    everywhere, moving = lines_of(summary)["clamped"]
+    assert (everywhere["region"], moving["region"], everywhere["clips"]) == ("all", "moving", 2)
+    assert everywhere["metrics"]["rmse"] == pytest.approx(alone["means"]["taa"]["rmse"], rel=1e-12)
+    ssim = np.mean([row["ssim"] for row in alone["rows"] if row["region"] == "moving"])
+    assert moving["metrics"]["ssim"] == pytest.approx(ssim, rel=1e-12)
+    table = plain(summary)
+    assert "disc, 2 clips" in table
+    assert f"{moving['metrics']['rmse']:.4f}" in table
+
+
+def test_a_margin_is_a_paired_difference_with_an_interval(config: Path, data: Path, tmp_path: Path) -> None:
+    text = TEXT.replace("nothing done: noisy", "nothing done: noisy, clamped: taa")
+    config.write_text(f"against: clamped\nfirst: 2\n{text}")
+    summary = compare(config, data, tmp_path / "out")
+    ghosts, clamped = (parts[1] for parts in lines_of(summary).values())
+    assert "margins" not in clamped
+    scored = json.loads((tmp_path / "out" / "disc" / "metrics.json").read_text())["rows"]
+    rmse = {(row["denoiser"], row["clip"]): row["rmse"] for row in scored if row["region"] == "moving"}
+    differences = [rmse["taa:clamp=none", clip] - rmse["taa", clip] for clip in ("disc_000", "disc_001")]
+    assert ghosts["margins"]["rmse"] == {
+        "against": "clamped", "clips": 2, "seeds": [1, 1], "mean": np.mean(differences),
+        "low": min(differences), "high": max(differences),  # of two clips the interval spans both
+    }  # fmt: skip
+    assert {row["frames"] for row in scored} == {1}
+    said = f"{np.mean(differences):+.4f} ({min(differences):+.4f} … {max(differences):+.4f})"
+    assert said in plain(summary)
+    assert "moving: RMSE − clamped's, 95 % interval" in plain(summary)
+
+
+def test_a_table_is_a_selection_of_what_was_evaluated_once(config: Path, data: Path, tmp_path: Path) -> None:
+    config.write_text(f"first: 0\n{TEXT}{TABLES}")
+    summary = compare(config, data, tmp_path / "out")
+    clips = [data / "test" / name for name in ("disc_000", "disc_001")]
+    by_first = {first: evaluate(clips, ["taa"], tmp_path / str(first), first).metrics for first in (0, 2)}
+    whole, later, one = lines_of(summary)["clamped"]
+    assert list(lines_of(summary)) == ["clamped", "ghosts"]  # in the table's order
+    assert whole["metrics"]["psnr"] == pytest.approx(by_first[0]["means"]["taa"]["psnr"], rel=1e-12)
+    for name in ("psnr", "temporal_l1"):
+        assert later["metrics"][name] == pytest.approx(by_first[2]["means"]["taa"][name], rel=1e-12)
+    (alone,) = (r for r in by_first[0]["rows"] if (r["clip"], r["region"]) == ("disc_001", "moving"))
+    assert one["metrics"] == {"ssim": pytest.approx(alone["ssim"], rel=1e-12)}
+    assert [part["clips"] for part in (whole, later, one)] == [2, 2, 1]
+    page = (tmp_path / "out" / "tables.md").read_text()
+    assert page == markdown(summary)
+    lines = page.splitlines()
+    assert lines[:3] == ["### both", "", "What it shows."]
+    assert "color, all, 2 clips: PSNR, dB − ghosts's, 95 % interval" in lines[4]
+    assert lines[5] == "| --- |" + " ---: |" * 6
+    best = max(parts[0]["metrics"]["psnr"] for parts in lines_of(summary).values())
+    assert f"**{best:.2f}**" in page
+    drawn = (tmp_path / "out" / "curves.svg").read_text()
+    assert drawn.startswith("<?xml")
+    assert drawn == (compare(config, data, tmp_path / "again") and (tmp_path / "again" / "curves.svg").read_text())
+
+
+def test_clips_that_are_done_are_kept_and_tables_alone_evaluate_nothing(
+    config: Path, data: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    done: list[str] = []
+
+    def counting(unit, tick):
+        if len(done) == 2 and "killed" not in done:
+            done.append("killed")
+            raise KeyboardInterrupt
+        done.append(unit.label)
+        return real(unit, tick)
+
+    real: Callable = run.evaluate_clip
+    monkeypatch.setattr(run, "evaluate_clip", counting)
+    out = tmp_path / "out"
+    with pytest.raises(KeyboardInterrupt):
+        compare(config, data, out)
+    assert not (out / "summary.json").exists()
+    whole = out / "disc/clips/disc_001.npz"
+    whole.write_bytes(whole.read_bytes()[:-100])  # a damaged file counts as none
+    summary = compare(config, data, out)
+    assert done == ["disc_000", "disc_001", "killed", "disc_001", "other_000"]
+    config.write_text(TEXT + TABLES.replace("[psnr, flip]", "[l1]"))
+    tables = compare(config, data, out)
+    assert len(done) == 5
+    assert list(lines_of(tables)["ghosts"][0]["metrics"]) == ["l1"]
+    config.write_text(TEXT)
+    assert compare(config, data, out) == summary
+    monkeypatch.setattr(run, "evaluate_clip", real)
+    undisturbed = compare(config, data, tmp_path / "undisturbed")
+    assert undisturbed == summary
+    assert (out / "disc/strips/disc_001_color.png").read_bytes() == (
+        tmp_path / "undisturbed/disc/strips/disc_001_color.png"
+    ).read_bytes()
+    write_clip_info(data / "test/other_000", {"width": 56, "height": 40, "frames": 3, "exposure": 0.5})
+    brighter = compare(config, data, out)  # a clip that has changed is evaluated again
+    assert lines_of(brighter, 1)["nothing done"] != lines_of(summary, 1)["nothing done"]
+    assert lines_of(brighter) == lines_of(summary)
+
+
+def test_pictures_are_of_some_clips_and_numbers_of_all(config: Path, data: Path, tmp_path: Path) -> None:
+    config.write_text(TEXT.replace("region: moving", "pictures: 1"))
+    compare(config, data, tmp_path / "out")
+    assert [path.name for path in (tmp_path / "out/disc/strips").iterdir()] == ["disc_000_color.png"]
+    assert {row["clip"] for row in json.loads((tmp_path / "out/disc/metrics.json").read_text())["rows"]} == {
+        "disc_000",
+        "disc_001",
+    }
+
+
+@pytest.mark.slow
+def test_processes_give_what_one_process_gives(config: Path, data: Path, tmp_path: Path) -> None:
+    config.write_text(TEXT + TABLES)
+    one, two = (compare(config, data, tmp_path / str(jobs), jobs=jobs) for jobs in (1, 2))
+    assert two == one
+    for name in ("tables.md", "curves.svg", "disc/strips/disc_000_color.png"):
+        assert (tmp_path / "2" / name).read_bytes() == (tmp_path / "1" / name).read_bytes()
+
+
+def test_a_method_that_fails_on_a_clip_is_told_and_the_rest_goes_on(
+    config: Path, data: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    def step(self, frame, state, extras=()):
+        raise NteError("cannot go on")
+
+    def compared() -> int:
+        monkeypatch.setattr("nte.render.recipes.clips.render_recipe", lambda *args, **options: None)
+        return main(["compare", str(config), "--data", str(data), "--out", str(tmp_path / "out")])
+
+    monkeypatch.setattr("nte.denoiser.Noisy.step", step)
+    config.write_text(TEXT.replace("nothing done: noisy", "nothing done: noisy, clamped: taa"))
+    assert compared() == 2
+    assert "nothing done failed in other: cannot go on" in capsys.readouterr().out
+    summary = json.loads((tmp_path / "out/summary.json").read_text())
+    assert summary["failures"] == [
+        {"method": "nothing done", "seed": None, "situation": "other", "what": "cannot go on"}
+    ]
+    nothing, clamped = lines_of(summary, 1).values()
+    assert nothing[0]["metrics"] == {"rmse": None, "ssim": None}
+    assert clamped[0]["metrics"]["rmse"] > 0
+    assert "- nothing done failed in other: cannot go on" in (tmp_path / "out/tables.md").read_text()
+    assert "nothing done" not in (tmp_path / "out/other/index.html").read_text()
+
+
+def test_nothing_is_overwritten_without_force(config: Path, data: Path, tmp_path: Path) -> None:
+    (tmp_path / "out").mkdir()
+    (tmp_path / "out" / "mine.txt").write_text("mine")
+    with pytest.raises(NteError, match="out: exists and is not empty: choose another folder"):
+        compare(config, data, tmp_path / "out")
+    compare(config, data, tmp_path / "out", force=True)
+    assert (tmp_path / "out" / "mine.txt").read_text() == "mine"
+    before = (tmp_path / "out" / "summary.json").read_text()
+    config.write_text(TEXT.replace("clamped: taa", "clamped: taa:clamp=clip"))
+    with pytest.raises(NteError, match="out: holds another comparison: choose another folder"):
+        compare(config, data, tmp_path / "out")
+    assert (tmp_path / "out" / "summary.json").read_text() == before
+    compare(config, data, tmp_path / "out", force=True)
+    assert (tmp_path / "out" / "summary.json").read_text() != before
+
+
+@pytest.mark.parametrize(
+    ("text", "message"),
+    [
+        ("first: 0", "'situations' is empty"),
+        (TEXT.replace("moving", "somewhere"), r"situations\[0\]\.region is 'somewhere': expected one of all, disoccl"),
+        (TEXT.replace("region: moving", "light: red"), r"situations\[0\]\.light is 'red': expected one of color, vis"),
+        (TEXT.replace("[test/other_000]", "[]"), r"situations\[1\]\.clips is empty"),
+        (TEXT.replace("recipes:", "recipe:"), "recipe"),
+        (TEXT.replace('".": ../r', '"../x": ../r'), "recipes: '../x' leads out of the data's folder"),
+        (TEXT.replace("name: disc", "name: ../disc"), r"situations\[0\]\.name is '../disc': expected the name of"),
+        (TEXT.replace("name: disc", 'name: "a\\0"'), r"situations\[0\]\.name is .*: expected the name of"),
+        (TEXT.replace("name: disc", 'name: "a\\nb"'), r"situations\[0\]\.name is 'a\\nb': expected the name of"),
+        (TEXT.replace("name: disc", f"name: {'x' * 300}"), r"situations\[0\]\.name is .*: expected the name of"),
+        (TEXT.replace("name: disc", "name: other"), "two situations are called 'other'"),
+        (TEXT.replace("clamped: taa", "clamped: 'taa:clamp=none'"), "two methods are the denoiser 'taa:clamp=none'"),
+        ("first: -1\n" + TEXT, r"situations\[0\]\.first is -1: expected the index of a frame"),
+        ("against: clamped\n" + TEXT, r"situations\[1\]\.methods lacks 'clamped', named by 'against'; it has"),
+        (TEXT.replace("region: moving", "pictures: 0"), r"pictures is 0: expected a number of clips, 1 or more"),
+        (
+            TEXT + TABLES.replace("[psnr, flip]", "[pnsr]"),
+            r"tables\[0\]\.columns\[0\]: a metric is 'pnsr': expected one",
+        ),
+        (
+            TEXT + TABLES.replace("[psnr, flip]", "[]").replace(", margins: [psnr]", ""),
+            r"metrics is empty: expected some",
+        ),
+        (
+            TEXT + TABLES.replace("situation: disc", "situation: disk"),
+            "there is no situation 'disk': expected one of d",
+        ),
+        (TEXT + TABLES.replace("[clamped, ghosts]", "[clumped]"), "there is no method 'clumped': expected one of gho"),
+        (
+            TEXT + TABLES.replace("against: ghosts", "against: gusts"),
+            r"tables\[0\]\.against: there is no method 'gusts'",
+        ),
+        (TEXT + TABLES.replace("    against: ghosts\n", ""), r"columns\[0\]\.margins: no method to compare with"),
+        (TEXT + TABLES.replace("first: 2", "first: 0"), "first is 0, but situation 'disc' is scored from frame 1 on"),
+        (TEXT + TABLES.replace("region: moving", "region: here"), r"columns\[2\]\.region is 'here'"),
+        (TEXT + TABLES.replace("name: curves", "name: a/b"), r"plots\[0\]\.name is 'a/b': expected the name of a file"),
+    ],
+)
+def test_a_faulty_comparison_is_named(config: Path, text: str, message: str) -> None:
+    config.write_text(text)
+    with pytest.raises(NteError, match=message) as caught:
+        read_comparison(config)
+    assert "\n" not in str(caught.value)
+
+
+@pytest.mark.parametrize(
+    ("text", "message"),
+    [
+        (TEXT.replace("other_000", "nobody_*"), r"no finished clip matches 'test/nobody_\*' of situation 'other'"),
+        (TEXT.replace("clamped: taa", "clamped: tea"), "'tea' is no denoiser"),
+        (TEXT.replace("clamped: taa", "clamped: trmv"), r"disc_000: trmv: Trmv needs .*, which is missing"),
+        (TEXT + TABLES.replace("disc_001", "nobody"), r"no finished clip matches 'test/nobody' of 'both'"),
+        (
+            TEXT + TABLES.replace("test/disc_001", "test/other_000"),
+            "'both': .*other_000 is not a clip of its situation 'd",
+        ),
+        (TEXT + TABLES.replace("*/disc_001", "*/disc_*"), r"'curves': several clips match '\*/disc_\*': expected one"),
+        *((TEXT.replace("[test/other_000]", f"[{p}]"), "situation 'other'") for p in ('""', "/etc/*", "../*", "a**b")),
+    ],
+)
+def test_what_does_not_fit_the_clips_is_named_before_any_work(
+    config: Path, data: Path, tmp_path: Path, text: str, message: str
+) -> None:
+    config.write_text(text)
+    with pytest.raises(NteError, match=message) as caught:
+        compare(config, data, tmp_path / "out")
+    assert "\n" not in str(caught.value)
+    assert not (tmp_path / "out").exists()
+
+
+def test_clips_with_other_channels_are_not_compared(config: Path, data: Path, tmp_path: Path) -> None:
+    frames = [frame | {"roughness": frame["depth"]} for frame in noisy_frames(3, 9)]
+    write_clip(data / "test" / "disc_003", frames)
+    with pytest.raises(
+        NteError, match=r"situation 'disc': .*disc_000 has no channel 'roughness', which .*disc_003 has"
+    ):
+        compare(config, data, tmp_path / "out")
+
+
+def test_one_writer_and_no_links(config: Path, data: Path, tmp_path: Path) -> None:
+    out, outside = tmp_path / "out", tmp_path / "outside"
+    (outside / "strips").mkdir(parents=True)
+    with only_writer(out), pytest.raises(NteError, match="out: another process is writing to it"):
+        compare(config, data, out)
+    out.mkdir()
+    (out / "disc").symlink_to(outside)
+    with pytest.raises(NteError, match=r"disc: is a link to .*outside: nothing is written through links"):
+        compare(config, data, out, force=True)
+    assert list(outside.iterdir()) == [outside / "strips"]
+
+
+@given(st.integers(8, 40), st.integers(8, 40), st.integers(0, 10**6))
+@settings(max_examples=30, deadline=None)
+def test_the_crop_is_where_outputs_differ_most(height: int, width: int, seed: int) -> None:
+    rng = np.random.default_rng(seed)
+    size = height // 4, width // 4
+    row, column = rng.integers(0, height - size[0] + 1), rng.integers(0, width - size[1] + 1)
+    first, second = np.zeros((2, height, width, 3), np.uint8)
+    second[row : row + size[0], column : column + size[1]] = 200
+    assert most_different([first, second]) == ((row, column), size)
+
+
+def test_a_strip_has_every_picture_and_its_crop(tmp_path: Path) -> None:
+    red, blue = np.zeros((2, 64, 64, 3), np.uint8)
+    red[..., 0] = blue[..., 2] = 255
+    outputs = {"taa": red, "x": blue}
+    shown = Shown("clip", "glossy", 3, 0, {"noisy input": red, "reference": red, **outputs}, outputs)
+    sheet = strip(shown)
+    Image.fromarray(sheet).save(tmp_path / "strip.png")
+    is_red, is_blue = ((sheet == colour).all(-1) for colour in ((255, 0, 0), (0, 0, 255)))
+    assert is_red.any(0).sum() == 3 * 192  # three pictures, enlarged
+    assert is_red.any(1).sum() == is_blue.any(1).sum() == 2 * 192  # and a row of crops

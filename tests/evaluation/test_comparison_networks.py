@@ -1,0 +1,205 @@
+"""A comparison that trains its networks: once for each seed, kept, continued, and told if it fails."""
+
+import json
+from collections.abc import Callable
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from nte import NteError
+from nte.cli import main
+from nte.evaluation.comparison import networks
+from nte.evaluation.comparison.run import check_networks, run_comparison
+from nte.evaluation.comparison.schema import read_comparison
+from tests.synthetic import disc_frame, write_clip
+from tests.training.runs import assert_same_run, metrics
+
+TRAINING = """
+name: nobody reads it
+data: {clips: [nowhere], frames: 2, crop: 16, batch: 2, any_start: true}
+network: {kind: "tests.tiny_network:TinyNetwork"}
+optimiser: {learning_rate: 1.0e-2}
+phases: [{steps: 4}]
+checkpoint_every: 2
+validate_every: 4
+"""
+COMPARISON = """
+train: [train]
+seeds: [1, 2]
+overrides: [log_every=1]
+networks:
+  wide: {config: tiny.yaml, overrides: [network.width=3]}
+  "thin | one": {config: tiny.yaml, overrides: [network.width=1], seeds: [5]}
+situations:
+  - {name: discs, clips: ["test/*"], light: indirect, methods: {noisy: "noisy:target=indirect"},
+     networks: [wide, "thin | one"]}
+tables:
+  - {name: discs, situation: discs, against: noisy, columns: [{metrics: [psnr], margins: [psnr]}]}
+"""
+
+
+def indirect_frames(seed: int, count: int = 3) -> list[dict[str, np.ndarray]]:
+    """The disc, with indirect light and its reference."""
+    rng = np.random.default_rng(seed)
+    frames = [disc_frame(i, (25, 41), start=(10.0, 12.0), radius=6.0, rng=rng) for i in range(count)]
+    more = ("indirect", "diffuse_albedo", "reference_indirect")
+    return [f | dict(zip(more, (0.3 * f["color"], f["albedo"], 0.3 * f["reference"]), strict=True)) for f in frames]
+
+
+@pytest.fixture
+def data(tmp_path: Path) -> Path:
+    """Two clips to train on, and two to compare on."""
+    for seed, name in enumerate(("train/disc_000", "train/disc_001", "test/disc_000", "test/disc_001")):
+        write_clip(tmp_path / "data" / name, indirect_frames(seed))
+    return tmp_path / "data"
+
+
+@pytest.fixture
+def config(tmp_path: Path) -> Path:
+    (tmp_path / "tiny.yaml").write_text(TRAINING)
+    path = tmp_path / "small.yaml"
+    path.write_text(COMPARISON)
+    return path
+
+
+@pytest.fixture
+def compare(config: Path, data: Path, tmp_path: Path) -> Callable[..., dict]:
+    def run(out: str = "out", runs: str = "runs", **options: object) -> dict:
+        return run_comparison(read_comparison(config), data, tmp_path / out, tmp_path / runs, progress=False, **options)
+
+    return run
+
+
+@pytest.mark.slow
+def test_each_seed_is_trained_once_and_a_network_is_the_mean_over_its_seeds(
+    compare: Callable[..., dict], tmp_path: Path
+) -> None:
+    summary = compare()
+    (table,) = summary["tables"]
+    assert summary["failures"] == []
+    assert [row["label"] for row in table["rows"]] == ["noisy", "wide (2 seeds)", "thin | one"]
+    noisy, wide, thin = (row["parts"][0] for row in table["rows"])
+    rows = json.loads((tmp_path / "out/discs/metrics.json").read_text())["rows"]
+    psnr = {(row["denoiser"], row["clip"]): row["psnr"] for row in rows if row["region"] == "all"}
+    seeds = [[psnr[str(tmp_path / f"runs/wide_seed{s}"), f"disc_00{c}"] for c in (0, 1)] for s in (1, 2)]
+    assert wide["metrics"]["psnr"] == pytest.approx(np.mean(seeds))
+    assert wide["seeds"]["psnr"] == pytest.approx(np.mean(seeds, 1))
+    assert seeds[0] != seeds[1]
+    margin = wide["margins"]["psnr"]
+    assert margin["mean"] == pytest.approx(wide["metrics"]["psnr"] - noisy["metrics"]["psnr"])
+    assert margin["seeds"] == [2, 1]
+    assert thin["margins"]["psnr"]["seeds"] == [1, 1]
+    assert "thin \\| one" in (tmp_path / "out/tables.md").read_text()
+    page = (tmp_path / "out/discs/index.html").read_text()
+    assert "wide_seed1" in page
+    assert "wide_seed2" not in page  # the page shows one seed of each
+    assert "step 4: loss" in (tmp_path / "runs/wide_seed1.log").read_text()
+    configured = (tmp_path / "runs/wide_seed2/config.yaml").read_text()
+    assert "seed: 2" in configured
+    assert "width: 3" in configured
+    assert str(tmp_path / "data/train") in configured
+
+    trained = {path: path.stat().st_mtime_ns for path in (tmp_path / "runs").rglob("*.safetensors")}
+    assert len(trained) == 6
+    assert compare() == summary
+    assert {path: path.stat().st_mtime_ns for path in trained} == trained
+
+
+@pytest.mark.slow
+def test_a_training_that_was_stopped_goes_on(
+    compare: Callable[..., dict], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    asked = iter([False, False, True])
+    with monkeypatch.context() as patched:
+        patched.setattr("nte.interrupt.InterruptFlag.__enter__", lambda flag: lambda: next(asked))
+        patched.setattr("nte.interrupt.InterruptFlag.__exit__", lambda flag, *error: None)
+        with pytest.raises(KeyboardInterrupt):
+            compare()
+    assert [line["step"] for line in metrics(tmp_path / "runs/wide_seed1") if "loss" in line] == [1, 2, 3]
+    assert not (tmp_path / "runs/wide_seed2").exists()
+    compare()
+    summary = compare("other", "undisturbed")
+    assert_same_run(tmp_path / "runs/wide_seed1", tmp_path / "undisturbed/wide_seed1")
+    assert not summary["failures"]
+
+
+@pytest.mark.slow
+def test_a_seed_that_failed_is_one_line_and_the_rest_goes_on(
+    config: Path, data: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    real = networks.train
+
+    def failing(training, **options):
+        if (training.name, training.seed) == ("wide_seed2", 2):
+            raise NteError("step 3: the loss is nan: lower the learning rate")
+        return real(training, **options)
+
+    monkeypatch.setattr(networks, "train", failing)
+    command = ["compare", str(config), "--data", str(data), "--out", str(tmp_path / "out"), "--runs", str(tmp_path)]
+    assert main(command) == 2
+    said = capsys.readouterr().out
+    line = "wide, seed 2 failed: step 3: the loss is nan: lower the learning rate"
+    assert line in said.splitlines()
+    assert "wide (1 of 2 seeds)" in said
+    assert f"- {line}" in (tmp_path / "out/tables.md").read_text()
+    assert json.loads((tmp_path / "out/summary.json").read_text())["failures"] == [
+        {"method": "wide", "seed": 2, "situation": "", "what": "step 3: the loss is nan: lower the learning rate"}
+    ]
+    monkeypatch.setattr(networks, "train", real)
+    assert main(command) == 0  # once it trains, it takes part
+    assert "wide (2 seeds)" in capsys.readouterr().out
+
+
+@pytest.mark.slow
+def test_a_clip_without_a_channel_fails_the_networks_that_need_it(
+    compare: Callable[..., dict], config: Path, data: Path
+) -> None:
+    for name in ("disc_000", "disc_001"):
+        frames = [{k: v for k, v in frame.items() if k != "diffuse_albedo"} for frame in indirect_frames(3)]
+        write_clip(data / "train" / name, frames)
+    summary = compare()
+    assert [failure["method"] for failure in summary["failures"]] == ["wide", "wide", "thin | one"]
+    assert all("diffuse_albedo" in failure["what"] for failure in summary["failures"])
+    noisy, wide, _ = (row["parts"][0] for row in summary["tables"][0]["rows"])
+    assert noisy["metrics"]["psnr"] > 0
+    assert wide["metrics"]["psnr"] is None
+    assert wide["margins"] == {"psnr": None}
+
+
+@pytest.mark.slow
+def test_two_processes_train_and_evaluate_what_one_does(compare: Callable[..., dict], tmp_path: Path) -> None:
+    one, two = compare(), compare("two", "two_runs", jobs=2)
+    for name in ("wide_seed1", "wide_seed2", "thin | one_seed5"):
+        assert_same_run(tmp_path / "two_runs" / name, tmp_path / "runs" / name)
+    for summary in (one, two):
+        for row in summary["tables"][0]["rows"]:
+            row.pop("denoisers")  # the folders of the runs
+    assert two == one
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "message"),
+    [
+        ("[wide,", "[white,", r"situations\[0\]\.networks: there is no network 'white': expected one of wide, thin"),
+        ("seeds: [1, 2]", "seeds: []", "networks.wide: 'seeds' is empty: expected at least one"),
+        ("seeds: [5]", "seeds: []", r"networks.thin \| one: 'seeds' is empty"),
+        ("seeds: [1, 2]", "seeds: [1, 2, 1]", "networks.wide: the seed 1 is given twice: expected each once"),
+        ("thin | one", "thin/one", "the title 'thin/one' cannot name a run's folder"),
+        ("tiny.yaml, overrides: [network.width=3]", "gone.yaml", r"networks.wide: .*gone\.yaml: cannot be read"),
+        ("network.width=3", "network.wide=3", "networks.wide: .*'network.wide': unknown key, did you mean width?"),
+        ("network.width=3", "network.width=0", "networks.wide: .*network.width is 0, expected at least 1"),
+        ("{metrics: [psnr],", "{light: glossy, metrics: [psnr],",
+         "table 'discs' is about glossy, but network 'wide' denoises 'indirect'"),
+        ("{noisy: ", "{wide: ", "two methods are called 'wide'"),
+    ],
+)  # fmt: skip
+def test_faulty_networks_are_named_before_any_work(
+    config: Path, data: Path, tmp_path: Path, old: str, new: str, message: str
+) -> None:
+    assert old in COMPARISON
+    config.write_text(COMPARISON.replace(old, new))
+    with pytest.raises(NteError, match=message) as caught:
+        check_networks(read_comparison(config), data, tmp_path / "runs", "cpu")
+    assert "\n" not in str(caught.value)
+    assert not (tmp_path / "runs").exists()
