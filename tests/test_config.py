@@ -1,18 +1,19 @@
 """Configurations: what is typed is taken, and everything else is refused by file and key in one line."""
 
+import fnmatch
 from dataclasses import asdict
-from pathlib import Path
+from pathlib import Path, PurePosixPath
 
 import pytest
 
-from nte.config import load_config, to_yaml
+from nte.config import to_yaml
 from nte.errors import NteError
-from nte.evaluation.paper_comparison import read_comparison
+from nte.evaluation.comparison.schema import read_comparison
 from nte.importing.channel_map import load_channel_map
 from nte.models.rae import RaeConfig
 from nte.models.registry import make_network
 from nte.registry import load_denoiser
-from nte.render.recipes.recipe import Recipe, read_recipe
+from nte.render.recipes.recipe import plan, read_recipe
 from nte.render.world.keyframes import read_animation
 from nte.training.config import load_train_config, read_train_config
 
@@ -56,12 +57,18 @@ def test_shipped_configurations_are_valid(path: Path) -> None:
 @pytest.mark.parametrize("path", COMPARISONS, ids=lambda path: path.name)
 def test_shipped_comparisons_name_denoisers_and_clips_of_their_recipe(path: Path) -> None:
     comparison = read_comparison(path)
-    recipe = load_config(Recipe, Path(comparison.recipe))
-    families = {group.scene for group in recipe.test}
+    clips = {
+        str(PurePosixPath(folder, unit.name))
+        for folder, recipe in comparison.recipes.items()
+        for unit in plan(read_recipe(Path(recipe)), Path(recipe).parent)
+    }
     for situation in comparison.situations:
-        assert {Path(pattern).name.rsplit("_", 1)[0] for pattern in situation.clips} <= families
+        for pattern in situation.clips:
+            assert fnmatch.filter(clips, pattern), pattern
         for spec in situation.methods.values():
             load_denoiser(spec)
+    for network in comparison.networks.values():
+        load_train_config(Path(network.config), [*comparison.overrides, *network.overrides])
 
 
 # What each rival changes of the whole network, besides its name; losses and networks are compared key by key.
