@@ -35,8 +35,8 @@ from nte.motion.geometric import traditional_motion
 from nte.options import Allowed, Alpha, Levels, NotNegative, Options, Positive
 
 SLOPE_FLOOR = 1e-4  # least slope, as a share of the depth: the rounding of depth on a wall that faces the camera
-# ε of Eq. 5 as a deviation, as a share of the mean luminance. Falcor's 1e-10 is that of an image of mean 1; in scenes in
-# small units it would exceed every variance, and edges of light would not stop the filter.
+# The root of ε in Eq. 5, as a share of the mean luminance. Falcor's ε of 1e-10 is that of an image of mean 1; in scenes
+# of small units it would exceed every variance, and edges of light would not stop the filter.
 LUMINANCE_FLOOR = 1e-5
 
 
@@ -235,4 +235,5 @@ def edge_stopping(sigma_n: float) -> Edge:
 def with_luminance(guides: Sequence[Tensor], luminance: Tensor, variance: Tensor, sigma_l: float) -> list[Tensor]:
     """Add luminance (N, 1, H, W), with its variance, to the guides of `edge_stopping`."""
     normal, depth, scale = guides
-    return [normal, torch.cat([depth, luminance], 1), torch.cat([scale, luminance_scale(luminance, variance, sigma_l)], 1)]
+    factors = torch.cat([scale, luminance_scale(luminance, variance, sigma_l)], 1)
+    return [normal, torch.cat([depth, luminance], 1), factors]
