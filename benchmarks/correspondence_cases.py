@@ -132,12 +132,14 @@ def by_level(case: Case) -> tuple[float, float, float, float]:
     truth, pixels = pair.truth.contiguous(), replace(search, error_level=0, half=False)
     moved = pair.seen & (truth.square().sum(1, keepdim=True) > 4)
     motion, error = find_correspondence(*pair.images, search)
-    found, shares = _correlation(error, patch_error(*pair.images, motion, pixels)), []
-    for one in (search, pixels):
-        true, still = (patch_error(*pair.images, m, one)[moved] for m in (truth, torch.zeros_like(truth)))
-        shares.append(100 * float((still > np.quantile(true.numpy(), 0.98)).float().mean()))
-    rejected = 100 * float((rejection_mask(true, 2.0, 1.6) > 0).float().mean())
-    return found, rejected, shares[0], shares[1]
+    true, still = (
+        [patch_error(*pair.images, vectors, one)[moved] for one in (search, pixels)]
+        for vectors in (truth, torch.zeros_like(truth))
+    )
+    shares = [float((s > float(np.quantile(t.numpy(), 0.98))).float().mean()) for t, s in zip(true, still, strict=True)]
+    rejected = float((rejection_mask(true[1], 2.0, 1.6) > 0).float().mean())
+    found = _correlation(error, patch_error(*pair.images, motion, pixels))
+    return found, 100 * rejected, 100 * shares[0], 100 * shares[1]
 
 
 def constructed(seed: int) -> list[Case]:
