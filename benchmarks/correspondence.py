@@ -17,7 +17,16 @@ from typing import Any
 import numpy as np
 import torch
 
-from benchmarks.correspondence_cases import Case, Pair, accumulation, constructed, from_clip, long_clips, trust
+from benchmarks.correspondence_cases import (
+    Case,
+    Pair,
+    accumulation,
+    by_level,
+    constructed,
+    from_clip,
+    long_clips,
+    trust,
+)
 from benchmarks.flow_costs import cost_table, costs, pass_table, passes
 from benchmarks.flows import FLOWS, Find, candidates, ours, zero
 from nte.frames.clip import find_clips
@@ -110,6 +119,17 @@ def rejection(cases: list[Case]) -> list[str]:
     return failures
 
 
+def levels(cases: list[Case]) -> None:
+    """Print what the level of the patch error does, in cases of known motion."""
+    head = ["", "ε ~ ε₀", "ε₀ rejects true motion, %", "ε rejects zero motion, %", "ε₀ rejects zero motion, %"]
+    rows = [head]
+    for case in cases:
+        values = by_level(case)
+        rows.append([case.name, f"{values[0]:.2f}", *(f"{value:.1f}" for value in values[1:])])
+    columns = [list(column) for column in zip(*rows, strict=True)]
+    print(f"\nε of the search's level and ε₀ of single pixels\n{aligned(columns)}")
+
+
 def masks(folders: list[Path]) -> None:
     """Print the PSNR of accumulation by motion and mask."""
     rows: dict[str, dict[str, float]] = {}
@@ -144,7 +164,9 @@ def main(arguments: list[str]) -> int:
     rendered = [(case.name.split(",")[0], case.pairs[0]) for case in test if ", 1 spp" in case.name]
     crops = [(f"{name} {pan}", pair.panned(pan)) for name, pair in rendered for pan in PANS]
     failures += pans([(c.name, c.pairs[0]) for c in made if "pan" in c.name] + crops)
-    failures += rejection([case for case in [*test, *made] if ", 1 spp" in case.name or "disc" in case.name])
+    trusted = [case for case in [*test, *made] if ", 1 spp" in case.name or "disc" in case.name]
+    failures += rejection(trusted)
+    levels([case for case in trusted if case.pairs[0].truth is not None])
     for folders in map(long_clips, split.values()):
         if folders:
             masks(folders)

@@ -1,5 +1,6 @@
 """Test cases of benchmarks/correspondence.py: pairs of rendered frames, and images of known motion."""
 
+from dataclasses import replace
 from itertools import pairwise
 from pathlib import Path
 from typing import NamedTuple
@@ -115,6 +116,30 @@ def trust(case: Case) -> tuple[float, float, float, float]:
         found.append(row)
     one, two, three, four = np.mean(found, 0)
     return float(one), float(two), float(three), float(four)
+
+
+def by_level(case: Case) -> tuple[float, float, float, float]:
+    """Compare ε, which noisy images have from a coarser level, with the patch error ε₀ of single pixels.
+
+    Taken from the first pair of a case whose motion is known. The four numbers are: the correlation of ε with ε₀ along
+    the found motion; the share of pixels, in per cent, on which the mask of ε₀ rejects the true motion (m > 0); and the
+    shares on which ε and ε₀ reject zero motion with the threshold that rejects the true one on 2 %. The shares are of
+    the pixels that moved by more than 2 px and were seen in both images.
+    """
+    search, pair = SEARCHES[case.noise], case.pairs[0]
+    assert pair.truth is not None
+    assert pair.seen is not None
+    truth, pixels = pair.truth.contiguous(), replace(search, error_level=0, half=False)
+    moved = pair.seen & (truth.square().sum(1, keepdim=True) > 4)
+    motion, error = find_correspondence(*pair.images, search)
+    true, still = (
+        [patch_error(*pair.images, vectors, one)[moved] for one in (search, pixels)]
+        for vectors in (truth, torch.zeros_like(truth))
+    )
+    shares = [float((s > float(np.quantile(t.numpy(), 0.98))).float().mean()) for t, s in zip(true, still, strict=True)]
+    rejected = float((rejection_mask(true[1], 2.0, 1.6) > 0).float().mean())
+    found = _correlation(error, patch_error(*pair.images, motion, pixels))
+    return found, 100 * rejected, 100 * shares[0], 100 * shares[1]
 
 
 def constructed(seed: int) -> list[Case]:

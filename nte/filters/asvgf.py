@@ -23,6 +23,7 @@ from nte.options import Alpha, Levels, NotNegative
 STRATUM = 3  # px; each stratum of 3×3 pixels has one gradient sample
 BOX = (1.0, 1.0)  # kernel of 3×3 strata of equal weight
 GRADIENT_SIGMA_Z = 1.0
+DARKEST = 1e-10  # least divisor of Δ, as a share of the mean luminance: what a sample across an edge leaks is no change
 CENTRE = STRATUM * STRATUM // 2
 
 
@@ -110,7 +111,8 @@ def change_of(
         sums, brightness, spread = filtered.values[:, :3], filtered.values[:, 3:], filtered.variance
     change = (sums[:, :1].abs() - noise * spread[:, 1:].sqrt()).clamp_(min=0)
     # Numerator and denominator have the same weights, those of the strata with a sample, so the weights cancel.
-    ratio = (change / sums[:, 1:2].clamp(min=1e-10)).clamp_(max=1)
+    least = brightness.abs().mean((2, 3), keepdim=True).mul_(DARKEST).clamp_(min=1e-36)
+    ratio = (change / sums[:, 1:2].maximum(least)).clamp_(max=1)
     return F.interpolate(F.max_pool2d(ratio, 3, stride=1, padding=1), scale_factor=float(STRATUM))
 
 

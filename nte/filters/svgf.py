@@ -35,6 +35,9 @@ from nte.motion.geometric import traditional_motion
 from nte.options import Allowed, Alpha, Levels, NotNegative, Options, Positive
 
 SLOPE_FLOOR = 1e-4  # least slope, as a share of the depth: the rounding of depth on a wall that faces the camera
+# The root of ε in Eq. 5, as a share of the mean luminance. Falcor's ε of 1e-10 is that of an image of mean 1; in scenes
+# of small units it would exceed every variance, and edges of light would not stop the filter.
+LUMINANCE_FLOOR = 1e-5
 
 
 class SvgfState(NamedTuple):
@@ -187,13 +190,15 @@ def wavelet_level(
     return filtered.values, filtered.variance
 
 
-def luminance_scale(variance: Tensor, sigma_l: float) -> Tensor:
-    """Compute −1 / (σ_l √(ε + g₃ₓ₃(Var))) of Eq. 5, (N, 1, H, W), from the variance of luminance (N, 1, H, W).
+def luminance_scale(luminance: Tensor, variance: Tensor, sigma_l: float) -> Tensor:
+    """Compute −1 / (σ_l √(ε + g₃ₓ₃(Var))) of Eq. 5, (N, 1, H, W), from luminance and its variance, (N, 1, H, W).
 
-    g₃ₓ₃ is the kernel [1, 2, 1]/4 in both directions; the border repeats.
+    g₃ₓ₃ is the kernel [1, 2, 1]/4 in both directions; the border repeats. ε follows the mean luminance of each image,
+    so that the weights do not depend on the unit of light.
     """
     padded = F.pad(variance, (1, 1, 1, 1), mode="replicate")
-    return F.avg_pool2d(F.avg_pool2d(padded, 2, 1), 2, 1).add_(1e-10).rsqrt_().mul_(-1 / sigma_l)
+    least = luminance.abs().mean((2, 3), keepdim=True).mul_(LUMINANCE_FLOOR).square_().clamp_(min=1e-36)
+    return F.avg_pool2d(F.avg_pool2d(padded, 2, 1), 2, 1).add_(least).rsqrt_().mul_(-1 / sigma_l)
 
 
 def geometry_guides(geometry: Geometry, sigma_z: float) -> tuple[Tensor, Tensor, Tensor]:
@@ -230,4 +235,5 @@ def edge_stopping(sigma_n: float) -> Edge:
 def with_luminance(guides: Sequence[Tensor], luminance: Tensor, variance: Tensor, sigma_l: float) -> list[Tensor]:
     """Add luminance (N, 1, H, W), with its variance, to the guides of `edge_stopping`."""
     normal, depth, scale = guides
-    return [normal, torch.cat([depth, luminance], 1), torch.cat([scale, luminance_scale(variance, sigma_l)], 1)]
+    factors = torch.cat([scale, luminance_scale(luminance, variance, sigma_l)], 1)
+    return [normal, torch.cat([depth, luminance], 1), factors]

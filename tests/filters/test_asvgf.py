@@ -70,6 +70,19 @@ def test_light_that_does_not_change_leaves_alpha_alone_and_a_light_switched_off_
         np.testing.assert_allclose(alpha, expected, rtol=1e-5)
 
 
+@pytest.mark.parametrize("make", [Svgf, Asvgf])
+@pytest.mark.parametrize("unit", [1e-7, 1e5])
+def test_the_unit_of_light_does_not_matter(make: type[Svgf], unit: float) -> None:
+    """Scenes in other units have other numbers, and edges of light stop the filter in all of them."""
+    frames = noisy_frames(5, still_channels(size=(20, 25)))
+    rng = np.random.default_rng(2)
+    pairs = [gradient_of((1, 20, 25), *rng.uniform(0.1, 1, (2, 1, 20, 25)), seed=i) for i in range(5)]
+    frames = [frame.with_channels(gradient=pair) for frame, pair in zip(frames, pairs, strict=True)]
+    units = [f.with_channels(color=f["color"] * unit, gradient=f["gradient"] * unit) for f in frames]
+    for image, other in zip(run(make(), frames), run(make(), units), strict=True):
+        np.testing.assert_allclose(other / unit, image, rtol=1e-3, atol=1e-5)
+
+
 def error(image: np.ndarray, frame: Frame) -> float:
     return float(np.sqrt(np.square(image - frame["reference"]).mean()))
 
