@@ -92,6 +92,8 @@ def load_exr(path: Path, size: tuple[int, int] | None = None) -> tuple[OpenEXR.F
     except UnicodeDecodeError as error:  # which the library raises for attributes and names alike
         text = ascii(error.object)
         raise NteError(f"{path}: the header has text that is not UTF-8, {text:.60}: write it again in UTF-8") from error
+    except ZeroDivisionError as error:  # which the library raises for a rate of 0/0
+        raise NteError(f"{path}: the header has a fraction with the divisor 0: remove or correct it") from error
     except (RuntimeError, ValueError, OSError) as error:
         raise NteError(f"{path}: the OpenEXR file is truncated or damaged: render or copy it again") from error
     promised = [bool(header.get("channels")) for header in headers]

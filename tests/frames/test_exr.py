@@ -1,6 +1,7 @@
 """One OpenEXR file: what is written is read again, and what cannot be read is refused by name."""
 
 import os
+import struct
 from pathlib import Path
 
 import numpy as np
@@ -218,6 +219,16 @@ def test_text_of_another_encoding_is_called_so(tmp_path: Path) -> None:
     path.write_bytes(path.read_bytes().replace(b"M_ller", "Müller".encode("latin-1")))
     with pytest.raises(NteError, match=r"a\.exr: the header has text that is not UTF-8, b'M.xfcller'"):
         read_layers(path)
+
+
+def test_a_fraction_without_a_value_is_called_so(tmp_path: Path) -> None:
+    """A frame rate of 0/0, which the library reads as a Fraction: the attribute goes in front of all others."""
+    path = tmp_path / "a.exr"
+    write_exr(path, {"Z": np.zeros((1, 1), np.float32)})
+    whole, rate = path.read_bytes(), b"captureRate\0rational\0" + struct.pack("<IiI", 8, 0, 0)
+    path.write_bytes(whole[:8] + rate + whole[8:])
+    with pytest.raises(NteError, match=r"a\.exr: the header has a fraction with the divisor 0"):
+        read_exr(path)
 
 
 @pytest.mark.parametrize("lost", [1, 200])
