@@ -76,7 +76,7 @@ def is_abandoned(path: Path) -> bool:
 
 
 def is_file_or_lost(path: Path) -> bool:
-    """Tell whether a path is a file or a link to nothing: a frame that is lost must not shorten a sequence in silence."""
+    """Tell whether a path is a file, or a link to nothing: a lost frame must not shorten a sequence in silence."""
     return path.is_file() or (path.is_symlink() and not path.exists())
 
 

@@ -130,7 +130,9 @@ class GeometryTally:
         axis, distance, buffer = (median(fit[i] for fit in self._fits) for i in range(3))
         expected = "the distance along the view axis"
         if axis > EXACT and distance < min(axis / 10, EXACT):
-            yield Finding("depth", "is the distance from the camera, as position shows", f"{expected} (depth.along=ray)")
+            yield Finding(
+                "depth", "is the distance from the camera, as position shows", f"{expected} (depth.along=ray)"
+            )
         elif axis > EXACT and buffer < min(axis / 10, EXACT):
             yield Finding("depth", "is inverse or a z-buffer, as position shows", expected)
         elif axis > FITS_NOT:
@@ -150,8 +152,11 @@ class GeometryTally:
             yield Finding("normal", found, "world space, as position (normal.space=camera, with cameras)")
 
 
-def _explain(points: Tensor, depth: Tensor) -> tuple[_Fit, Tensor]:
-    """Fit functions of points (3, n) to their depth (n,); also return the view axis (3,): the gradient of depth."""
+def _explain(points: Tensor, depth: Tensor) -> tuple[_Fit, Tensor | None]:
+    """Fit functions of points (3, n) to their depth (n,).
+
+    Also returns the view axis (3,), which is the gradient of depth; None if all points lie in a plane.
+    """
     centre = points.mean(1, keepdim=True)
     extent = torch.linalg.eigvalsh(torch.cov(points)).clamp(min=0).sqrt()
     size = extent[-1].clamp(min=1e-30)
@@ -174,8 +179,9 @@ def _explain(points: Tensor, depth: Tensor) -> tuple[_Fit, Tensor]:
     quotient = torch.linalg.eigh(_gram(torch.cat([linear * unit[:, None], -linear], 1)))[1][:, 0]
     buffer = (linear @ quotient[4:]) / (linear @ quotient[:4])
     axis = plane[:3] * depth.median() / size
-    scale = float(axis.norm()) if float(extent[0]) > FLAT * float(size) else None
-    return _Fit(error(linear @ plane), error(squared.clamp(min=0).sqrt()), error(buffer), scale), axis
+    known = float(extent[0]) > FLAT * float(size)
+    errors = error(linear @ plane), error(squared.clamp(min=0).sqrt()), error(buffer)
+    return _Fit(*errors, float(axis.norm()) if known else None), axis if known else None
 
 
 def _solve(rows: Tensor, values: Tensor) -> Tensor:
@@ -187,8 +193,11 @@ def _gram(rows: Tensor) -> Tensor:
     return rows.T @ rows
 
 
-def _turn(frame: Frame, position: Tensor, depth: Tensor, axis: Tensor) -> _Turn | None:
-    """Compare normals with the surface that the positions (3, H, W) of neighbours span; None if too few can tell."""
+def _turn(frame: Frame, position: Tensor, depth: Tensor, axis: Tensor | None) -> _Turn | None:
+    """Compare normals with the surface that the positions (3, H, W) of neighbours span; None if too few can tell.
+
+    axis: the view axis (3,); None if unknown, and then normals count as facing the camera.
+    """
     if min(depth.shape) < 3:
         return None
     across, down = position[:, 1:-1, 2:] - position[:, 1:-1, :-2], position[:, 2:, 1:-1] - position[:, :-2, 1:-1]
@@ -203,8 +212,9 @@ def _turn(frame: Frame, position: Tensor, depth: Tensor, axis: Tensor) -> _Turn 
     step = max(1, int(inside.sum()) // SAMPLED)
     surface, normal = (values[:, inside][:, ::step] for values in (surface, normal))
     surface, normal = surface / surface.norm(dim=0), normal / normal.norm(dim=0)
-    if float((axis @ surface).median()) > 0:  # the sign of the cross product depends on the handedness of the space
-        surface = -surface
+    # The sign of the cross product depends on the handedness of the space. In a plane the axis is unknown.
+    towards = (axis @ surface if axis is not None else -(surface * normal).sum(0)).median()
+    surface = -surface if float(towards) > 0 else surface
     u, _, v = torch.linalg.svd(surface @ normal.T)
     cosine = (surface * normal).sum(0)
     turned = (surface * (u @ v @ normal)).sum(0)

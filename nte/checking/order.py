@@ -1,4 +1,4 @@
-"""A check that nearer surfaces hide those behind them: an inverse depth, as in many z-buffers, turns the order around."""
+"""A check that what is nearer hides what is behind it: an inverse depth, as in many z-buffers, turns that around."""
 
 from collections.abc import Iterator, Sequence
 from typing import NamedTuple
@@ -27,8 +27,8 @@ class Order(NamedTuple):
 def depth_order(previous: Frame, current: Frame) -> Order:
     """Count the pixels of `current` whose vectors lead to another surface in `previous`, nearer or farther than theirs.
 
-    Both are PyTorch frames of batch 1 with motion and depth; `instance` is optional. All 3×3 pixels at both ends of a vector must agree: thin
-    parts show in one frame and not in the next without being hidden.
+    Both are PyTorch frames of batch 1 with motion and depth; `instance` is optional. All 3×3 pixels at both ends of a
+    vector must agree: thin parts show in one frame and not in the next without being hidden.
     """
     vectors = traditional_motion(current["motion"])
     at = pixel_centres(current["motion"]) + vectors.motion
@@ -42,7 +42,10 @@ def depth_order(previous: Frame, current: Frame) -> Order:
 
 
 def judge_order(pairs: Sequence[Order]) -> Iterator[Finding]:
-    """Yield a fault if nearly everything that hides something is farther away; trust only vectors that are plausible."""
+    """Yield a fault if nearly everything that hides something is farther away.
+
+    pairs: of frames whose vectors are plausible, as others lead anywhere.
+    """
     nearer, farther = (sum(counts) for counts in zip(*pairs, strict=True)) if pairs else (0, 0)
     if nearer + farther >= ENOUGH and farther > MOST * (nearer + farther):
         count = f"in {farther} of {nearer + farther} pixels"

@@ -81,7 +81,8 @@ def load_exr(path: Path, size: tuple[int, int] | None = None) -> tuple[OpenEXR.F
     except OSError as error:
         raise NteError(f"{path}: cannot be read: {error.strerror}") from error
     if magic != _MAGIC:
-        raise NteError(f"{path}: not an OpenEXR file (it starts with {magic!r}): expected a .exr frame")
+        what = f"not an OpenEXR file (it starts with {magic!r})" if magic else "the file is empty"
+        raise NteError(f"{path}: {what}: expected a .exr frame")
     try:
         with quiet(), OpenEXR.File(str(path), separate_channels=True, header_only=True) as file:
             headers = [dict(part.header) for part in file.parts]  # closing the file empties them

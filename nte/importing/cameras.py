@@ -44,7 +44,9 @@ def load_cameras(path: Path, frames: int) -> list[Camera]:
             if matrix.shape != (4, 4) or not (np.abs(matrix) < _LARGEST).all() or np.linalg.det(matrix) == 0:
                 raise NteError(f"{path}: camera {i}: '{key}' is not an invertible 4×4 matrix")
         if not np.allclose(camera.view[3], (0, 0, 0, 1), rtol=0, atol=1e-6):
-            raise NteError(f"{path}: camera {i}: the last row of 'view' is not 0 0 0 1: transpose matrices of row vectors")
+            raise NteError(
+                f"{path}: camera {i}: the last row of 'view' is not 0 0 0 1: transpose matrices of row vectors"
+            )
         if np.linalg.det(camera.to_pixels((1, 1))[:, :3]) == 0:
             raise NteError(f"{path}: camera {i}: 'projection' is orthographic: expected that of a perspective camera")
         middle = camera.projection[:2, 2] / camera.projection[3, 2]

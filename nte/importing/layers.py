@@ -139,7 +139,9 @@ def read(stored: Stored, name: str, source: Source, found: Found) -> npt.NDArray
     for value in unknown:
         values = np.where((values == np.float32(value)).all(0), np.nan, values)
     with np.errstate(over="ignore"):  # what exceeds float32 becomes infinite: a miss, or a bad pixel
-        return np.asarray(values * scale + offset, np.float32) if (source.scale, source.offset) != ([1], [0]) else values
+        return (
+            np.asarray(values * scale + offset, np.float32) if (source.scale, source.offset) != ([1], [0]) else values
+        )
 
 
 def missing(path: Path, stored: Stored, name: str, source: Source) -> NteError:

@@ -196,10 +196,8 @@ class ForeignSequence:
         if self.ids.renumbered:
             yield f"renumbered: {len(self.ids.renumbered)} ids of instance, which are no small whole numbers"
         if self.ids.averaged:
-            yield (
-                f"averaged: {self.ids.averaged} pixels of instance hold fractions beside whole ids, so they belong to no "
-                "object: store ids without a filter over the pixels"
-            )
+            where = f"{self.ids.averaged} pixels of instance hold fractions beside whole ids"
+            yield f"averaged: {where}, so they show no object: store ids without a pixel filter"
 
 
 def plan(source: Path | Sequence[Path], reference: Path | None, how: ChannelMap) -> list[Input]:

@@ -81,6 +81,16 @@ def test_what_does_not_agree_fails(tmp_path: Path, change: Change, told: str) ->
     assert told in report.reason
 
 
+def test_a_wall_alone_says_nothing_of_sides(tmp_path: Path) -> None:
+    """Where all points lie in a plane, depth has no gradient across it."""
+    y, x = np.mgrid[: SIZE[0], : SIZE[1]] / 32
+    wall = {"position": np.stack([x, y, 4 + x]), "depth": (4 + x)[None], "instance": np.ones((1, *SIZE))}
+    wall["normal"] = np.reshape([0.5**0.5, 0, -(0.5**0.5)], (3, 1, 1)) * np.ones((1, *SIZE))
+    for sign in (1, -1):
+        report = checked(tmp_path / str(sign), lambda f, i, s=sign: wall | {"normal": s * wall["normal"]})  # type: ignore[misc]
+        assert [f.found for f in report.findings if f.channel in ("normal", "depth")] == []
+
+
 def test_normals_that_point_away_are_a_note(tmp_path: Path) -> None:
     report = checked(tmp_path, lambda f, i: {"normal": -f["normal"]})
     assert report.verdict == "plausible"

@@ -188,7 +188,7 @@ def test_deep_files_are_refused(tmp_path: Path) -> None:
 def test_files_that_are_no_exr(tmp_path: Path, capfd: pytest.CaptureFixture[str]) -> None:
     for name, content in (("empty", b""), ("png", b"\x89PNG\r\n\x1a\n" * 9), ("magic", b"\x76\x2f\x31\x01")):
         (tmp_path / name).write_bytes(content)
-        with pytest.raises(NteError, match=f"{name}: .*OpenEXR file") as error:
+        with pytest.raises(NteError, match=f"{name}: .*(OpenEXR file|the file is empty)") as error:
             read_exr(tmp_path / name)
         assert "\n" not in str(error.value)
     with pytest.raises(NteError, match=r"nowhere\.exr: cannot be read: No such file"):

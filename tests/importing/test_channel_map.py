@@ -224,9 +224,7 @@ def test_ids_survive_float32(tmp_path: Path, ids: npt.NDArray[Any], kept: list[i
     np.testing.assert_array_equal(clip.frame(1)["instance"][0, 0, 0], kept[::-1])
 
 
-def test_ids_that_were_averaged_are_told_and_hashes_are_not(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_ids_that_were_averaged_are_told_and_hashes_are_not(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     ids = np.repeat(np.arange(1, 5, dtype=np.float32), 4)[None].repeat(6, 0)
     averaged = (ids + np.roll(ids, 1, 1)) / 2
     hashed = np.float32([0, 0.3, 2.7e-9, 4.5e20])[ids.astype(int) - 1]

@@ -157,7 +157,9 @@ def set_map(**groups: Any) -> Callable[[Path, Path], object]:
     return lambda source, map_path: change(map_path, **groups)
 
 
-def camera_that(**changes: Callable[[npt.NDArray[np.float64]], npt.NDArray[np.float64]]) -> Callable[[Path, Path], object]:
+def camera_that(
+    **changes: Callable[[npt.NDArray[np.float64]], npt.NDArray[np.float64]],
+) -> Callable[[Path, Path], object]:
     """The cameras beside the map with other matrices; they stand away from the origin."""
 
     def harm(source: Path, map_path: Path) -> None:
