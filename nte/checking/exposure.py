@@ -1,4 +1,4 @@
-"""A check that the reference has the units and the orientation of the colour: ratios of block means, over all frames."""
+"""A check that the reference has the scale and orientation of the colour: ratios of block means, over all frames."""
 
 from collections.abc import Iterator
 

@@ -127,12 +127,12 @@ class GeometryTally:
             yield Finding("depth", found, "distances along the view axis, in scene units", False)
 
     def _judge_depth(self) -> Iterator[Finding]:
-        axis, distance, buffer = (median(fit[i] for fit in self._fits) for i in range(3))
+        axis = median(fit.axis for fit in self._fits)
+        distance, buffer = median(fit.distance for fit in self._fits), median(fit.buffer for fit in self._fits)
         expected = "the distance along the view axis"
         if axis > EXACT and distance < min(axis / 10, EXACT):
-            yield Finding(
-                "depth", "is the distance from the camera, as position shows", f"{expected} (depth.along=ray)"
-            )
+            found = "is the distance from the camera, as position shows"
+            yield Finding("depth", found, f"{expected} (on import depth.along=ray)")
         elif axis > EXACT and buffer < min(axis / 10, EXACT):
             yield Finding("depth", "is inverse or a z-buffer, as position shows", expected)
         elif axis > FITS_NOT:

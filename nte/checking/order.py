@@ -46,7 +46,7 @@ def judge_order(pairs: Sequence[Order]) -> Iterator[Finding]:
 
     pairs: of frames whose vectors are plausible, as others lead anywhere.
     """
-    nearer, farther = (sum(counts) for counts in zip(*pairs, strict=True)) if pairs else (0, 0)
+    nearer, farther = sum(pair.nearer for pair in pairs), sum(pair.farther for pair in pairs)
     if nearer + farther >= ENOUGH and farther > MOST * (nearer + farther):
         count = f"in {farther} of {nearer + farther} pixels"
         found = f"what hides is farther away than what it hides, {count}: inverse depth, as in a z-buffer"

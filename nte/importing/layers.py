@@ -117,7 +117,7 @@ def partly_there(stored: Stored, source: Source, prefix: str) -> bool:
 
 
 def read(stored: Stored, name: str, source: Source, found: Found) -> npt.NDArray[np.generic]:
-    """Read and decode channel `name` (C, H, W) float32: layers are summed, then value = stored · scale + offset.
+    """Read and decode channel `name` (C, H, W), float32: layers are summed, then value = stored · scale + offset.
 
     Unknown vectors become NaN, and depths at the end of half floats infinite. Ids are float64, which holds those of
     32 bits.
@@ -131,17 +131,17 @@ def read(stored: Stored, name: str, source: Source, found: Found) -> npt.NDArray
     if rest := layers[found.dark_from :]:
         values = np.where(values.max(0) < _DARK, np.sum([values, *rest], axis=0), values)
     if kind == "depth":  # what cannot be stored: the sky of writers that clamp
-        clamped = np.stack([stored[n].dtype == np.float16 for n in found.names[0]])
-        values = np.where(np.reshape(clamped, (-1, 1, 1)) & (np.abs(values) >= HALF_MAX), np.inf, values)
+        clamped = stored[found.names[0][0]].dtype == np.float16 and np.abs(values) >= HALF_MAX
+        values = np.where(clamped, np.inf, values)
     unknown = [float(value) for value in source.unknown if value != SKY]
     if name in VECTORS:
         values = np.where(np.isfinite(values).all(0), values, np.nan)
     for value in unknown:
         values = np.where((values == np.float32(value)).all(0), np.nan, values)
+    if (source.scale, source.offset) == ([1], [0]):
+        return values
     with np.errstate(over="ignore"):  # what exceeds float32 becomes infinite: a miss, or a bad pixel
-        return (
-            np.asarray(values * scale + offset, np.float32) if (source.scale, source.offset) != ([1], [0]) else values
-        )
+        return np.asarray(values * scale + offset, np.float32)
 
 
 def missing(path: Path, stored: Stored, name: str, source: Source) -> NteError:

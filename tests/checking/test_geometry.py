@@ -86,8 +86,9 @@ def test_a_wall_alone_says_nothing_of_sides(tmp_path: Path) -> None:
     y, x = np.mgrid[: SIZE[0], : SIZE[1]] / 32
     wall = {"position": np.stack([x, y, 4 + x]), "depth": (4 + x)[None], "instance": np.ones((1, *SIZE))}
     wall["normal"] = np.reshape([0.5**0.5, 0, -(0.5**0.5)], (3, 1, 1)) * np.ones((1, *SIZE))
-    for sign in (1, -1):
-        report = checked(tmp_path / str(sign), lambda f, i, s=sign: wall | {"normal": s * wall["normal"]})  # type: ignore[misc]
+    for name, normal in (("towards", wall["normal"]), ("away", -wall["normal"])):
+        frame = {key: np.float32(values) for key, values in (wall | {"normal": normal}).items()}
+        report = check(Clip(write_clip(tmp_path / name, [FRAMES[0] | frame] * 2)))
         assert [f.found for f in report.findings if f.channel in ("normal", "depth")] == []
 
 
