@@ -75,6 +75,11 @@ def is_abandoned(path: Path) -> bool:
     return False
 
 
+def is_file_or_lost(path: Path) -> bool:
+    """Tell whether a path is a file, or a link to nothing: a lost frame must not shorten a sequence in silence."""
+    return path.is_file() or (path.is_symlink() and not path.exists())
+
+
 def remove(path: Path) -> None:
     """Delete a file, or a link to one, if it is there. Raises NteError if that is not permitted."""
     if not os.path.lexists(path):

@@ -11,7 +11,7 @@ import numpy as np
 
 from nte.denoiser import Denoiser, Session, require_channels
 from nte.errors import NteError, needs_extra
-from nte.files import only_writer, refuse_to_replace, remove
+from nte.files import is_file_or_lost, only_writer, refuse_to_replace, remove
 from nte.frames.channels import CHANNELS
 from nte.frames.clip import Clip, Pixels, frame_path, read_frame, write_clip_info
 from nte.frames.exr import read_parts
@@ -128,7 +128,7 @@ def _has(path: Path, target: str) -> bool:
 
 def _frames_in(folder: Path) -> list[Path]:
     """The EXR files of a folder; hidden ones, which systems and killed processes leave behind, do not count."""
-    return sorted(path for path in folder.glob("*.[eE][xX][rR]") if path.is_file() and path.name[0] != ".")
+    return sorted(path for path in folder.glob("*.[eE][xX][rR]") if is_file_or_lost(path) and path.name[0] != ".")
 
 
 def _refuse_to_overwrite(out: Path, written: Sequence[Path], sources: Sequence[Path], png: bool, force: bool) -> None:

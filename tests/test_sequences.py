@@ -162,6 +162,13 @@ def test_hidden_files_are_no_frames(tmp_path: Path) -> None:
     assert [path.name for path in written] == [path.name for path in paths]
 
 
+def test_a_link_to_nothing_does_not_shorten_a_sequence(tmp_path: Path) -> None:
+    engine_frames(tmp_path / "in", count=2)
+    (tmp_path / "in" / "shot.0009.exr").symlink_to(tmp_path / "gone.exr")
+    with pytest.raises(NteError, match=r"shot\.0009\.exr: cannot be read: No such file"):
+        denoise_files([tmp_path / "in"], Noisy(), tmp_path / "out")
+
+
 def test_a_file_without_a_number_beside_a_sequence_is_refused(tmp_path: Path) -> None:
     engine_frames(tmp_path / "in", count=2, first=9)[1].rename(tmp_path / "in" / "shot.10.exr")
     (tmp_path / "in" / "mask.exr").write_bytes((tmp_path / "in" / "shot.10.exr").read_bytes())

@@ -1,4 +1,4 @@
-"""A check that the reference has the units of the colour: one ratio of block means, over all frames."""
+"""A check that the reference has the scale and orientation of the colour: ratios of block means, over all frames."""
 
 from collections.abc import Iterator
 
@@ -9,9 +9,12 @@ from torch import Tensor
 from nte.checking.values import Finding
 from nte.frames.frame import Frame
 
-BLOCK = 16  # pixels
+BLOCK = 16  # pixels, about
 TOLD, FAILED = 1.2, 1.5  # least factors between colour and reference that are told, and that are a fault
 ALIKE = 1.35  # blocks whose ratio is within this factor of the median agree
+ENOUGH = 12  # least number of blocks that tell an orientation
+UNLIKE = 0.05  # median difference of the logarithms from which on the blocks are not those of one picture
+FLIPPED = 0.25  # the picture was turned over if that leaves at most this share of the difference
 AGREE = 0.7  # share of blocks that must agree; with fewer it is noise or another light, not another scale
 
 
@@ -28,7 +31,8 @@ class ExposureTally:
             return
         both = torch.cat([frame["color"], frame["reference"]], 1)
         good = (both.isfinite() & (both >= 0)).all(1, keepdim=True)
-        sums = F.avg_pool2d(torch.where(good, both, 0.0), BLOCK, ceil_mode=True).double()
+        blocks = [-(-size // BLOCK) for size in frame.size]
+        sums = F.adaptive_avg_pool2d(torch.where(good, both, 0.0), blocks).double()  # the same blocks when turned over
         color, reference = sums[:, :3].mean(1), sums[:, 3:].mean(1)
         self._color = color if self._color is None else self._color + color
         self._reference = reference if self._reference is None else self._reference + reference
@@ -36,9 +40,15 @@ class ExposureTally:
     def judge(self) -> Iterator[Finding]:
         """Yield a finding if colour is brighter or darker than the reference by about the same factor everywhere.
 
-        It is a fault if the factor exceeds 1.5 and over 70 % of the blocks agree; also if only one of the two is black.
+        It is a fault if the factor exceeds 1.5 and over 70 % of the blocks agree; also if only one of the two is black,
+        and if the two are each other's mirror image.
         """
         if self._color is None or self._reference is None:
+            return
+        as_it_is, *flipped = (_unlike(self._color, self._reference.flip(dims)) for dims in ((), (1,), (2,), (1, 2)))
+        if as_it_is > UNLIKE and min(flipped) < FLIPPED * as_it_is:
+            how = ("upside down", "mirrored left to right", "turned by 180°")[flipped.index(min(flipped))]
+            yield Finding("reference", f"shows the picture of color {how}", "the same orientation in every channel")
             return
         color, reference = self._color.flatten(), self._reference.flatten()
         if not (float(color.sum()) > 0 and float(reference.sum()) > 0):
@@ -59,3 +69,12 @@ class ExposureTally:
         found = f"color is {factor:.3g} times as bright (median of blocks; {agree:.0%} of them agree)"
         fault = closer > float(torch.tensor(FAILED).log()) and agree > AGREE
         yield Finding("reference", found, "the exposure and scale of color", fault)
+
+
+def _unlike(color: Tensor, reference: Tensor) -> float:
+    """Median difference, from their median, of the logarithms of the ratios of blocks (1, h, w); 0 if few are lit."""
+    lit = (color > 0) & (reference > 0)
+    if int(lit.sum()) < ENOUGH:
+        return 0.0
+    ratios = (color[lit] / reference[lit]).log()
+    return float((ratios - ratios.median()).abs().median())

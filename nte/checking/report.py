@@ -9,9 +9,11 @@ from torch import Tensor
 
 from nte.checking.cells import cell_votes
 from nte.checking.exposure import ExposureTally
+from nte.checking.geometry import GeometryTally
 from nte.checking.guides import GuideTally
 from nte.checking.judge import Judgement, Verdict, judge_votes
 from nte.checking.objects import object_votes
+from nte.checking.order import Order, depth_order, judge_order
 from nte.checking.still import Stillness, stillness, without_motion
 from nte.checking.values import Finding, Tally, judge_values, tally_values
 from nte.checking.votes import Votes
@@ -79,6 +81,7 @@ class _Vectors:
 
     votes: list[Votes] = field(default_factory=list)
     still: list[Stillness] = field(default_factory=list)
+    orders: list[Order] = field(default_factory=list)
     errors: dict[tuple[str, str, str], Mean] = field(default_factory=lambda: defaultdict(Mean))
     disoccluded: Mean = field(default_factory=Mean)
     invalid: Mean = field(default_factory=Mean)
@@ -96,6 +99,8 @@ class _Vectors:
         if not vote:
             return
         self.still.append(stillness(previous, current))
+        if "depth" in current and "depth" in previous:
+            self.orders.append(depth_order(previous, current))
         votes = Votes()
         if "albedo" in current:
             votes.add(cell_votes(previous, current))
@@ -117,7 +122,7 @@ def check(clip: Clip | Path | str) -> CheckReport:
     """
     clip = clip if isinstance(clip, Clip) else Clip(clip)
     tallies: dict[str, Tally] = defaultdict(Tally)
-    exposure, guides, vectors = ExposureTally(), GuideTally(), _Vectors()
+    exposure, guides, geometry, vectors = ExposureTally(), GuideTally(), GeometryTally(), _Vectors()
     voting = {round(1 + i * (len(clip) - 2) / max(PAIRS - 1, 1)) for i in range(PAIRS)}
     previous: Frame | None = None
     for frame in clip:
@@ -125,11 +130,14 @@ def check(clip: Clip | Path | str) -> CheckReport:
         tally_values(tallies, current)
         exposure.add(current)
         guides.add(current)
+        geometry.add(current)
         if previous is not None and "motion" in current:
             vectors.add(previous, current, len(clip) <= PAIRS + 1 or current.index in voting)
         previous = current
-    findings = [*judge_values(tallies), *exposure.judge(), *guides.judge()]
-    judgement = _judge(clip, vectors, findings)
+    judgement = _judge_vectors(clip, vectors)
+    order = judge_order(vectors.orders) if judgement.verdict == "plausible" else ()
+    findings = [*judge_values(tallies), *exposure.judge(), *geometry.judge(), *order, *guides.judge()]
+    judgement = _judge(judgement, findings)
     total = Votes()
     for votes in vectors.votes:
         total.add(votes)
@@ -139,9 +147,8 @@ def check(clip: Clip | Path | str) -> CheckReport:
     )  # fmt: skip
 
 
-def _judge(clip: Clip, vectors: _Vectors, findings: list[Finding]) -> Judgement:
-    """The verdict on the clip: impossible values first, then the vectors' votes."""
-    judgement = _judge_vectors(clip, vectors)
+def _judge(judgement: Judgement, findings: list[Finding]) -> Judgement:
+    """The verdict on the clip: impossible values first, then the judgement of its vectors."""
     faults = [f"{finding.channel}: {finding.found}" for finding in findings if finding.fault]
     if not faults:
         return judgement

@@ -81,7 +81,8 @@ def load_exr(path: Path, size: tuple[int, int] | None = None) -> tuple[OpenEXR.F
     except OSError as error:
         raise NteError(f"{path}: cannot be read: {error.strerror}") from error
     if magic != _MAGIC:
-        raise NteError(f"{path}: not an OpenEXR file (it starts with {magic!r}): expected a .exr frame")
+        what = f"not an OpenEXR file (it starts with {magic!r})" if magic else "the file is empty"
+        raise NteError(f"{path}: {what}: expected a .exr frame")
     try:
         with quiet(), OpenEXR.File(str(path), separate_channels=True, header_only=True) as file:
             headers = [dict(part.header) for part in file.parts]  # closing the file empties them
@@ -92,6 +93,8 @@ def load_exr(path: Path, size: tuple[int, int] | None = None) -> tuple[OpenEXR.F
     except UnicodeDecodeError as error:  # which the library raises for attributes and names alike
         text = ascii(error.object)
         raise NteError(f"{path}: the header has text that is not UTF-8, {text:.60}: write it again in UTF-8") from error
+    except ZeroDivisionError as error:  # which the library raises for a rate of 0/0
+        raise NteError(f"{path}: the header has a fraction with the divisor 0: remove or correct it") from error
     except (RuntimeError, ValueError, OSError) as error:
         raise NteError(f"{path}: the OpenEXR file is truncated or damaged: render or copy it again") from error
     promised = [bool(header.get("channels")) for header in headers]

@@ -10,6 +10,7 @@ import numpy.typing as npt
 from nte.errors import NteError
 
 _LARGEST = 1e38  # the largest number that a frame's float32 matrices can hold, roughly
+_FARTHEST = 8.0  # images: a crop may lie beside the view axis, but not this far away
 
 
 class Camera(NamedTuple):
@@ -27,7 +28,7 @@ def load_cameras(path: Path, frames: int) -> list[Camera]:
     """Read the cameras of a JSON file: a list of {"view", "projection"}, one entry per frame.
 
     Raises NteError if the file cannot be read or holds anything else, if the number of cameras is not `frames`, and
-    for a matrix that is not 4×4, finite and invertible, or orthographic.
+    for a matrix that is not 4×4, finite and invertible, for row vectors, orthographic, or to [−1, 1].
     """
     try:
         listed = json.loads(path.read_text(encoding="utf-8"))
@@ -42,8 +43,18 @@ def load_cameras(path: Path, frames: int) -> list[Camera]:
         for key, matrix in camera._asdict().items():
             if matrix.shape != (4, 4) or not (np.abs(matrix) < _LARGEST).all() or np.linalg.det(matrix) == 0:
                 raise NteError(f"{path}: camera {i}: '{key}' is not an invertible 4×4 matrix")
+        if not np.allclose(camera.view[3], (0, 0, 0, 1), rtol=0, atol=1e-6):
+            raise NteError(
+                f"{path}: camera {i}: the last row of 'view' is not 0 0 0 1: transpose matrices of row vectors"
+            )
         if np.linalg.det(camera.to_pixels((1, 1))[:, :3]) == 0:
             raise NteError(f"{path}: camera {i}: 'projection' is orthographic: expected that of a perspective camera")
+        middle = camera.projection[:2, 2] / camera.projection[3, 2]
+        if not middle.any() or (np.abs(middle) > _FARTHEST).any():
+            raise NteError(
+                f"{path}: camera {i}: 'projection' puts the view axis at {middle[0]:.4g} {middle[1]:.4g}: expected "
+                "[0, 1] over the image from its upper left corner, so about 0.5 0.5; not [−1, 1] and not pixels"
+            )
     return found
 
 

@@ -59,7 +59,7 @@ def _depth(stored: Pixels, how: ChannelMap, camera: Camera | None) -> Pixels:
     hit = (counted > 0) & (counted < how.depth.sky)  # false for NaN
     if how.depth.along == "ray":
         counted = counted * cosine_to_axis(camera or camera_of_fov(how.vertical_fov, stored.shape[1:]), stored)
-    return np.where(hit, counted * np.float32(abs(how.depth.scale)), 0).astype(np.float32)
+    return np.where(hit, np.where(hit, counted, 0) * np.float32(abs(how.depth.scale)), 0).astype(np.float32)
 
 
 def convert_vectors(vectors: Pixels, convention: Convention) -> Pixels:
@@ -85,7 +85,8 @@ def decoded(stored: Pixels) -> Pixels:
 
 def unit(vectors: npt.NDArray[np.floating]) -> npt.NDArray[np.float64]:
     """Normalise vectors (3, …) to length 1; zero and non-finite ones become 0."""
-    length = np.linalg.norm(vectors, axis=0, keepdims=True)
+    with np.errstate(over="ignore"):
+        length = np.linalg.norm(vectors, axis=0, keepdims=True)
     usable = (length > 0) & np.isfinite(length)
     return np.where(usable, vectors / np.where(usable, length, 1), 0)
 

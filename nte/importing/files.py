@@ -5,6 +5,7 @@ import re
 from pathlib import Path
 
 from nte.errors import NteError
+from nte.files import is_file_or_lost
 from nte.frames.numbering import FRAME_NUMBER, by_number, in_sequence
 
 
@@ -15,13 +16,13 @@ def numbered_files(source: Path, suffix: str) -> dict[int, Path]:
     files are more than one sequence.
     """
     if source.is_dir():
-        shown = (path for path in source.iterdir() if path.name[0] != "." and path.is_file())
+        shown = (path for path in source.iterdir() if path.name[0] != "." and is_file_or_lost(path))
         paths = sorted(path for path in shown if path.suffix.lower() == suffix)
     elif source.exists():  # its name may contain characters that are special in a pattern
         paths = [source]
     else:
         folder = glob.escape(str(source.parent)) if source.parent.is_dir() else str(source.parent)
-        paths = sorted(path for path in map(Path, glob.glob(f"{folder}/{source.name}")) if path.is_file())
+        paths = sorted(path for path in map(Path, glob.glob(f"{folder}/{source.name}")) if is_file_or_lost(path))
     if not paths:
         what = f"no {suffix} file in it" if source.is_dir() else "does not exist"
         raise NteError(f"{source}: {what}: expected a folder, a file or a quoted pattern of {suffix} frames")
@@ -36,11 +37,11 @@ def files_of_pattern(folder: Path, pattern: str) -> dict[int, Path]:
     than one sequence that fits, and for a pattern with two frame numbers.
     """
     parts = re.split(r"(#+|\*)", Path(pattern).as_posix())
-    kinds = {"#": f"({FRAME_NUMBER})", "*": "[^/]*"}
+    kinds = {"#": f"({FRAME_NUMBER})", "*": "[^/]*?"}  # as short as possible: a number belongs to # as a whole
     expression = re.compile("".join(kinds.get(part[:1], re.escape(part)) for part in parts if part))
     if expression.groups > 1:
         raise NteError(f"{folder}: the pattern '{pattern}' has # more than once: expected one frame number")
-    files = [(path.relative_to(folder).as_posix(), path) for path in sorted(folder.rglob("*")) if path.is_file()]
+    files = [(path.relative_to(folder).as_posix(), path) for path in sorted(folder.rglob("*")) if is_file_or_lost(path)]
     names = [(name, path) for name, path in files if not re.search(r"(^|/)\.", name)]
     fitting = [(match, path) for name, path in names if (match := expression.fullmatch(name))]
     if not expression.groups:

@@ -19,6 +19,7 @@ class Ids:
 
     def __init__(self) -> None:
         self.renumbered: dict[float, int] = {}
+        self.averaged = 0  # pixels with fractions beside whole ids
 
     def keep(self, ids: npt.NDArray[np.generic]) -> Pixels:
         """Convert stored ids of any type to the sequence's float32 numbers, same shape; non-finite ones become 0.
@@ -27,6 +28,9 @@ class Ids:
         """
         values = np.nan_to_num(ids.astype(np.float64), nan=0, posinf=0, neginf=0)
         odd = (values < 0) | (values >= _FIRST_NEW) | (values != np.floor(values))
+        fractions = int((values != np.floor(values)).sum())
+        if fractions < int(((values > 0) & ~odd).sum()):  # most ids are whole, so these are no hashes
+            self.averaged += fractions
         unique, place = np.unique(values[odd], return_inverse=True)
         for value in unique.tolist():
             self.renumbered.setdefault(value, _FIRST_NEW + len(self.renumbered))

@@ -12,7 +12,7 @@ import numpy.typing as npt
 from nte.errors import NteError
 from nte.frames.channels import CHANNELS, VECTORS, Channel
 from nte.frames.clip import Pixels
-from nte.frames.exr import Part, merge_parts, split_views
+from nte.frames.exr import HALF_MAX, Part, merge_parts, split_views
 from nte.frames.exr_copy import Place
 from nte.importing.channel_map import SKY, Source
 
@@ -117,23 +117,31 @@ def partly_there(stored: Stored, source: Source, prefix: str) -> bool:
 
 
 def read(stored: Stored, name: str, source: Source, found: Found) -> npt.NDArray[np.generic]:
-    """Read and decode channel `name` (C, H, W) float32: layers are summed, then value = stored · scale + offset.
+    """Read and decode channel `name` (C, H, W), float32: layers are summed, then value = stored · scale + offset.
 
-    Unknown vectors become NaN. Ids are returned as stored, in their own type.
+    Unknown vectors become NaN, and depths at the end of half floats infinite. Ids are float64, which holds those of
+    32 bits.
     """
-    if CHANNELS[name].kind == "id":
-        return np.stack([stored[n] for n in found.names[0]])
+    kind = CHANNELS[name].kind
+    scale, offset = (np.reshape(np.array(n, np.float64), (-1, 1, 1)) for n in (source.scale, source.offset))
+    if kind == "id":
+        return np.stack([stored[n] for n in found.names[0]]).astype(np.float64) * scale + offset
     layers = [np.stack([np.asarray(stored[n], np.float32) for n in names]) for names in found.names]
     values: Pixels = np.sum(layers[: found.dark_from], axis=0)
     if rest := layers[found.dark_from :]:
         values = np.where(values.max(0) < _DARK, np.sum([values, *rest], axis=0), values)
+    if kind == "depth":  # what cannot be stored: the sky of writers that clamp
+        clamped = stored[found.names[0][0]].dtype == np.float16 and np.abs(values) >= HALF_MAX
+        values = np.where(clamped, np.inf, values)
     unknown = [float(value) for value in source.unknown if value != SKY]
     if name in VECTORS:
         values = np.where(np.isfinite(values).all(0), values, np.nan)
     for value in unknown:
         values = np.where((values == np.float32(value)).all(0), np.nan, values)
-    scale, offset = (np.reshape(np.array(n, np.float64), (-1, 1, 1)) for n in (source.scale, source.offset))
-    return np.asarray(values * scale + offset, np.float32) if (source.scale, source.offset) != ([1], [0]) else values
+    if (source.scale, source.offset) == ([1], [0]):
+        return values
+    with np.errstate(over="ignore"):  # what exceeds float32 becomes infinite: a miss, or a bad pixel
+        return np.asarray(values * scale + offset, np.float32)
 
 
 def missing(path: Path, stored: Stored, name: str, source: Source) -> NteError:

@@ -195,6 +195,9 @@ class ForeignSequence:
             yield "made from forward_motion: motion"
         if self.ids.renumbered:
             yield f"renumbered: {len(self.ids.renumbered)} ids of instance, which are no small whole numbers"
+        if self.ids.averaged:
+            where = f"{self.ids.averaged} pixels of instance hold fractions beside whole ids"
+            yield f"averaged: {where}, so they show no object: store ids without a pixel filter"
 
 
 def plan(source: Path | Sequence[Path], reference: Path | None, how: ChannelMap) -> list[Input]:

@@ -49,6 +49,11 @@ def test_nothing_is_said_of_right_values(tmp_path: Path) -> None:
         (lambda f, i: {"instance": f["instance"] / 3}, "instance: fractions, or negative, in"),
         (lambda f, i: {"motion": f["motion"] * 1e6}, "longer than four images in 18432 pixels of motion, the first in"),
         (lambda f, i: {"reference": 4 * f["reference"]}, "reference: color is 0.25 times as bright"),
+        (lambda f, i: {"reference": f["reference"][:, ::-1]}, "reference: shows the picture of color upside down"),
+        (
+            lambda f, i: {"reference": 3 * f["reference"][:, :, ::-1]},
+            "shows the picture of color mirrored left to right",
+        ),
         (lambda f, i: {"reference": f["reference"] * np.nan}, "negative in 18432 pixels of reference, the first in"),
     ],
 )

@@ -75,6 +75,7 @@ UV = {"motion": {"unit": "uv"}}
 UNIT = np.array([[0.6, -0.8, 0.0], [0.0, 0.6, 0.8]], np.float32)
 
 
+@pytest.mark.filterwarnings("error")
 @pytest.mark.parametrize(
     ("channel", "stored", "entry", "groups", "expected"),
     [
@@ -87,6 +88,10 @@ UNIT = np.array([[0.6, -0.8, 0.0], [0.0, 0.6, 0.8]], np.float32)
         ("depth", [[300.0], [2e8]], {}, {"depth": {"scale": 0.01, "sky": 1e8}}, [[3], [0]]),
         ("depth", [[0.25], [1.0]], {"scale": 40, "offset": 2}, {}, [[12], [42]]),
         ("depth", [[np.inf], [np.nan]], {}, {}, [[0], [0]]),
+        ("depth", [[3.4e38], [2.0]], {}, {"depth": {"scale": 100}}, [[0], [200]]),
+        ("depth", [[3.4e38], [2.0]], {"scale": 100}, {}, [[0], [200]]),
+        ("instance", [[-1.0], [4.0]], {"offset": 1}, {}, [[0], [5]]),
+        ("instance", [[0.0], [0.25]], {"scale": 12}, {}, [[0], [3]]),
         ("shutter_depth", [[-300.0], [1e9]], {}, {"depth": {"scale": -0.01}}, [[3], [0]]),
         ("albedo", [[51.0, 255, 0], [300, 102, 0]], {"scale": "0.00392156862745098"}, {}, [[0.2, 1, 0], [1, 0.4, 0]]),
         ("roughness", [[0.25], [1.0]], {"scale": -1, "offset": 1}, {}, [[0.75], [0]]),
@@ -217,6 +222,27 @@ def test_ids_survive_float32(tmp_path: Path, ids: npt.NDArray[Any], kept: list[i
     clip = imported(tmp_path, write(tmp_path / "shots", [layers, later]), {"channels": COLOR | {"instance": "ID"}})
     np.testing.assert_array_equal(clip.frame(0)["instance"][0, 0, 0], kept)
     np.testing.assert_array_equal(clip.frame(1)["instance"][0, 0, 0], kept[::-1])
+
+
+def test_ids_that_were_averaged_are_told_and_hashes_are_not(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    ids = np.repeat(np.arange(1, 5, dtype=np.float32), 4)[None].repeat(6, 0)
+    averaged = (ids + np.roll(ids, 1, 1)) / 2
+    hashed = np.float32([0, 0.3, 2.7e-9, 4.5e20])[ids.astype(int) - 1]
+    for name, plane, told in (("averaged", averaged, True), ("hashed", hashed, False), ("whole", ids, False)):
+        layers = image("R", "G", "B", size=plane.shape) | {"ID": np.ascontiguousarray(plane)}
+        (tmp_path / name).mkdir()
+        imported(tmp_path / name, write(tmp_path / name / "shots", [layers]), {"channels": COLOR | {"instance": "ID"}})
+        assert ("averaged: 24 pixels of instance" in capsys.readouterr().out) is told
+
+
+def test_depths_at_the_end_of_half_floats_are_the_sky(tmp_path: Path) -> None:
+    depth = np.full(SMALL, 3.0)
+    depth[0], depth[1] = 65504.0, 65472.0
+    for kind, expected in ((np.float16, 0.0), (np.float32, 65504.0)):
+        (tmp_path / np.dtype(kind).name).mkdir()
+        source = write(tmp_path / np.dtype(kind).name / "shots", [image("R", "G", "B") | {"Z": depth.astype(kind)}])
+        found = imported(source.parent, source, {"channels": COLOR | {"depth": "Z"}}).frame(0)["depth"][0, 0]
+        np.testing.assert_array_equal(found[:3, 0], [expected, 65472, 3])
 
 
 def test_new_ids_never_meet_those_that_are_kept() -> None:
@@ -472,6 +498,25 @@ def test_a_pattern_leaves_hidden_folders_out(tmp_path: Path) -> None:
             write_exr(tmp_path / f"shot/seq/{below}c.{i}.exr", {name[1:]: plane for name, plane in layers.items()})
     assert sorted(files_of_pattern(tmp_path / "shot", "*/c.#.exr")) == [0, 1]
     assert files_of_pattern(tmp_path / "shot", "seq/*/c.#.exr") == {}
+
+
+@pytest.mark.parametrize("pattern", ["*#.exr", "s*#.exr", "*#*.exr"])
+def test_a_star_takes_no_digit_and_no_sign_of_the_frame_number(tmp_path: Path, pattern: str) -> None:
+    for number in range(-12, 13):
+        (tmp_path / f"s.{number}.exr").touch()
+    found = files_of_pattern(tmp_path, pattern)
+    assert {number: path.name for number, path in found.items()} == {n: f"s.{n}.exr" for n in range(-12, 13)}
+
+
+@pytest.mark.parametrize("how", ["folder", "pattern", "map"])
+def test_a_frame_that_is_a_link_to_nothing_is_named(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], how: str
+) -> None:
+    source = write(tmp_path / "shots", [image("R", "G", "B")] * 2)
+    (source / "shot.3.exr").symlink_to(tmp_path / "gone.exr")
+    about = {"channels": {"color": {"layer": ".", "file": "shot.#.exr"}} if how == "map" else COLOR}
+    given = source / "shot.*.exr" if how == "pattern" else source
+    assert "shot.3.exr: cannot be read: No such file" in refused(tmp_path, given, about, capsys)
 
 
 def test_a_grey_image_beside_depth(tmp_path: Path) -> None:

@@ -5,6 +5,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+import numpy.typing as npt
 import pytest
 import yaml
 
@@ -156,6 +157,23 @@ def set_map(**groups: Any) -> Callable[[Path, Path], object]:
     return lambda source, map_path: change(map_path, **groups)
 
 
+def camera_that(
+    **changes: Callable[[npt.NDArray[np.float64]], npt.NDArray[np.float64]],
+) -> Callable[[Path, Path], object]:
+    """The cameras beside the map with other matrices; they stand away from the origin."""
+
+    def harm(source: Path, map_path: Path) -> None:
+        path = map_path.parent / "cameras.json"
+        cameras = json.loads(path.read_text())
+        for camera in cameras:
+            matrices = {key: np.array(matrix) for key, matrix in camera.items()}
+            matrices["view"][:3, 3] = 1.0, -2.0, 3.0
+            camera.update({k: (changes[k](m) if k in changes else m).tolist() for k, m in matrices.items()})
+        path.write_text(json.dumps(cameras))
+
+    return harm
+
+
 @breaking(
     unknown_key=(set_map(directions="to"), "directions"),
     unknown_group_key=(set_map(motion={"sign": 1}), "motion.sign"),
@@ -173,6 +191,15 @@ def set_map(**groups: Any) -> Callable[[Path, Path], object]:
             json.dumps([{"view": np.zeros((4, 4)).tolist(), "projection": np.eye(4).tolist()}] * 4)
         ),
         "camera 0: 'view' is not an invertible 4×4 matrix",
+    ),
+    cameras_of_rows=(camera_that(view=lambda m: m.T), "camera 0: the last row of 'view' is not 0 0 0 1: transpose"),
+    cameras_to_ndc=(
+        camera_that(projection=lambda m: np.array([[2, 0, 0, -1], [0, -2, 0, 1], [0, 0, 1, 0], [0, 0, 0, 1]]) @ m),
+        "camera 0: 'projection' puts the view axis at 0 0: expected [0, 1]",
+    ),
+    cameras_in_pixels=(
+        camera_that(projection=lambda m: np.diag([64, 48, 1, 1]) @ m),
+        "camera 0: 'projection' puts the view axis at 32 24: expected [0, 1]",
     ),
     layer_missing=(set_map(channels={"albedo": "diffuse"}), "no diffuse for 'albedo' (3 components); the file has"),
     gap=(lambda s, m: (s / "shot.1003.exr").unlink(), "frame 1003 is missing: after shot.1002.exr comes shot.1004.exr"),

@@ -1,0 +1,117 @@
+"""Depth, position and normals of one frame must show the same surfaces, and what is nearer hides what is behind it."""
+
+from collections.abc import Callable
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from nte.checking import CheckReport, check
+from nte.frames.clip import Clip
+from nte.importing.convert import unit
+from tests.checking.room import SIZE, camera, distances, room_frame
+from tests.synthetic import Pixels, write_clip
+
+Change = Callable[[dict[str, Pixels], int], dict[str, Pixels]]
+RNG = np.random.default_rng(0)
+FRAMES = [room_frame(i) for i in range(4)]
+Z_TURNED = np.array([[1.0], [1.0], [-1.0]])  # view space that looks along −z
+
+
+def checked(folder: Path, change: Change, without: tuple[str, ...] = ()) -> CheckReport:
+    frames = []
+    for i, right in enumerate(FRAMES):
+        frame = right | {name: np.asarray(values, np.float32) for name, values in change(right, i).items()}
+        frames.append({name: values for name, values in frame.items() if name not in without})
+    return check(Clip(write_clip(folder / "clip", frames)))
+
+
+def sky_at(value: float) -> Change:
+    return lambda f, i: {"depth": np.where(f["depth"] > 0, f["depth"], value)}
+
+
+def inverse(f: dict[str, Pixels], i: int) -> dict[str, Pixels]:
+    return {"depth": np.divide(0.1, f["depth"], out=0 * f["depth"], where=f["depth"] > 0)}
+
+
+def buffer(f: dict[str, Pixels], i: int) -> dict[str, Pixels]:
+    """Near plane at 0.1 and far plane at 100; the sky is at the far plane."""
+    return {"depth": np.where(f["depth"] > 0, (100 - 10 / np.maximum(f["depth"], 0.1)) / 99.9, 1)}
+
+
+def in_view(f: dict[str, Pixels], i: int, turned: Pixels | float = 1.0) -> dict[str, Pixels]:
+    return {"normal": np.einsum("ij,jhw->ihw", camera(i)[1] * turned, f["normal"])}
+
+
+@pytest.mark.parametrize(
+    "change",
+    [
+        lambda f, i: {},
+        lambda f, i: {"position": f["position"].astype(np.float16)},
+        lambda f, i: {n: f[n] * np.reshape([1, 1, -1], (3, 1, 1)) for n in ("position", "normal")},  # left-handed
+        lambda f, i: {"normal": unit(f["normal"] + 0.3 * RNG.normal(size=(3, *SIZE)) * (f["depth"] > 0))},
+        lambda f, i: {n: f[n] * 1e-3 for n in ("position", "depth")},
+    ],
+    ids=["right", "half floats", "left-handed", "bumpy", "small units"],
+)
+def test_nothing_is_said_of_surfaces_that_agree(tmp_path: Path, change: Change) -> None:
+    report = checked(tmp_path, change)
+    assert report.verdict == "plausible"
+    assert [f.found for f in report.findings if not f.found.startswith(("aliased", "noisy"))] == []
+
+
+@pytest.mark.parametrize(
+    ("change", "told"),
+    [
+        (lambda f, i: {"depth": distances(f)}, "depth: is the distance from the camera, as position shows"),
+        (inverse, "depth: is inverse or a z-buffer, as position shows"),
+        (buffer, "depth: is inverse or a z-buffer, as position shows"),
+        (lambda f, i: {"depth": 100 * f["depth"]}, "depth: is 100 times as long as position shows"),
+        (lambda f, i: {"depth": f["depth"][:, ::-1]}, "depth: does not belong to position"),
+        (in_view, "normal: not perpendicular to the surfaces of position"),
+        (lambda f, i: in_view(f, i, Z_TURNED), "normal: not perpendicular to the surfaces of position"),
+        (lambda f, i: {"normal": f["normal"][[0, 2, 1]]}, "normal: not perpendicular to the surfaces of position"),
+        (sky_at(1e3), "pixels there is a depth and no normal: 1000 to 1000, beyond all surfaces"),
+        (sky_at(1e10), "pixels there is a depth and no normal: 1e+10 to 1e+10, beyond all surfaces"),
+    ],
+)
+def test_what_does_not_agree_fails(tmp_path: Path, change: Change, told: str) -> None:
+    report = checked(tmp_path, change)
+    assert report.verdict == "implausible"
+    assert told in report.reason
+
+
+def test_a_wall_alone_says_nothing_of_sides(tmp_path: Path) -> None:
+    """Where all points lie in a plane, depth has no gradient across it."""
+    y, x = np.mgrid[: SIZE[0], : SIZE[1]] / 32
+    wall = {"position": np.stack([x, y, 4 + x]), "depth": (4 + x)[None], "instance": np.ones((1, *SIZE))}
+    wall["normal"] = np.reshape([0.5**0.5, 0, -(0.5**0.5)], (3, 1, 1)) * np.ones((1, *SIZE))
+    for name, normal in (("towards", wall["normal"]), ("away", -wall["normal"])):
+        frame = {key: np.float32(values) for key, values in (wall | {"normal": normal}).items()}
+        report = check(Clip(write_clip(tmp_path / name, [FRAMES[0] | frame] * 2)))
+        assert [f.found for f in report.findings if f.channel in ("normal", "depth")] == []
+
+
+def test_normals_that_point_away_are_a_note(tmp_path: Path) -> None:
+    report = checked(tmp_path, lambda f, i: {"normal": -f["normal"]})
+    assert report.verdict == "plausible"
+    assert "point away from the camera in most pixels, as position shows" in [f.found for f in report.findings]
+
+
+@pytest.mark.parametrize("without", [("position",), ("position", "normal")])
+def test_an_inverse_depth_turns_around_what_hides_what(tmp_path: Path, without: tuple[str, ...]) -> None:
+    assert checked(tmp_path / "right", lambda f, i: {}, without).verdict == "plausible"
+    report = checked(tmp_path / "inverse", inverse, without)
+    assert report.verdict == "implausible"
+    assert "depth: what hides is farther away than what it hides, in" in report.reason
+
+
+def test_a_far_plane_without_normals_is_a_note(tmp_path: Path) -> None:
+    report = checked(tmp_path, sky_at(1e4), ("position", "normal", "instance"))
+    assert any("of the pixels have exactly the greatest depth, 1e+04" in f.found for f in report.findings)
+    assert report.verdict == "plausible"
+
+
+def test_a_z_buffer_without_position_is_a_note(tmp_path: Path) -> None:
+    report = checked(tmp_path, buffer, ("position", "normal", "instance"))
+    assert any("as in a z-buffer" in f.found for f in report.findings)
