@@ -23,7 +23,7 @@ class StackConfig(NetworkConfig):
 
 
 class Stack(TrainableDenoiser):
-    """Convolutions of the color alone."""
+    """Convolutions of the color alone, along x."""
 
     Config = StackConfig
     needs = ("color",)
@@ -31,7 +31,7 @@ class Stack(TrainableDenoiser):
     def __init__(self, config: StackConfig) -> None:
         super().__init__(config)
         self.layers = nn.Sequential(
-            *(nn.Sequential(nn.Conv2d(3, 3, size, padding=size // 2), nn.ReLU()) for size in config.sizes)
+            *(nn.Sequential(nn.Conv2d(3, 3, (1, size), padding=(0, size // 2)), nn.ReLU()) for size in config.sizes)
         )
 
     def forward(self, color: Tensor) -> tuple[Tensor]:
@@ -53,8 +53,8 @@ class Levels(Stack):
 
 def test_a_stack_of_convolutions() -> None:
     found = cost_of(Stack(StackConfig()))
-    assert found.parameters == 2 * (9 * 9 + 3) + 25 * 9 + 3
-    assert found.macs == {"layers": (9 * 9 + 9 * 9 + 25 * 9, 0), "rest": (0, 3)}
+    assert found.parameters == 2 * (3 * 9 + 3) + 5 * 9 + 3
+    assert found.macs == {"layers": (3 * 9 + 3 * 9 + 5 * 9, 0), "rest": (0, 3)}
     assert found.receptive_field == 1 + 2 + 2 + 4
 
 

@@ -184,9 +184,6 @@ def test_the_exported_graph_is_the_network(name: str, tmp_path: Path) -> None:
     frames[2] = replace(frames[2], reset=np.ones(1, np.float32))
     for ours, theirs in zip(images(exported, frames), images(network, frames), strict=True):
         np.testing.assert_allclose(ours, theirs, rtol=1e-3, atol=1e-4)
-    only = [replace(f, channels={n: f[n] for n in (*exported.needs, *exported.optional)}) for f in frames]
-    for ours, theirs in zip(images(exported, only), images(exported, frames), strict=True):
-        np.testing.assert_array_equal(ours, theirs)
     typical, _ = compare_with_torch(light_network(name, seed=1), exported, (33, 47))
     assert typical > 1e-3  # other weights are another image: the comparison sees them
 
