@@ -1,12 +1,15 @@
 """What a network costs: numbers that can be computed by hand."""
 
 from dataclasses import dataclass, field
+from pathlib import Path
 
 import pytest
 import torch
 import torch.nn.functional as F
 from torch import Tensor, nn
 
+from nte.errors import NteError
+from nte.info import describe
 from nte.models.cost import cost_of, macs_per_pixel, receptive_field
 from nte.models.temporal import TemporalConfig, TemporalDenoiser
 from nte.models.trainable import NetworkConfig, TrainableDenoiser
@@ -110,3 +113,20 @@ def test_measuring_leaves_the_network_as_it_is() -> None:
     assert all(torch.equal(value, before[name]) for name, value in network.state_dict().items())
     assert all(parameter.requires_grad for parameter in network.parameters())
     assert F.max_pool2d is pooled
+
+
+def test_info_describes_a_configuration_with_its_network(tmp_path: Path) -> None:
+    path = tmp_path / "small.yaml"
+    path.write_text(
+        "name: small\ndata: {clips: [a]}\nphases: [{steps: 1}]\n"
+        "network: {target: indirect, channels: [4, 6], scales: 1, inputs: [emission]}\n"
+    )
+    said = describe(path).splitlines()
+    assert said[0] == f"training configuration {path}"
+    assert said[1] == (
+        "  network 'temporal' denoises 'indirect'; needs: indirect, diffuse_albedo, normal, depth, emission, motion"
+    )
+    assert said[2].endswith(" pixels")
+    path.write_text("name: other\nclips: 3\n")  # another YAML
+    with pytest.raises(NteError, match=r"small\.yaml: 'clips': unknown key"):
+        describe(path)
