@@ -67,6 +67,7 @@ def test_shipped_comparisons_name_denoisers_and_clips_of_their_recipe(path: Path
 # What each rival changes of the whole network, besides its name; losses and networks are compared key by key.
 RIVALS = {
     "ours": {},
+    "color": {"network.target": "color"},
     "c": {},
     "b": {"loss.occlusion": 0.0},
     "a": {"loss.occlusion": 0.0, "network.motion": "traditional"},
@@ -96,7 +97,7 @@ def flat(values: dict[str, object], prefix: str = "") -> dict[str, object]:
 
 def test_rivals_differ_in_what_their_names_say() -> None:
     whole = flat(asdict(load_train_config(ROOT / "configs" / "paper_small.yaml", [])))
-    assert {path.stem for path in (ROOT / "configs" / "neural").iterdir()} == {*RIVALS, "rae"}
+    assert {path.stem for path in (ROOT / "configs" / "neural").iterdir()} == {*RIVALS, "rae", "separated"}
     for name, changes in RIVALS.items():
         rival = flat(asdict(load_train_config(ROOT / "configs" / "neural" / f"{name}.yaml", [])))
         assert rival == whole | changes | {"name": name}
@@ -114,7 +115,7 @@ def test_rivals_differ_in_what_their_names_say() -> None:
 
 def test_a_file_holds_what_differs_from_its_base(tmp_path: Path) -> None:
     (tmp_path / "below").mkdir()
-    written(tmp_path, GOOD + "seed: 5\nnetwork: {channels: [4, 8], front: 2}\n")
+    written(tmp_path, GOOD + "seed: 5\nnetwork: {channels: [4, 8], front: 2, scales: 1}\n")
     middle, top = tmp_path / "below" / "middle.yaml", tmp_path / "below" / "top.yaml"
     middle.write_text("base: ../c.yaml\nnetwork: {channels: [4]}\nphases: [{epochs: 2}]\n")
     top.write_text("base: middle.yaml\nname: top\n")

@@ -109,7 +109,7 @@ def test_measuring_leaves_the_network_as_it_is() -> None:
     pooled = F.max_pool2d
     said = cost_of(network).lines()
     assert said[0].startswith(f"{sum(p.numel() for p in network.parameters()):,} parameters, ")
-    assert [line.split(":")[0].strip() for line in said[1:]] == ["reading", "encoder", "decoder"]
+    assert [line.split(":")[0].strip() for line in said[1:]] == ["reading", "encoder", "decoder", "rest"]
     assert all(torch.equal(value, before[name]) for name, value in network.state_dict().items())
     assert all(parameter.requires_grad for parameter in network.parameters())
     assert F.max_pool2d is pooled
