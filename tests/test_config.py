@@ -9,6 +9,7 @@ from nte.config import load_config, to_yaml
 from nte.errors import NteError
 from nte.evaluation.paper_comparison import read_comparison
 from nte.importing.channel_map import load_channel_map
+from nte.models.cost import macs_per_pixel
 from nte.models.rae import RaeConfig
 from nte.models.registry import make_network
 from nte.registry import load_denoiser
@@ -67,7 +68,6 @@ def test_shipped_comparisons_name_denoisers_and_clips_of_their_recipe(path: Path
 # What each rival changes of the whole network, besides its name; losses and networks are compared key by key.
 RIVALS = {
     "ours": {},
-    "color": {"network.target": "color"},
     "c": {},
     "b": {"loss.occlusion": 0.0},
     "a": {"loss.occlusion": 0.0, "network.motion": "traditional"},
@@ -97,7 +97,7 @@ def flat(values: dict[str, object], prefix: str = "") -> dict[str, object]:
 
 def test_rivals_differ_in_what_their_names_say() -> None:
     whole = flat(asdict(load_train_config(ROOT / "configs" / "paper_small.yaml", [])))
-    assert {path.stem for path in (ROOT / "configs" / "neural").iterdir()} == {*RIVALS, "rae", "separated"}
+    assert {path.stem for path in (ROOT / "configs" / "neural").iterdir()} == {*RIVALS, "rae", "separated", "color"}
     for name, changes in RIVALS.items():
         rival = flat(asdict(load_train_config(ROOT / "configs" / "neural" / f"{name}.yaml", [])))
         assert rival == whole | changes | {"name": name}
@@ -111,6 +111,13 @@ def test_rivals_differ_in_what_their_names_say() -> None:
     ours = make_network(load_train_config(ROOT / "configs" / "neural" / "ours.yaml", []).network)
     counts = [sum(p.numel() for p in network.parameters()) for network in (make_network(rae.network), ours)]
     assert counts == [130_457, 131_079]  # as the configuration says
+
+
+def test_color_costs_as_much_as_separate_lights() -> None:
+    names = ("separated", "color")
+    networks = [load_train_config(ROOT / "configs" / "neural" / f"{name}.yaml", []).network for name in names]
+    costs = [sum(map(sum, macs_per_pixel(make_network(network)).values())) for network in networks]
+    assert costs == [pytest.approx(27_600, rel=0.01)] * 2  # as the configuration says
 
 
 def test_a_file_holds_what_differs_from_its_base(tmp_path: Path) -> None:
