@@ -10,6 +10,7 @@ from nte.config import to_yaml
 from nte.errors import NteError
 from nte.evaluation.comparison.schema import read_comparison
 from nte.importing.channel_map import load_channel_map
+from nte.models.cost import macs_per_pixel
 from nte.models.rae import RaeConfig
 from nte.models.registry import make_network
 from nte.registry import load_denoiser
@@ -103,7 +104,7 @@ def flat(values: dict[str, object], prefix: str = "") -> dict[str, object]:
 
 def test_rivals_differ_in_what_their_names_say() -> None:
     whole = flat(asdict(load_train_config(ROOT / "configs" / "paper_small.yaml", [])))
-    assert {path.stem for path in (ROOT / "configs" / "neural").iterdir()} == {*RIVALS, "rae"}
+    assert {path.stem for path in (ROOT / "configs" / "neural").iterdir()} == {*RIVALS, "rae", "separated", "color"}
     for name, changes in RIVALS.items():
         rival = flat(asdict(load_train_config(ROOT / "configs" / "neural" / f"{name}.yaml", [])))
         assert rival == whole | changes | {"name": name}
@@ -119,9 +120,16 @@ def test_rivals_differ_in_what_their_names_say() -> None:
     assert counts == [130_457, 131_079]  # as the configuration says
 
 
+def test_color_costs_as_much_as_separate_lights() -> None:
+    names = ("separated", "color")
+    networks = [load_train_config(ROOT / "configs" / "neural" / f"{name}.yaml", []).network for name in names]
+    costs = [sum(map(sum, macs_per_pixel(make_network(network)).values())) for network in networks]
+    assert costs == [pytest.approx(27_600, rel=0.01)] * 2  # as the configuration says
+
+
 def test_a_file_holds_what_differs_from_its_base(tmp_path: Path) -> None:
     (tmp_path / "below").mkdir()
-    written(tmp_path, GOOD + "seed: 5\nnetwork: {channels: [4, 8], front: 2}\n")
+    written(tmp_path, GOOD + "seed: 5\nnetwork: {channels: [4, 8], front: 2, scales: 1}\n")
     middle, top = tmp_path / "below" / "middle.yaml", tmp_path / "below" / "top.yaml"
     middle.write_text("base: ../c.yaml\nnetwork: {channels: [4]}\nphases: [{epochs: 2}]\n")
     top.write_text("base: middle.yaml\nname: top\n")

@@ -16,6 +16,7 @@ from nte.models.trainable import TrainableDenoiser
 from nte.recurrence import SCALARS
 
 COARSEST = 32  # px: sizes of measured images are multiples of it, as paddings are up to 6 levels
+_PHASES = (0, 1, 2, 3, 4, 7, 8, 15, 16, 31)  # px, at the edges of what up to 5 poolings join
 _aten = torch.ops.aten
 _RELUS = (torch.relu, torch.relu_, torch.Tensor.relu, torch.Tensor.relu_, F.relu, F.leaky_relu)
 
@@ -74,8 +75,8 @@ def receptive_field(network: TrainableDenoiser, longest: int = 4096) -> int:
     """Measure the side, in pixels, of the square of the current frame that a pixel of the image depends on.
 
     The network is made linear where it would hide a dependence: average instead of maximum pooling, no ReLU. Then the
-    gradient of a pixel reaches all pixels that it can depend on. As pooling depends on the position, the largest of
-    several neighbouring pixels counts. Measured along x on an image that is `COARSEST` high, and wide enough, up to
+    gradient of a pixel reaches all pixels that it can depend on. As pooling depends on the position, the largest field
+    of ten pixels counts. Measured along x on an image that is `COARSEST` high, and wide enough, up to
     `longest`.
     """
     network = copy.deepcopy(network).requires_grad_(False)
@@ -96,8 +97,8 @@ def _reach(network: TrainableDenoiser, width: int) -> int:
     widest = 0
     if not row.requires_grad:
         return widest
-    for column in range(width // 2, width // 2 + COARSEST):
-        gradients = torch.autograd.grad(row[column], images, retain_graph=True, allow_unused=True)
+    for phase in _PHASES:
+        gradients = torch.autograd.grad(row[width // 2 + phase], images, retain_graph=True, allow_unused=True)
         reached = torch.stack([(g != 0).any(1).any(1)[0] for g in gradients if g is not None]).any(0).nonzero()
         widest = max(widest, int(reached.max() - reached.min()) + 1) if len(reached) else widest
     return widest

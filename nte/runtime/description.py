@@ -51,6 +51,7 @@ def read_description(path: Path, text: str | None, inputs: Shapes, outputs: Sequ
         raise NteError(f"{path}: {what} in the model's metadata, expected '{FORMAT}': use nte export")
     state: Any = info.get("state")
     scales: Any = info.get("scales", {})
+    cost: Any = info.get("cost", [])
     known = {
         "version": isinstance(info.get("version"), str),
         "needs": _are_channels(info.get("needs")),
@@ -58,6 +59,7 @@ def read_description(path: Path, text: str | None, inputs: Shapes, outputs: Sequ
         "target": info.get("target") in TARGETS,
         "smallest": type(info.get("smallest")) is int and 0 < info["smallest"] < 2**16,
         "conventions": isinstance(info.get("conventions"), dict),
+        "cost": isinstance(cost, list) and all(isinstance(line, str) for line in cost),
         "sha256": isinstance(info.get("sha256"), str),
         "state": isinstance(state, dict)
         and all(isinstance(source, str) and (source in outputs or source in CHANNELS) for source in state.values()),

@@ -1,5 +1,7 @@
 """Networks of every kind and light, in small, and frames that have all of their channels."""
 
+from dataclasses import replace
+
 import numpy as np
 import torch
 
@@ -45,9 +47,10 @@ def frames_of_all(count: int, size: tuple[int, int] = (24, 36)) -> list[Frame]:
 
 
 def images(network: TrainableDenoiser, frames: list[Frame]) -> list[np.ndarray]:
-    """The images of a sequence."""
+    """The images of a sequence, of which the network gets only the channels that it asks for."""
     made, state = [], None
     for frame in frames:
-        result, state = network.step(frame, state)
+        asked = {name: frame[name] for name in (*network.needs, *network.optional) if name in frame}
+        result, state = network.step(replace(frame, channels=asked), state)
         made.append(result.image)
     return made

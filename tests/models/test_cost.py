@@ -1,12 +1,15 @@
 """What a network costs: numbers that can be computed by hand."""
 
 from dataclasses import dataclass, field
+from pathlib import Path
 
 import pytest
 import torch
 import torch.nn.functional as F
 from torch import Tensor, nn
 
+from nte.errors import NteError
+from nte.info import describe
 from nte.models.cost import cost_of, macs_per_pixel, receptive_field
 from nte.models.temporal import TemporalConfig, TemporalDenoiser
 from nte.models.trainable import NetworkConfig, TrainableDenoiser
@@ -23,7 +26,7 @@ class StackConfig(NetworkConfig):
 
 
 class Stack(TrainableDenoiser):
-    """Convolutions of the color alone."""
+    """Convolutions of the color alone, along x."""
 
     Config = StackConfig
     needs = ("color",)
@@ -31,7 +34,7 @@ class Stack(TrainableDenoiser):
     def __init__(self, config: StackConfig) -> None:
         super().__init__(config)
         self.layers = nn.Sequential(
-            *(nn.Sequential(nn.Conv2d(3, 3, size, padding=size // 2), nn.ReLU()) for size in config.sizes)
+            *(nn.Sequential(nn.Conv2d(3, 3, (1, size), padding=(0, size // 2)), nn.ReLU()) for size in config.sizes)
         )
 
     def forward(self, color: Tensor) -> tuple[Tensor]:
@@ -53,8 +56,8 @@ class Levels(Stack):
 
 def test_a_stack_of_convolutions() -> None:
     found = cost_of(Stack(StackConfig()))
-    assert found.parameters == 2 * (9 * 9 + 3) + 25 * 9 + 3
-    assert found.macs == {"layers": (9 * 9 + 9 * 9 + 25 * 9, 0), "rest": (0, 3)}
+    assert found.parameters == 2 * (3 * 9 + 3) + 5 * 9 + 3
+    assert found.macs == {"layers": (3 * 9 + 3 * 9 + 5 * 9, 0), "rest": (0, 3)}
     assert found.receptive_field == 1 + 2 + 2 + 4
 
 
@@ -106,7 +109,24 @@ def test_measuring_leaves_the_network_as_it_is() -> None:
     pooled = F.max_pool2d
     said = cost_of(network).lines()
     assert said[0].startswith(f"{sum(p.numel() for p in network.parameters()):,} parameters, ")
-    assert [line.split(":")[0].strip() for line in said[1:]] == ["reading", "encoder", "decoder"]
+    assert [line.split(":")[0].strip() for line in said[1:]] == ["reading", "encoder", "decoder", "rest"]
     assert all(torch.equal(value, before[name]) for name, value in network.state_dict().items())
     assert all(parameter.requires_grad for parameter in network.parameters())
     assert F.max_pool2d is pooled
+
+
+def test_info_describes_a_configuration_with_its_network(tmp_path: Path) -> None:
+    path = tmp_path / "small.yaml"
+    path.write_text(
+        "name: small\ndata: {clips: [a]}\nphases: [{steps: 1}]\n"
+        "network: {target: indirect, channels: [4, 6], scales: 1, inputs: [emission]}\n"
+    )
+    said = describe(path).splitlines()
+    assert said[0] == f"training configuration {path}"
+    assert said[1] == (
+        "  network 'temporal' denoises 'indirect'; needs: indirect, diffuse_albedo, normal, depth, emission, motion"
+    )
+    assert said[2].endswith(" pixels")
+    path.write_text("name: other\nclips: 3\n")  # another YAML
+    with pytest.raises(NteError, match=r"small\.yaml: 'clips': unknown key"):
+        describe(path)
