@@ -1,15 +1,16 @@
 """Configurations: what is typed is taken, and everything else is refused by file and key in one line."""
 
-from pathlib import Path
+from pathlib import Path, PurePosixPath
 
 import pytest
 
 from nte.config import load_config, to_yaml
 from nte.errors import NteError
-from nte.evaluation.paper_comparison import read_comparison
+from nte.evaluation.comparison.run import check_networks
+from nte.evaluation.comparison.schema import read_comparison
 from nte.importing.channel_map import load_channel_map
 from nte.registry import load_denoiser
-from nte.render.recipes.recipe import Recipe, read_recipe
+from nte.render.recipes.recipe import Recipe, plan, read_recipe
 from nte.render.world.keyframes import read_animation
 from nte.training.config import load_train_config, read_train_config
 
@@ -51,14 +52,42 @@ def test_shipped_configurations_are_valid(path: Path) -> None:
 
 
 @pytest.mark.parametrize("path", COMPARISONS, ids=lambda path: path.name)
-def test_shipped_comparisons_name_denoisers_and_clips_of_their_recipe(path: Path) -> None:
+def test_shipped_comparisons_name_denoisers_and_clips_of_their_recipes(path: Path) -> None:
     comparison = read_comparison(path)
-    recipe = load_config(Recipe, Path(comparison.recipe))
-    families = {group.scene for group in recipe.test}
+    recipes = {folder: load_config(Recipe, Path(recipe)) for folder, recipe in comparison.recipes.items()}
+    clips = [PurePosixPath(folder, unit.folder) for folder, recipe in recipes.items() for unit in plan(recipe)]
+    patterns = [pattern for situation in comparison.situations for pattern in situation.clips]
+    patterns += [pattern for table in comparison.tables for part in table.columns for pattern in part.clips]
+    patterns += [plot.clip for plot in comparison.plots]
+    assert not [pattern for pattern in patterns if not any(clip.match(pattern) for clip in clips)]
+    assert not [folder for folder in comparison.train if not any(clip.is_relative_to(folder) for clip in clips)]
     for situation in comparison.situations:
-        assert {Path(pattern).name.rsplit("_", 1)[0] for pattern in situation.clips} <= families
         for spec in situation.methods.values():
             load_denoiser(spec)
+
+
+@pytest.mark.skipif(not (ROOT / "configs" / "neural").is_dir(), reason="the networks' configurations are not there yet")
+@pytest.mark.parametrize("path", COMPARISONS, ids=lambda path: path.name)
+def test_shipped_comparisons_name_networks_that_fit_their_tables(path: Path, tmp_path: Path) -> None:
+    check_networks(read_comparison(path), tmp_path, tmp_path, "cpu")
+
+
+def test_a_comparison_may_change_another_one(tmp_path: Path) -> None:
+    base = "seeds: [1, 2]\nnetworks: {a: {config: a.yaml, seeds: [7]}, b: {config: b.yaml}}\n"
+    (tmp_path / "base.yaml").write_text(base + "situations: [{name: s, clips: [x], networks: [a, b]}]")
+    found = read_comparison(written(tmp_path, "base: base.yaml\nseeds: [3]\nnetworks: {b: {overrides: [seed=1]}}"))
+    assert [found.seeds_of(title) for title in found.networks] == [[7], [3]]
+    assert found.networks["b"].config == str(tmp_path / "b.yaml")
+    assert found.networks["b"].overrides == ["seed=1"]
+    for text, said in (
+        ("base: gone.yaml", r"gone\.yaml: cannot be read"),
+        ("base: ../base.yaml", r"c\.yaml: 'base' is '\.\./base\.yaml': expected the name of a file in the same folder"),
+        ("base: c.yaml", "'base' is c.yaml, which has this file as its own base"),
+        ("base: [a]", "expected the name of a file"),
+    ):
+        with pytest.raises(NteError, match=said) as caught:
+            read_comparison(written(tmp_path, text))
+        assert "\n" not in str(caught.value)
 
 
 def test_phases_in_epochs_or_steps(tmp_path: Path) -> None:
@@ -169,7 +198,7 @@ def test_what_nobody_can_mean_is_one_line_for_every_reader(tmp_path: Path, text:
         (
             read_comparison,
             "situation: []",
-            "'situation': unknown key, did you mean situations[?] expected one of recipe, ",
+            "'situation': unknown key, did you mean situations[?] expected one of recipes, ",
         ),
         (
             load_channel_map,

@@ -43,8 +43,10 @@ def indirect_frames(seed: int, count: int = 3) -> list[dict[str, np.ndarray]]:
     """The disc, with indirect light and its reference."""
     rng = np.random.default_rng(seed)
     frames = [disc_frame(i, (25, 41), start=(10.0, 12.0), radius=6.0, rng=rng) for i in range(count)]
-    more = ("indirect", "diffuse_albedo", "reference_indirect")
-    return [f | dict(zip(more, (0.3 * f["color"], f["albedo"], 0.3 * f["reference"]), strict=True)) for f in frames]
+    for frame in frames:
+        frame |= {"diffuse_albedo": frame["albedo"], "emission": 0 * frame["albedo"]}
+        frame |= {"indirect": 0.3 * frame["color"], "reference_indirect": 0.3 * frame["reference"]}
+    return frames
 
 
 @pytest.fixture

@@ -52,7 +52,7 @@ def run_comparison(
     holds anything else.
     """
     require_jobs(jobs)
-    planned = [plan_situation(situation, data) for situation in comparison.situations]
+    planned = [plan_situation(comparison, situation, data) for situation in comparison.situations]
     for table in comparison.tables:
         patterns = [pattern for part in table.columns for pattern in part.clips]
         require_clips(patterns, data, table.name, _of(planned, table.situation))
