@@ -23,15 +23,15 @@ def load_config(
     path: Path,
     overrides: Sequence[str] = (),
     choose: Callable[[Callable[[str], Any]], Schema] | None = None,
-    based: bool = False,
 ) -> Schema:
     """Load an instance of the dataclass `schema` from a YAML file and `key=value` overrides.
 
+    A file may be based on another: `base: other.yaml`, relative to itself, and then it holds only what differs. Lists
+    are replaced as a whole, and so is a section whose `kind` is another one, since its keys are others.
+
     choose: makes the instance with the defaults, for schemas in which one key decides which others exist. It is called
-    with a function from a dotted key to the value that the file or the overrides give it, or None. based: the file may
-    name another one in its folder as `base`, whose values it then changes; a list replaces that of the base.
-    ${name} may refer to another key; resolvers such as ${oc.env:…} are refused, so that a configuration means the same
-    on every machine.
+    with a function from a dotted key to the value that the file or the overrides give it, or None. ${name} may refer to
+    another key; resolvers such as ${oc.env:…} are refused, so that a configuration means the same on every machine.
     Raises NteError, naming the file and the key, for anything that does not fit.
     """
     for override in overrides:
@@ -39,8 +39,7 @@ def load_config(
             raise NteError(f"'{override}': expected key=value")
     source = str(path)
     try:
-        loaded = _with_base(path) if based else _read(path)
-        refuse_resolvers(source, OmegaConf.to_container(loaded, resolve=False))
+        loaded = _read(path)
         source = "command line"
         typed = OmegaConf.from_dotlist(list(overrides))
         refuse_resolvers(source, OmegaConf.to_container(typed, resolve=False))
@@ -89,22 +88,29 @@ def problem_with(error: Exception) -> str:
     return f"unknown key{f', did you mean {near[0]}?' if near else ':'} expected one of {', '.join(known)}"
 
 
-def _with_base(path: Path, above: Sequence[Path] = ()) -> DictConfig:
-    """Read a file over the one that it names as its base. above: files that it is a base of."""
-    loaded = _read(path)
-    base = loaded.pop("base", None)
-    if base is None:
+def _read(path: Path, trail: tuple[Path, ...] = ()) -> DictConfig:
+    """The values of a file, merged over those of its base. trail: files that are based on this one."""
+    loaded = _read_alone(path)
+    refuse_resolvers(str(path), OmegaConf.to_container(loaded, resolve=False))
+    if "base" not in loaded:
         return loaded
-    if not isinstance(base, str) or Path(base).name != base:
-        raise NteError(f"{path}: 'base' is {base!r:.60}: expected the name of a file in the same folder")
-    if path.parent / base in (path, *above):
-        raise NteError(f"{path}: 'base' is {base}, which has this file as its own base")
-    merged = OmegaConf.merge(_with_base(path.parent / base, (path, *above)), loaded)
+    named, trail = loaded.pop("base"), (*trail, path.resolve())
+    if not isinstance(named, str):
+        raise NteError(f"{path}: 'base' is {named!r:.60}, expected the path of a file, relative to this one")
+    if (path.parent / named).resolve() in trail:
+        raise NteError(f"{path}: 'base' is '{named}', which is based on this file: expected another one")
+    below = _read(path.parent / named, trail)
+    for key, section in loaded.items():
+        if isinstance(section, DictConfig) and isinstance(before := below.get(key), DictConfig):
+            kind = section.get("kind")
+            if kind is not None and kind != before.get("kind"):
+                del below[key]
+    merged = OmegaConf.merge(below, loaded)
     assert isinstance(merged, DictConfig)
     return merged
 
 
-def _read(path: Path) -> DictConfig:
+def _read_alone(path: Path) -> DictConfig:
     try:
         loaded = OmegaConf.load(path)
     except OSError as error:
