@@ -1,12 +1,11 @@
 """Configurations: what is typed is taken, and everything else is refused by file and key in one line."""
 
-from pathlib import Path, PurePosixPath
+from pathlib import Path
 
 import pytest
 
 from nte.config import load_config, to_yaml
 from nte.errors import NteError
-from nte.evaluation.comparison.run import check_networks
 from nte.evaluation.comparison.schema import read_comparison
 from nte.importing.channel_map import load_channel_map
 from nte.registry import load_denoiser
@@ -55,7 +54,7 @@ def test_shipped_configurations_are_valid(path: Path) -> None:
 def test_shipped_comparisons_name_denoisers_and_clips_of_their_recipes(path: Path) -> None:
     comparison = read_comparison(path)
     recipes = {folder: load_config(Recipe, Path(recipe)) for folder, recipe in comparison.recipes.items()}
-    clips = [PurePosixPath(folder, unit.folder) for folder, recipe in recipes.items() for unit in plan(recipe)]
+    clips = [Path(folder, unit.folder) for folder, recipe in recipes.items() for unit in plan(recipe)]
     patterns = [pattern for situation in comparison.situations for pattern in situation.clips]
     patterns += [pattern for table in comparison.tables for part in table.columns for pattern in part.clips]
     patterns += [plot.clip for plot in comparison.plots]
@@ -64,21 +63,6 @@ def test_shipped_comparisons_name_denoisers_and_clips_of_their_recipes(path: Pat
     for situation in comparison.situations:
         for spec in situation.methods.values():
             load_denoiser(spec)
-
-
-@pytest.mark.skipif(not (ROOT / "configs" / "neural").is_dir(), reason="the networks' configurations are not there yet")
-@pytest.mark.parametrize("path", COMPARISONS, ids=lambda path: path.name)
-def test_shipped_comparisons_name_networks_that_fit_their_tables(path: Path, tmp_path: Path) -> None:
-    check_networks(read_comparison(path), tmp_path, tmp_path, "cpu")
-
-
-def test_a_comparison_may_change_another_one(tmp_path: Path) -> None:
-    base = "seeds: [1, 2]\nnetworks: {a: {config: a.yaml, seeds: [7]}, b: {config: b.yaml}}\n"
-    (tmp_path / "base.yaml").write_text(base + "situations: [{name: s, clips: [x], networks: [a, b]}]")
-    found = read_comparison(written(tmp_path, "base: base.yaml\nseeds: [3]\nnetworks: {b: {overrides: [seed=1]}}"))
-    assert [found.seeds_of(title) for title in found.networks] == [[7], [3]]
-    assert found.networks["b"].config == str(tmp_path / "b.yaml")
-    assert found.networks["b"].overrides == ["seed=1"]
 
 
 def test_phases_in_epochs_or_steps(tmp_path: Path) -> None:
