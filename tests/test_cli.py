@@ -257,3 +257,17 @@ def test_sigterm_is_an_interruption(monkeypatch: pytest.MonkeyPatch, capsys: pyt
     assert main(["info", "clip"]) == 130
     assert capsys.readouterr().err == "nte: interrupted; nothing half-written is left\n"
     assert signal.getsignal(signal.SIGTERM) is before
+
+
+@pytest.mark.parametrize("jobs", ["0", "-1", "two", "1.5"])
+@pytest.mark.parametrize(
+    "command",
+    ["render r.yaml --out o", "evaluate --clips c --denoisers noisy --out o", "compare c.yaml --data d --out o"],
+)
+def test_a_number_of_processes_is_one_or_more(command: str, jobs: str, capsys: pytest.CaptureFixture[str]) -> None:
+    with pytest.raises(SystemExit) as ended:
+        main([*command.split(), "--jobs", jobs])
+    assert ended.value.code == 2
+    said = capsys.readouterr().err
+    assert f"argument --jobs: '{jobs}': expected a number of processes, 1 or more" in said
+    assert len(said.splitlines()) == 1

@@ -1,8 +1,7 @@
 """Configurations: what is typed is taken, and everything else is refused by file and key in one line."""
 
-import fnmatch
 from dataclasses import asdict
-from pathlib import Path, PurePosixPath
+from pathlib import Path
 
 import pytest
 
@@ -14,7 +13,7 @@ from nte.models.cost import macs_per_pixel
 from nte.models.rae import RaeConfig
 from nte.models.registry import make_network
 from nte.registry import load_denoiser
-from nte.render.recipes.recipe import plan, read_recipe
+from nte.render.recipes.recipe import Recipe, plan, read_recipe
 from nte.render.world.keyframes import read_animation
 from nte.training.config import load_train_config, read_train_config
 
@@ -56,16 +55,16 @@ def test_shipped_configurations_are_valid(path: Path) -> None:
 
 
 @pytest.mark.parametrize("path", COMPARISONS, ids=lambda path: path.name)
-def test_shipped_comparisons_name_denoisers_and_clips_of_their_recipe(path: Path) -> None:
+def test_shipped_comparisons_name_denoisers_and_clips_of_their_recipes(path: Path) -> None:
     comparison = read_comparison(path)
-    clips = {
-        str(PurePosixPath(folder, unit.name))
-        for folder, recipe in comparison.recipes.items()
-        for unit in plan(read_recipe(Path(recipe)), Path(recipe).parent)
-    }
+    recipes = {folder: load_config(Recipe, Path(recipe)) for folder, recipe in comparison.recipes.items()}
+    clips = [Path(folder, unit.folder) for folder, recipe in recipes.items() for unit in plan(recipe)]
+    patterns = [pattern for situation in comparison.situations for pattern in situation.clips]
+    patterns += [pattern for table in comparison.tables for part in table.columns for pattern in part.clips]
+    patterns += [plot.clip for plot in comparison.plots]
+    assert not [pattern for pattern in patterns if not any(clip.match(pattern) for clip in clips)]
+    assert not [folder for folder in comparison.train if not any(clip.is_relative_to(folder) for clip in clips)]
     for situation in comparison.situations:
-        for pattern in situation.clips:
-            assert fnmatch.filter(clips, pattern), pattern
         for spec in situation.methods.values():
             load_denoiser(spec)
     for network in comparison.networks.values():
@@ -264,7 +263,7 @@ def test_what_nobody_can_mean_is_one_line_for_every_reader(tmp_path: Path, text:
         (
             read_comparison,
             "situation: []",
-            "'situation': unknown key, did you mean situations[?] expected one of recipe, ",
+            "'situation': unknown key, did you mean situations[?] expected one of recipes, ",
         ),
         (
             load_channel_map,

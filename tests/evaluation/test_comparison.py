@@ -1,7 +1,6 @@
 """A comparison of situations: what it reads, evaluates, keeps, prints and refuses; and the strips of pictures."""
 
 import json
-from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
@@ -12,13 +11,13 @@ from PIL import Image
 
 from nte import NteError
 from nte.cli import main
-from nte.evaluation.comparison import run
 from nte.evaluation.comparison.run import run_comparison
 from nte.evaluation.comparison.schema import read_comparison
 from nte.evaluation.comparison.text import markdown, plain
 from nte.evaluation.evaluate import evaluate
 from nte.evaluation.report.strips import most_different, strip
 from nte.evaluation.score_clip import Shown
+from nte.evaluation.units import evaluate_clip
 from nte.files import only_writer
 from nte.frames.clip import write_clip_info
 from tests.evaluation.conftest import noisy_frames
@@ -157,10 +156,9 @@ def test_clips_that_are_done_are_kept_and_tables_alone_evaluate_nothing(
             done.append("killed")
             raise KeyboardInterrupt
         done.append(unit.label)
-        return real(unit, tick)
+        return evaluate_clip(unit, tick)
 
-    real: Callable = run.evaluate_clip
-    monkeypatch.setattr(run, "evaluate_clip", counting)
+    monkeypatch.setattr("nte.evaluation.comparison.run.evaluate_clip", counting)
     out = tmp_path / "out"
     with pytest.raises(KeyboardInterrupt):
         compare(config, data, out)
@@ -175,7 +173,7 @@ def test_clips_that_are_done_are_kept_and_tables_alone_evaluate_nothing(
     assert list(lines_of(tables)["ghosts"][0]["metrics"]) == ["l1"]
     config.write_text(TEXT)
     assert compare(config, data, out) == summary
-    monkeypatch.setattr(run, "evaluate_clip", real)
+    monkeypatch.setattr("nte.evaluation.comparison.run.evaluate_clip", evaluate_clip)
     undisturbed = compare(config, data, tmp_path / "undisturbed")
     assert undisturbed == summary
     assert (out / "disc/strips/disc_001_color.png").read_bytes() == (

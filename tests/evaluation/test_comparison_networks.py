@@ -9,9 +9,9 @@ import pytest
 
 from nte import NteError
 from nte.cli import main
-from nte.evaluation.comparison import networks
 from nte.evaluation.comparison.run import check_networks, run_comparison
 from nte.evaluation.comparison.schema import read_comparison
+from nte.training.loop import train
 from tests.synthetic import disc_frame, write_clip
 from tests.training.runs import assert_same_run, metrics
 
@@ -43,15 +43,17 @@ def indirect_frames(seed: int, count: int = 3) -> list[dict[str, np.ndarray]]:
     """The disc, with indirect light and its reference."""
     rng = np.random.default_rng(seed)
     frames = [disc_frame(i, (25, 41), start=(10.0, 12.0), radius=6.0, rng=rng) for i in range(count)]
-    more = ("indirect", "diffuse_albedo", "reference_indirect")
-    return [f | dict(zip(more, (0.3 * f["color"], f["albedo"], 0.3 * f["reference"]), strict=True)) for f in frames]
+    for frame in frames:
+        frame |= {"diffuse_albedo": frame["albedo"], "emission": 0 * frame["albedo"]}
+        frame |= {"indirect": 0.3 * frame["color"], "reference_indirect": 0.3 * frame["reference"]}
+    return frames
 
 
 @pytest.fixture
 def data(tmp_path: Path) -> Path:
     """Two clips to train on, and two to compare on."""
     for seed, name in enumerate(("train/disc_000", "train/disc_001", "test/disc_000", "test/disc_001")):
-        write_clip(tmp_path / "data" / name, indirect_frames(seed))
+        write_clip(tmp_path / "data" / name, indirect_frames(seed), exposure=0.5)
     return tmp_path / "data"
 
 
@@ -128,14 +130,12 @@ def test_a_training_that_was_stopped_goes_on(
 def test_a_seed_that_failed_is_one_line_and_the_rest_goes_on(
     config: Path, data: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    real = networks.train
-
     def failing(training, **options):
         if (training.name, training.seed) == ("wide_seed2", 2):
             raise NteError("step 3: the loss is nan: lower the learning rate")
-        return real(training, **options)
+        return train(training, **options)
 
-    monkeypatch.setattr(networks, "train", failing)
+    monkeypatch.setattr("nte.evaluation.comparison.networks.train", failing)
     command = ["compare", str(config), "--data", str(data), "--out", str(tmp_path / "out"), "--runs", str(tmp_path)]
     assert main(command) == 2
     said = capsys.readouterr().out
@@ -146,7 +146,7 @@ def test_a_seed_that_failed_is_one_line_and_the_rest_goes_on(
     assert json.loads((tmp_path / "out/summary.json").read_text())["failures"] == [
         {"method": "wide", "seed": 2, "situation": "", "what": "step 3: the loss is nan: lower the learning rate"}
     ]
-    monkeypatch.setattr(networks, "train", real)
+    monkeypatch.setattr("nte.evaluation.comparison.networks.train", train)
     assert main(command) == 0  # once it trains, it takes part
     assert "wide (2 seeds)" in capsys.readouterr().out
 
@@ -157,7 +157,7 @@ def test_a_clip_without_a_channel_fails_the_networks_that_need_it(
 ) -> None:
     for name in ("disc_000", "disc_001"):
         frames = [{k: v for k, v in frame.items() if k != "diffuse_albedo"} for frame in indirect_frames(3)]
-        write_clip(data / "train" / name, frames)
+        write_clip(data / "train" / name, frames, exposure=0.5)
     summary = compare()
     assert [failure["method"] for failure in summary["failures"]] == ["wide", "wide", "thin | one"]
     assert all("diffuse_albedo" in failure["what"] for failure in summary["failures"])

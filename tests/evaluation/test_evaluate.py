@@ -269,6 +269,16 @@ def test_processes_give_the_same_numbers_in_the_same_order(clip: Path, tmp_path:
     assert [shown.clip for shown in found[1].shown] == ["disc", "other"]
 
 
+@pytest.mark.slow
+def test_a_scheduler_that_is_not_there_is_one_line(clip: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    pytest.importorskip("distributed")
+    monkeypatch.setattr("nte.jobs.PATIENCE", 1)
+    with pytest.raises(NteError, match=r"no Dask scheduler answers at tcp://127\.0\.0\.1:1: start one") as caught:
+        evaluate([clip], ["noisy"], tmp_path / "out", scheduler="tcp://127.0.0.1:1")
+    assert "\n" not in str(caught.value)
+    assert not (tmp_path / "out").exists()
+
+
 def test_objects_cannot_be_evaluated_elsewhere(clip: Path, tmp_path: Path) -> None:
     with pytest.raises(NteError, match="denoisers are objects of this process: give specifications"):
         evaluate([clip], {"one": Noisy()}, tmp_path / "out", jobs=2)

@@ -16,11 +16,13 @@ import pytest
 from nte import jobs
 from nte.cli import main
 from nte.errors import NteError
+from nte.evaluation.evaluate import evaluate
 from nte.render.recipes.clips import render_recipe
 from nte.render.recipes.jobs import RENDERING
 from nte.render.recipes.output import claim
 from nte.render.recipes.recipe import read_recipe
 from tests.render.test_clips import CLIP, contents
+from tests.synthetic import disc_clip
 
 distributed = pytest.importorskip("distributed")
 pytestmark = pytest.mark.slow
@@ -94,6 +96,20 @@ def test_a_fault_on_a_worker_is_one_line(
     assert "cannot be made a folder" in said[-1]
     assert not any("Traceback" in line for line in said)
     assert not list(tmp_path.glob(".render-*"))
+
+
+def test_clips_are_evaluated_on_the_same_workers(address: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
+    """Paths are relative to the directory in which the command is given."""
+    monkeypatch.chdir(tmp_path)
+    for seed in (1, 2):
+        disc_clip(tmp_path / "clips" / f"disc_{seed}", frames=2, seed=seed)
+    here = evaluate("clips", ["taa"], "here")
+    there = evaluate("clips", ["taa"], "there", scheduler=address)
+    for found in (here, there):
+        for row in found.metrics["rows"]:
+            row.pop("ms_per_frame")
+    assert there.metrics["rows"] == here.metrics["rows"]
+    assert not list((tmp_path / "there").glob(".evaluate-*"))
 
 
 def test_a_killed_worker_changes_nothing(address: str, rendered: Path, recipe: Path, tmp_path: Path):

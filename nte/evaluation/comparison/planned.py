@@ -7,7 +7,7 @@ from pathlib import Path
 from nte.errors import NteError
 from nte.evaluation.comparison.clips import matching_clips, require_same_channels
 from nte.evaluation.comparison.numbers import Method
-from nte.evaluation.comparison.schema import Situation
+from nte.evaluation.comparison.schema import Comparison, Situation
 from nte.evaluation.units import ClipUnit
 from nte.frames.clip import clip_labels
 
@@ -18,6 +18,7 @@ class Planned:
 
     situation: Situation
     clips: dict[str, Path]  # label → folder
+    lights: tuple[str, ...]  # light components that are scored
     methods: list[Method] = field(default_factory=list)
 
     def units(self, device: str) -> dict[str, ClipUnit]:
@@ -30,7 +31,7 @@ class Planned:
         first = self.situation.first or 0
         return {
             unit_name(self.situation, label): ClipUnit(
-                label, clip, specs, first, (self.situation.light,), device, shown if label in pictured else ()
+                label, clip, specs, first, self.lights, device, shown if label in pictured else ()
             )
             for label, clip in self.clips.items()
         }
@@ -41,12 +42,18 @@ def unit_name(situation: Situation, label: str) -> str:
     return f"{situation.name}/{label}"
 
 
-def plan_situation(situation: Situation, data: Path) -> Planned:
-    """Find the clips of a situation. Raises NteError for a pattern without clips, and for clips that do not fit."""
+def plan_situation(comparison: Comparison, situation: Situation, data: Path) -> Planned:
+    """Find the clips of a situation, and the lights that are shown of them.
+
+    Raises NteError for a pattern without clips, and for clips that do not fit.
+    """
     where = f"situation '{situation.name}'"
     clips = matching_clips(situation.clips, data, where)
     require_same_channels(clips, where)
-    return Planned(situation, dict(zip(clip_labels(clips), clips, strict=True)))
+    shown = [part.light for table in comparison.tables if table.situation == situation.name for part in table.columns]
+    shown += [plot.light for plot in comparison.plots if plot.situation == situation.name]
+    lights = tuple(dict.fromkeys([situation.light, *filter(None, shown)]))
+    return Planned(situation, dict(zip(clip_labels(clips), clips, strict=True)), lights)
 
 
 def require_clips(patterns: Sequence[str], data: Path, name: str, plan: Planned) -> list[Path]:

@@ -52,7 +52,7 @@ def run_comparison(
     holds anything else.
     """
     require_jobs(jobs)
-    planned = [plan_situation(situation, data) for situation in comparison.situations]
+    planned = [plan_situation(comparison, situation, data) for situation in comparison.situations]
     for table in comparison.tables:
         patterns = [pattern for part in table.columns for pattern in part.clips]
         require_clips(patterns, data, table.name, _of(planned, table.situation))
@@ -118,8 +118,11 @@ class _Networks:
                     told.say(f"{name} failed: {fault}" if fault else name)
 
                 train_all(self._units, out, jobs, scheduler, done)
-        units = self._units
-        return [Failure(units[name].title, units[name].seed, "", fault) for name, fault in self._faults.items()]
+        return [
+            Failure(unit.title, unit.seed, "", self._faults[name])
+            for name, unit in self._units.items()
+            if name in self._faults
+        ]
 
     def method(self, title: str) -> Method:
         """Return the network as a method, with those of its seeds that were trained."""
@@ -147,7 +150,7 @@ def _evaluate(
     """Evaluate all clips of all situations but those that are kept; name of the unit → scores."""
     units = {name: unit for plan in planned for name, unit in plan.units(device).items()}
     digests = {name: unit_digest(unit) for name, unit in units.items()}
-    paths = {name: out / unit_folder(name) for name in units}
+    paths = {name: out / _file_of(name) for name in units}
     kept = {name: read_kept(paths[name], digests[name]) for name in units}
     scores = {name: found for name, found in kept.items() if found is not None}
     left = {name: unit for name, unit in units.items() if name not in scores}
@@ -159,7 +162,7 @@ def _evaluate(
             scores[name] = found
             told.say(name)
 
-        if jobs > 1 or scheduler is not None:
+        if left and (jobs > 1 or scheduler is not None):
 
             def ended(name: str, found: ClipScores) -> None:
                 told.advance(frames[name])
@@ -172,8 +175,8 @@ def _evaluate(
     return scores
 
 
-def unit_folder(name: str) -> Path:
-    """Return the file of a unit's scores, relative to the results: <situation>/clips/<clip>.npz."""
+def _file_of(name: str) -> Path:
+    """The file of a unit's scores, relative to the results: <situation>/clips/<clip>.npz."""
     situation, _, label = name.partition("/")
     return Path(situation, "clips", f"{label}.npz")
 

@@ -118,7 +118,7 @@ class Comparison:
 def read_comparison(path: Path) -> Comparison:
     """Read and check a comparison; recipes and training configurations become paths that can be opened.
 
-    The file may change another one in its folder, which it names as `base`.
+    Paths of a `base` (nte.config) are relative to this file, too.
 
     Raises NteError, naming the file and the key, for a comparison that is not valid.
     """
