@@ -5,7 +5,7 @@ from pathlib import Path
 
 import pytest
 
-from nte.config import to_yaml
+from nte.config import load_config, to_yaml
 from nte.errors import NteError
 from nte.evaluation.comparison.schema import read_comparison
 from nte.importing.channel_map import load_channel_map
