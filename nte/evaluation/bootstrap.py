@@ -8,8 +8,8 @@ other, the seed s of the training and the clip c, and a difference between two m
 Clips are resampled as in any bootstrap: with replacement, each with the scores of all seeds of both methods, which is
 what makes it paired. Seeds are not, because three of them are too few: resampling three numbers has two thirds of the
 variance that it should have, and the quantiles of a normal distribution, where those of Student's t with 2 degrees of
-freedom are 2.2 times as far apart. A 95 % interval would cover 70 % (tests/evaluation/test_bootstrap.py). Instead each
-resample moves the mean of a method with S > 1 seeds by
+freedom are 2.2 times as far apart. A 95 % interval would cover the truth in 75 % of cases
+(tests/evaluation/test_bootstrap.py). Instead each resample moves the mean of a method with S > 1 seeds by
 
     sd / √S · t,   t from Student's distribution with S − 1 degrees of freedom,
 

@@ -5,7 +5,7 @@ import pytest
 
 from nte.evaluation.bootstrap import bootstrap_interval, difference_interval
 
-REPEATS = 250
+REPEATS = 1000
 
 
 def covered(seeds: tuple[int, int], clips: int, seed_sd: float, clip_sd: float, noise_sd: float) -> float:
@@ -35,7 +35,9 @@ def fewer_resamples(monkeypatch: pytest.MonkeyPatch) -> None:
     [
         ((1, 1), (0.0, 1.0, 0.2)),  # analytic filters: clips alone
         ((3, 1), (1.0, 0.0, 0.1)),  # one network, whose trainings differ and nothing else
+        ((3, 3), (1.0, 0.0, 0.1)),  # two networks: two distributions with heavy tails, and so too wide rather than not
         ((3, 3), (0.5, 1.0, 0.5)),
+        ((3, 3), (0.05, 1.0, 0.2)),
         ((3, 1), (0.3, 1.0, 0.3)),
         ((5, 3), (1.0, 0.5, 0.5)),
     ],
@@ -43,7 +45,7 @@ def fewer_resamples(monkeypatch: pytest.MonkeyPatch) -> None:
 def test_the_interval_covers_the_truth_as_often_as_it_says(
     seeds: tuple[int, int], sds: tuple[float, float, float]
 ) -> None:
-    assert 0.92 <= covered(seeds, 40, *sds) <= 0.99
+    assert 0.92 <= covered(seeds, 40, *sds) <= 0.995
 
 
 def test_resampling_three_seeds_would_cover_far_less() -> None:
@@ -54,7 +56,7 @@ def test_resampling_three_seeds_would_cover_far_less() -> None:
         means = rng.normal(0, 1, 3)
         low, high = bootstrap_interval(means)
         hits += low <= 0 <= high
-    assert 0.6 < hits / REPEATS < 0.8
+    assert 0.7 < hits / REPEATS < 0.8
 
 
 def test_pairs_remove_what_clips_have_in_common() -> None:

@@ -23,6 +23,7 @@ def write_plot(
     """
     import matplotlib as mpl
     from matplotlib.figure import Figure
+    from matplotlib.ticker import MaxNLocator
 
     clip = chosen.clips[0]
     with mpl.rc_context({"svg.hashsalt": "nte", "font.size": 9}):
@@ -42,6 +43,7 @@ def write_plot(
             axis.set_ylabel(_METRICS[name].label + way)
             axis.grid(alpha=0.3)
         axes[-1].set_xlabel("frame")
+        axes[-1].xaxis.set_major_locator(MaxNLocator(integer=True))
         axes[0].set_title(f"{clip}: {chosen.title}")
         handles, labels = axes[0].get_legend_handles_labels()
         figure.legend(handles, labels, loc="outside lower center", ncols=4, frameon=False)
