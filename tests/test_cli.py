@@ -97,7 +97,10 @@ def test_a_clip_that_cannot_be_used_is_named(told: Told, command: str, clip: str
         ("denoise clip --denoiser taa --out out --device abacus", "--device abacus: "),
         ("denoise clip gap --denoiser noisy --out out", "cannot be read: Is a directory"),
         ("denoise clip/frame_0000.exr clip/frame_0002.exr --denoiser noisy --out out", "frame 1 is missing"),
-        ("info nowhere", "nowhere: expected a clip (with clip.json), an .onnx file, or a run folder"),
+        (
+            "info nowhere",
+            "nowhere: expected a clip (with clip.json), an .onnx file, a run folder (with config.yaml), or a t",
+        ),
         ("info bad.onnx", "bad.onnx: not a readable ONNX model"),
         ("info gap", "gap/frame_0001.exr: missing"),
         ("export clip --out model.onnx", "clip: no run folder: config.yaml is missing"),
@@ -195,7 +198,7 @@ def test_info_of_a_clip_and_a_run(folder: Path, capsys: pytest.CaptureFixture[st
     assert main(["train", "tiny.yaml", "phases=[{steps: 2}]", "--device", "cpu"]) == 0
     assert capsys.readouterr().out.splitlines()[-1] == str(folder / "runs" / "tiny")
     assert main(["info", "runs/tiny"]) == 0
-    assert "run runs/tiny: 2 steps done, " in capsys.readouterr().out
+    assert "run runs/tiny: 2 steps done; " in capsys.readouterr().out
     assert main(["denoise", "clip", "--denoiser", "runs/tiny", "--out", "out"]) == 0
 
 

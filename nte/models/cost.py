@@ -93,7 +93,7 @@ def _reach(network: TrainableDenoiser, width: int) -> int:
     given = _inputs(network, (COARSEST, width))
     images = [x.requires_grad_() for name, x in zip(network.inputs, given, strict=True) if name in CHANNELS]
     with _Linear():
-        row = network(*given)[0].sum(1)[0, COARSEST // 2]
+        row = network(*(x + 0 for x in given))[0].sum(1)[0, COARSEST // 2]  # + 0: forward may change them in place
     widest = 0
     if not row.requires_grad:
         return widest

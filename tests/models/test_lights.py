@@ -8,7 +8,7 @@ import pytest
 import torch
 
 from nte.errors import NteError
-from nte.frames.channels import CHANNELS, COMPONENTS, TEXTURES, width_of
+from nte.frames.channels import CHANNELS, COMPONENTS, TEXTURES, Channel, width_of
 from nte.frames.frame import Frame
 from nte.models.rae import RaeConfig
 from nte.models.reading import feature
@@ -126,7 +126,7 @@ def test_the_exposure_of_light_is_given_or_measured_from_color() -> None:
 
 
 @pytest.mark.parametrize("row", CHANNELS.values(), ids=lambda row: row.name)
-def test_features_are_finite_and_of_a_scale_of_one(row: object) -> None:
+def test_features_are_finite_and_of_a_scale_of_one(row: Channel) -> None:
     extremes = torch.tensor([0.0, 1.0, *EXTREMES]).view(1, 1, 1, -1).expand(1, len(row.components), 3, -1)
     made = feature(row.name, extremes, torch.tensor([0.5]), torch.tensor([2.0]))
     assert made.shape == extremes.shape

@@ -26,10 +26,22 @@ WEIGHT = "denoiser.prediction.trunk.unet.encoders.0.0.weight"
 @pytest.mark.parametrize(
     ("change", "message"),
     [
-        (lambda s: s.pop(WEIGHT), "does not fit the configuration: 'unet.encoders.0.0.weight' is nothing"),
-        (lambda s: s.update({WEIGHT: torch.ones(2)}), r"'unet.encoders.0.0.weight' is float32 \(2,\), expected"),
-        (lambda s: s.update({WEIGHT: s[WEIGHT].int()}), r"'unet.encoders.0.0.weight' is int32 .*, expected float32"),
-        (lambda s: s[WEIGHT].view(-1)[3].fill_(torch.nan), "'unet.encoders.0.0.weight' has values that are not finite"),
+        (
+            lambda s: s.pop(WEIGHT),
+            "does not fit the configuration: 'prediction.trunk.unet.encoders.0.0.weight' is nothing",
+        ),
+        (
+            lambda s: s.update({WEIGHT: torch.ones(2)}),
+            r"'prediction.trunk.unet.encoders.0.0.weight' is float32 \(2,\), expected",
+        ),
+        (
+            lambda s: s.update({WEIGHT: s[WEIGHT].int()}),
+            r"'prediction.trunk.unet.encoders.0.0.weight' is int32 .*, expected float32",
+        ),
+        (
+            lambda s: s[WEIGHT].view(-1)[3].fill_(torch.nan),
+            "'prediction.trunk.unet.encoders.0.0.weight' has values that are not finite",
+        ),
         (lambda s: s["optimiser.3.exp_avg"].fill_(torch.inf), "'exp_avg' of parameter 3 is .* expected finite"),
         (lambda s: s.update({"denoiser.more": torch.ones(2)}), "'more' has no place in the network"),
         (

@@ -69,7 +69,7 @@ def test_training_learns(tmp_path: Path, noisy_disc: Path) -> None:
 
 def test_a_loaded_run_is_its_moving_average(finished: Path, tmp_path: Path, noisy_disc: Path) -> None:
     state = checkpoint(finished)
-    name = "unet.encoders.0.0.weight"
+    name = "prediction.trunk.unet.encoders.0.0.weight"
     loaded = load_run(finished)
     assert torch.equal(loaded.state_dict()[name], state[f"average.module.{name}"])
     assert not torch.equal(state[f"average.module.{name}"], state[f"denoiser.{name}"])
@@ -101,7 +101,7 @@ def test_a_run_whose_configuration_names_no_kind_of_network_is_of_the_first_kind
 
 
 def test_the_moving_average_by_hand(tmp_path: Path, noisy_disc: Path) -> None:
-    name = "unet.encoders.0.0.weight"
+    name = "prediction.trunk.unet.encoders.0.0.weight"
     weights, averages = [], []
     for steps in (1, 2):
         choices = f"phases=[{{steps: {steps}}}]", f"name=run{steps}", "optimiser.schedule=constant"
