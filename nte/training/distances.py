@@ -82,5 +82,6 @@ def structure_error(image: Tensor, reference: Tensor, usable: Tensor) -> Tensor:
 
 def structure_scales(side: int) -> int:
     """Return how many scales of MS-SSIM an image with this shorter side has, px: 1 from 11, 3 from 44, 5 from 176."""
-    allowed = [n for n in range(1, len(_WEIGHTS) + 1) if side // max(1, n - 1) ** 2 >= _WINDOW and side >= 2**n]
-    return max(allowed, default=0)
+    # The window must fit into the coarsest image; the second condition is torchmetrics' own.
+    fits = [min(side >> (n - 1), side // max(1, n - 1) ** 2) >= _WINDOW for n in range(1, len(_WEIGHTS) + 1)]
+    return sum(fits)

@@ -24,9 +24,9 @@ from nte.training.meter import Meter
 from nte.training.schedule import Schedule
 from nte.training.step import Stepper, make_optimiser
 
-STEPS = 4  # measured; one more before them decodes clips and allocates memory
-_WIDTH, _SIDE, _BATCH = 64, 128, 4  # of the convolution that is measured alone: large enough for every core
-_TRIES = 5
+STEPS = 3  # measured; one more before them decodes clips and allocates memory
+_WIDTH, _SIDE, _BATCH = 64, 96, 4  # of the convolution that is measured alone: large enough for every core
+_TRIES = 4
 
 
 class Profile(NamedTuple):

@@ -183,7 +183,7 @@ def test_scattering_at_random_changes_the_chosen_share_of_sequences_and_nothing_
     assert all(sample.scattered for sample in always.samples(3))
     batch, samples = always[3], always.samples(3)
     for n, sample in enumerate(samples):
-        frame = clips[sample.clip].frame(sample.frames.start + 1, seeds=(sample.seed,))
+        frame = clips[sample.clip].frame(sample.frames.start + 1, seeds=sample.seeds)
         expected = scatter_forward_motion(*(torch.from_numpy(frame[c]) for c in ("motion", "depth")))
         np.testing.assert_array_equal(
             batch[1]["previous_forward_motion"][n], expected[0][:, sample.rows, sample.columns]
