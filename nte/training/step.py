@@ -82,9 +82,9 @@ def make_optimiser(module: nn.Module, config: OptimiserConfig) -> torch.optim.Op
 
 def _means(parts: list[tuple[slice, dict[str, Tensor]]]) -> dict[str, Tensor]:
     """Each part's mean over windows, weighted by their frames."""
-    names = dict.fromkeys(name for _, found in parts for name in found)
     means = {}
-    for name in names:
+    for name in dict.fromkeys(name for _, found in parts for name in found):
         has = [(window.stop - window.start, found[name]) for window, found in parts if name in found]
-        means[name] = sum(frames * value for frames, value in has) / sum(frames for frames, _ in has)
-    return {name: torch.as_tensor(value) for name, value in means.items()}
+        total = sum(frames for frames, _ in has)
+        means[name] = torch.stack([value * (frames / total) for frames, value in has]).sum()
+    return means
