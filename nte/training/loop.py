@@ -18,14 +18,13 @@ from nte.models.trainable import TrainableDenoiser
 from nte.training.config import TrainConfig, load_train_config
 from nte.training.data import training_loader
 from nte.training.initial import begin_with, read_weights
-from nte.training.losses import SequenceLoss
 from nte.training.material import Material, launch, open_material
 from nte.training.meter import Meter
 from nte.training.plan import Plan, digests
 from nte.training.run import DECODED, RunFolder
 from nte.training.schedule import Schedule
 from nte.training.state import TrainingState
-from nte.training.step import DivergedError, Stepper, make_optimiser
+from nte.training.step import DivergedError, Stepper, make_loss, make_optimiser
 from nte.training.validation import validate
 
 
@@ -75,8 +74,7 @@ def _run(
     run: RunFolder, said: str,
 ) -> None:  # fmt: skip
     """Train, from the run's checkpoint if there is one. said: about the weights that a new run begins with."""
-    sequence = SequenceLoss(denoiser, config.loss, config.precision)
-    model, optimiser = fabric.setup(sequence, make_optimiser(denoiser, config.optimiser))
+    model, optimiser = fabric.setup(make_loss(denoiser, config), make_optimiser(denoiser, config.optimiser))
     average = AveragedModel(denoiser, multi_avg_fn=get_ema_multi_avg_fn(config.optimiser.ema))  # type: ignore[no-untyped-call]
     state = TrainingState(denoiser, optimiser, average if config.optimiser.ema else None)
     last, data, accumulate = schedule.last, material.data, config.optimiser.accumulate

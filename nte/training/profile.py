@@ -18,11 +18,10 @@ from nte.models.registry import make_network
 from nte.text_table import aligned
 from nte.training.config import TrainConfig
 from nte.training.data import training_loader
-from nte.training.losses import SequenceLoss
 from nte.training.material import launch, open_material
 from nte.training.meter import Meter
 from nte.training.schedule import Schedule
-from nte.training.step import Stepper, make_optimiser
+from nte.training.step import Stepper, make_loss, make_optimiser
 
 STEPS = 3  # measured; one more before them decodes clips and allocates memory
 _WIDTH, _SIDE, _BATCH = 64, 96, 4  # of the convolution that is measured alone: large enough for every core
@@ -74,8 +73,7 @@ def profile_training(config: TrainConfig, device: str = "auto") -> Profile:
         schedule = Schedule(config.optimiser, config.phases, lengths)
         if schedule.last < STEPS + 3:
             raise NteError(f"'phases' have {schedule.last} steps, expected at least {STEPS + 3} for a profile")
-        sequence = SequenceLoss(denoiser, config.loss, config.precision)
-        model, optimiser = fabric.setup(sequence, make_optimiser(denoiser, config.optimiser))
+        model, optimiser = fabric.setup(make_loss(denoiser, config), make_optimiser(denoiser, config.optimiser))
         meter = Meter(1, torch.cuda.synchronize if fabric.device.type == "cuda" else None)
         stepper = Stepper(fabric, model, optimiser, config, meter)
         loader = training_loader(material.data, 0, (STEPS + 3) * accumulate)
@@ -108,7 +106,7 @@ def measured_peak(device: torch.device, precision: str = "32-true") -> float:
     def once() -> None:
         with torch.autocast(device.type, torch.bfloat16, enabled=precision == "bf16-mixed"):
             made: Tensor = layer(image)
-        made.float().sum().backward()
+        made.float().sum().backward()  # type: ignore[no-untyped-call]
         if device.type == "cuda":
             torch.cuda.synchronize()
 

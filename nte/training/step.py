@@ -9,9 +9,10 @@ from lightning_fabric import Fabric
 from torch import Tensor, nn
 
 from nte.errors import NteError
+from nte.models.trainable import TrainableDenoiser
 from nte.training.batch import Batch
 from nte.training.config import OptimiserConfig, TrainConfig
-from nte.training.losses import Past, Unrolled, windows
+from nte.training.losses import Past, SequenceLoss, Unrolled, windows
 from nte.training.meter import Meter
 from nte.training.schedule import Settings
 
@@ -72,6 +73,13 @@ class Stepper:
         self.optimiser.step()
         self.optimiser.zero_grad()
         self.meter.lap("optimiser")
+
+
+def make_loss(denoiser: TrainableDenoiser, config: TrainConfig) -> SequenceLoss:
+    """Make the loss of the configuration around a denoiser, and give its weights their layout in memory."""
+    if config.channels_last:
+        denoiser.to(memory_format=torch.channels_last)  # type: ignore[call-overload]
+    return SequenceLoss(denoiser, config.loss, config.precision)
 
 
 def make_optimiser(module: nn.Module, config: OptimiserConfig) -> torch.optim.Optimizer:

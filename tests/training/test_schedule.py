@@ -60,6 +60,22 @@ def test_a_finished_run_that_is_extended_is_one_that_was_longer_from_the_start(
         train(tiny_config(tmp_path, noisy_disc, *CONSTANT, "resume=true"), device="cpu")
 
 
+def test_another_layout_of_the_weights_gives_the_same_training_and_resumes(tmp_path: Path, noisy_disc: Path) -> None:
+    short = *CONSTANT[:2], "network.channels=[8, 8]"
+    runs = []
+    for name, more in (("plain", ()), ("whole", ("channels_last=true",)), ("halves", ("channels_last=true",))):
+        if name == "halves":
+            train(tiny_config(tmp_path, noisy_disc, *short, *more, f"name={name}", "phases=[{steps: 2}]"), device="cpu")
+            more = *more, "resume=true"
+        phases = f"name={name}", "phases=[{steps: 4}]"
+        runs.append(checkpoint(train(tiny_config(tmp_path, noisy_disc, *short, *more, *phases), device="cpu")))
+    plain, whole, halves = runs
+    for name, value in plain.items():
+        if name.startswith("denoiser."):
+            torch.testing.assert_close(whole[name], value, atol=2e-3, rtol=1e-3)
+            assert torch.equal(halves[name], whole[name])
+
+
 def test_a_cosine_that_has_ended_is_extended_by_a_phase_with_a_schedule_of_its_own(
     finished: Path, tmp_path: Path, noisy_disc: Path
 ) -> None:

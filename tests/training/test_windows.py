@@ -3,6 +3,7 @@
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import pytest
 import torch
 from lightning_fabric import Fabric
@@ -16,6 +17,8 @@ from nte.training.losses import LossConfig, SequenceLoss, windows
 from nte.training.meter import STAGES, Meter
 from nte.training.schedule import Settings
 from nte.training.step import Stepper
+from tests.networks import small_network
+from tests.synthetic import random_channels
 from tests.training.runs import tiny_config
 
 
@@ -132,3 +135,20 @@ def test_the_meter_knows_every_stage_of_a_step(tmp_path: Path, noisy_disc: Path)
     assert set(meter.seconds) == set(STAGES)
     assert all(seconds > 0 for seconds in meter.seconds.values())
     assert sum(meter.seconds.values()) <= meter.total
+
+
+def test_warm_up_in_bfloat16_leaves_gradients_to_the_frames_after_it() -> None:
+    """Autocast keeps what it has cast, and what it cast without gradients must not serve a frame that needs them."""
+    gradients = []
+    for precision in ("32-true", "bf16-mixed"):
+        network = small_network().requires_grad_(True)
+        rng = np.random.default_rng(3)
+        batch = [{name: torch.from_numpy(v) for name, v in random_channels(rng, (16, 16)).items()} for _ in range(3)]
+        scalars = {"exposure": torch.ones(1), "depth_scale": torch.ones(1)}
+        frames = [frame | scalars | {"reference": torch.ones(1, 3, 16, 16)} for frame in batch]
+        SequenceLoss(network, LossConfig(), precision)(frames, 0.0, 2).loss.backward()
+        gradients.append([parameter.grad for parameter in network.parameters()])
+    for exact, rounded in zip(*gradients, strict=True):
+        assert exact is not None
+        assert rounded is not None
+        assert (rounded - exact).norm() < 0.2 * exact.norm() + 1e-6
