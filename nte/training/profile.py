@@ -23,7 +23,7 @@ from nte.training.meter import Meter
 from nte.training.schedule import Schedule
 from nte.training.step import Stepper, make_loss, make_optimiser
 
-STEPS = 3  # measured; one more before them decodes clips and allocates memory
+STEPS = 3  # measured, of which the fastest counts; one more before them decodes clips and allocates memory
 _WIDTH, _SIDE, _BATCH = 64, 96, 4  # of the convolution that is measured alone: large enough for every core
 _TRIES = 4
 
@@ -31,8 +31,8 @@ _TRIES = 4
 class Profile(NamedTuple):
     """The cost of a step. Operations are multiplications and additions of convolutions and matrix products."""
 
-    seconds: dict[str, float]  # of each stage of a step
-    named: dict[str, float]  # of each named part of the forward passes of a step, in seconds
+    seconds: dict[str, float]  # of each stage of the fastest step that was measured
+    named: dict[str, float]  # of each named part of the forward passes of a step, in seconds; parts may contain others
     operations: float  # of a step, forward and backward
     peak: float  # operations per second of a large convolution alone, forward and backward
 
@@ -78,20 +78,25 @@ def profile_training(config: TrainConfig, device: str = "auto") -> Profile:
         stepper = Stepper(fabric, model, optimiser, config, meter)
         loader = training_loader(material.data, 0, (STEPS + 3) * accumulate)
         settings = schedule.at(schedule.last - 1)  # with all losses that a phase adds in the end
-        stepper.step(loader, settings)
-        meter.read()
-        for _ in range(STEPS):
+
+        def stages() -> dict[str, float]:
+            """The seconds of each stage of one step."""
             stepper.step(loader, settings)
-        seconds = {stage: spent / STEPS for stage, spent in meter.seconds.items()}
+            spent = dict(meter.seconds)
+            meter.read()
+            return spent
+
+        stages()
+        seconds = min((stages() for _ in range(STEPS)), key=lambda spent: sum(spent.values()))
         with FlopCounterMode(display=False) as counter:
-            stepper.step(loader, settings)
+            stages()
         with profile(activities=[ProfilerActivity.CPU]) as profiler:
-            stepper.step(loader, settings)
+            slowed = stages()["forward"] / seconds["forward"]  # by the profiler
         loader.close()
     named: dict[str, float] = {}
     for event in sorted(profiler.events(), key=lambda event: event.time_range.start):
         if event.is_user_annotation and "#" not in event.name:  # PyTorch's own have a #
-            named[event.name] = named.get(event.name, 0.0) + event.time_range.elapsed_us() / 1e6
+            named[event.name] = named.get(event.name, 0.0) + event.time_range.elapsed_us() / 1e6 / slowed
     return Profile(seconds, named, counter.get_total_flops(), measured_peak(fabric.device, config.precision))
 
 
