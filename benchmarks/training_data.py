@@ -15,7 +15,7 @@ import numpy as np
 
 from nte.frames.clip import Clip, frame_path, write_clip_info, write_frame
 from nte.training.config import DataConfig
-from nte.training.data import TrainingSteps
+from nte.training.data import TrainingBatches
 
 CHANNELS = ("color", "albedo", "normal", "depth", "motion", "previous_forward_motion", "reference")
 STEPS = 40
@@ -71,7 +71,7 @@ def measure(folder: Path, options: argparse.Namespace, where: str) -> None:
     )  # fmt: skip
     before = Memory.now()
     with Memory() as memory:
-        steps = TrainingSteps(clips, CHANNELS, config, 1, 0, 1, folder / "decoded")
+        steps = TrainingBatches(clips, CHANNELS, config, 1, 0, 1, folder / "decoded")
         start = time.perf_counter()
         for index in range(len(clips)):
             steps.store.get(index, 0)
@@ -85,7 +85,7 @@ def measure(folder: Path, options: argparse.Namespace, where: str) -> None:
     )
 
 
-def timed(steps: TrainingSteps, step: int, dropped: Path | None) -> float:
+def timed(steps: TrainingBatches, step: int, dropped: Path | None) -> float:
     """Return the seconds that a batch takes.
 
     dropped: the folder whose tiles the system is asked to forget before; None to keep them.

@@ -8,7 +8,7 @@ from typing import Any
 
 from nte.denoiser import Denoiser, Filter
 from nte.errors import NteError, needs_extra
-from nte.filters.composition import EACH, Composition
+from nte.filters.composition import COMPOSITE, EACH, Composition, lights_of
 from nte.frames.channels import COMPONENTS
 from nte.options import Options
 
@@ -37,7 +37,9 @@ def load_denoiser(spec: str | Path, device: str = "cpu") -> Denoiser:
 
     `estimate+` or `estimate:key=value+` before any denoiser estimates the motion vectors from the images (module
     nte.filters.estimated; keys noise, guides, known). `target=components`, for filters that have every component as a
-    target, denoises each light component separately and sums them. Raises NteError for anything unknown, and lists what
+    target, denoises each light component separately and sums them. So does
+    `composite:visibility=SPEC,glossy=SPEC,indirect=SPEC`, with a denoiser of its own for each; a SPEC with commas
+    stands in brackets, and a filter gets the light as its target. Raises NteError for anything unknown, and lists what
     there is.
 
     >>> nte.load_denoiser("taa:alpha=0.2,clamp=clip").needs
@@ -47,6 +49,8 @@ def load_denoiser(spec: str | Path, device: str = "cpu") -> Denoiser:
     wrapper, plus, inner = spec.partition("+")
     if plus and wrapper.partition(":")[0] == "estimate":
         return _estimated(spec, wrapper.partition(":")[2], load_denoiser(inner, device), device)
+    if spec.partition(":")[0] == COMPOSITE and not isdir(spec):
+        return Composition({light: _of_light(light, inner, spec, device) for light, inner in lights_of(spec).items()})
     path = Path(spec)
     if path.suffix == ".onnx":
         from nte.runtime.session import OnnxDenoiser
@@ -61,7 +65,7 @@ def load_denoiser(spec: str | Path, device: str = "cpu") -> Denoiser:
     if name not in NAMES:
         if isdir(path):
             raise NteError(f"'{spec}' is no run folder: config.yaml is missing")
-        known = ", ".join(NAMES)
+        known = ", ".join([*NAMES, COMPOSITE])
         raise NteError(f"'{spec}' is no denoiser: expected a run folder, an .onnx file, or one of {known}")
     kind: type[Filter[Options]] = _import(*NAMES[name], spec)
     given = _parse(spec, text)
@@ -69,6 +73,21 @@ def load_denoiser(spec: str | Path, device: str = "cpu") -> Denoiser:
         _refuse_missing_target(kind.options_type, spec)
         return Composition({c: _make(kind, {**given, "target": c}, spec, device) for c in COMPONENTS})
     return _make(kind, given, spec, device)
+
+
+def _of_light(light: str, inner: str, spec: str, device: str) -> Denoiser:
+    """The denoiser of one light of the composite `spec`; a filter that is told no target gets this one."""
+    name, _, options = inner.partition(":")
+    try:
+        if name in NAMES and not isfile(Path(inner) / "config.yaml") and "target" not in _parse(inner, options):
+            kind: type[Filter[Options]] = _import(*NAMES[name], inner)
+            inner = f"{name}:target={light},{options}" if "target" in kind.options_type.names() else inner
+        denoiser = load_denoiser(inner, device)
+    except NteError as error:
+        raise NteError(f"{COMPOSITE}, {light}: {error}") from error
+    if denoiser.target != light:
+        raise NteError(f"'{spec}': '{inner}' denoises {denoiser.target}, expected a denoiser of {light}")
+    return denoiser
 
 
 def _refuse_missing_target(options: type[Options], spec: str) -> None:

@@ -14,7 +14,7 @@ from nte.training.meter import Meter
 
 def read(meter: Meter) -> float:
     meter.begin()
-    meter.loaded()
+    meter.lap("data")
     meter.end()
     return meter.read()["peak_memory_mb"]
 

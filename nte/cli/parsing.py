@@ -4,7 +4,8 @@ import argparse
 from collections.abc import Callable
 from typing import NoReturn, Protocol
 
-DENOISER = "run, .onnx, or name:key=value"  # help text of a denoiser's specification
+# help text of a denoiser's specification
+DENOISER = "run, .onnx, name:key=value, or composite:visibility=SPEC,glossy=[SPEC,with=commas],indirect=SPEC"
 
 
 class Parser(argparse.ArgumentParser):

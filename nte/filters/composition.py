@@ -1,5 +1,6 @@
 """Denoising each light component separately, and summing the results: a wrapper around any denoisers."""
 
+import re
 from collections.abc import Mapping
 from typing import Annotated, Literal, TypeAlias
 
@@ -10,6 +11,8 @@ from nte.frames.frame import Frame
 from nte.options import Allowed
 
 EACH = "components"  # the value of `target` that stands for one denoiser per component
+COMPOSITE = "composite"  # the name of a composition of different denoisers
+_LIGHT = re.compile(r"(\w+)=(?:\[(.*?)\](?=,|$)|([^,]*))(?:,|$)")  # light=SPEC, or light=[SPEC] if SPEC has commas
 
 # The option `target` of a filter that can denoise a single component.
 Target: TypeAlias = Annotated[
@@ -52,3 +55,26 @@ class Composition(Denoiser):
         if "emission" in frame:
             image = image + tensors["emission"]
         return Result(image, {name: images[name] for name in extras}).like(frame), states
+
+
+def lights_of(spec: str) -> dict[str, str]:
+    """Read `composite:light=SPEC,light=[SPEC,with=commas],…` as a mapping from each of COMPONENTS to its SPEC.
+
+    Raises NteError if a light is missing, unknown or given twice, and for what is no light=SPEC.
+    """
+    form = f"expected {COMPOSITE}:{','.join(f'{name}=SPEC' for name in COMPONENTS)}, with [SPEC] where SPEC has a comma"
+    text, place = spec.partition(":")[2], 0
+    found: dict[str, str] = {}
+    while place < len(text):
+        item = _LIGHT.match(text, place)
+        if item is None or not (inner := item[2] or item[3]):
+            raise NteError(f"'{spec}': '{text[place:]}' is no light=SPEC: {form}")
+        if item[1] not in COMPONENTS:
+            raise NteError(f"'{spec}': '{item[1]}' is no light: {form}")
+        if item[1] in found:
+            raise NteError(f"'{spec}': {item[1]} is given twice: {form}")
+        found[item[1]] = inner
+        place = item.end()
+    if missing := [name for name in COMPONENTS if name not in found]:
+        raise NteError(f"'{spec}': nothing denoises {', '.join(missing)}: {form}")
+    return {name: found[name] for name in COMPONENTS}

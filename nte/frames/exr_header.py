@@ -1,6 +1,8 @@
 """A check of an OpenEXR header before pixels are allocated: one flipped bit may ask for gigabytes."""
 
+import struct
 from collections.abc import Iterable, Mapping, Sequence
+from pathlib import Path
 from typing import Any, TypeAlias
 
 import OpenEXR
@@ -13,6 +15,7 @@ _CHUNKS = {
     OpenEXR.B44_COMPRESSION: (32, 16), OpenEXR.B44A_COMPRESSION: (32, 16),
 }  # fmt: skip
 _OTHERS = (256, 20_000)  # DWA, HTJ2K and compressions to come
+_LINES = {int(kind): lines for kind, (lines, _) in _CHUNKS.items()}  # by the number in a file
 _OFFSET = 8  # bytes of a chunk's entry in the file's table of offsets
 _SMALL = 1 << 24  # bytes; a file that promises less is always believed
 _LARGEST = 1 << 26  # pixels, 8192×8192: the largest display window around a smaller picture
@@ -43,3 +46,53 @@ def window_size(corners: Iterable[tuple[int, int]]) -> tuple[int, int]:
     """Return (height, width) of a window, given by its two inclusive corners (x, y)."""
     (left, top), (right, bottom) = corners
     return int(bottom) - int(top) + 1, int(right) - int(left) + 1
+
+
+_MAGIC = 20000630
+_OTHER_LAYOUTS = 0x1A00  # flags of tiled, deep and multi-part files
+_MOST = 1 << 16  # bytes of a header that are read
+
+
+def missing_end(path: Path) -> str | None:
+    """Say why a file cannot be whole, from its header and its table of chunks; None if nothing is missing.
+
+    The last chunk must lie inside the file, which costs a few reads instead of the pixels. Only files of one part with
+    scan lines are looked into, as `write_exr` writes them; of others nothing is known. Layout: «OpenEXR File Layout».
+    """
+    size = path.stat().st_size
+    with path.open("rb") as file:
+        head = file.read(_MOST)
+        try:
+            magic, version = struct.unpack_from("<II", head)
+            if magic != _MAGIC:
+                return "not an OpenEXR file"
+            if version & _OTHER_LAYOUTS:
+                return None
+            attributes, place = _attributes(head)
+            left, top, right, bottom = struct.unpack("<4i", attributes["dataWindow"])
+            lines = _LINES.get(attributes["compression"][0], _OTHERS[0])
+            count = -(-(bottom - top + 1) // lines)
+            if left > right or not 1 <= count <= (size - place) // _OFFSET:
+                return "its header or its table of chunks is damaged or cut off"
+            file.seek(place)
+            last = max(struct.unpack(f"<{count}Q", file.read(count * _OFFSET)))
+            file.seek(min(last, size))
+            end = last + 8 + struct.unpack("<2i", file.read(8))[1]
+        except (struct.error, ValueError, IndexError, KeyError):
+            return "its header or its table of chunks is damaged or cut off"
+    return None if place + count * _OFFSET <= last and end <= size else "its end is missing"
+
+
+def _attributes(head: bytes) -> tuple[dict[str, bytes], int]:
+    """The attributes of a header, as they are stored, and the place behind it."""
+    found, place = {}, 8
+    while head[place]:
+        name_end = head.index(b"\0", place)
+        type_end = head.index(b"\0", name_end + 1)
+        (length,) = struct.unpack_from("<i", head, type_end + 1)
+        begin = type_end + 5
+        if length < 0:
+            raise ValueError("a negative length")
+        found[head[place:name_end].decode("latin-1")] = head[begin : begin + length]
+        place = begin + length
+    return found, place + 1

@@ -14,10 +14,11 @@ Batch = list[dict[str, Tensor]]  # per frame: channels (N, C, H, W), and exposur
 def collate(sequences: Sequence[dict[str, Tensor]]) -> Batch:
     """Join sequences to a batch: a list of frames, with channels (N, C, H, W) and scalars (N,).
 
-    sequences: channels (F, C, H, W) and scalars (1,) by name, the same in each.
+    sequences: channels (F, C, H, W) and scalars (1,) by name. A channel that one of them lacks is left out.
     """
-    scalars = {k: torch.cat([s[k] for s in sequences]) for k, v in sequences[0].items() if v.ndim == 1}
-    images = {k: torch.stack([s[k] for s in sequences], 1) for k, v in sequences[0].items() if v.ndim == 4}
+    shared = {k: v for k, v in sequences[0].items() if all(k in s for s in sequences)}
+    scalars = {k: torch.cat([s[k] for s in sequences]) for k, v in shared.items() if v.ndim == 1}
+    images = {k: torch.stack([s[k] for s in sequences], 1) for k, v in shared.items() if v.ndim == 4}
     count = len(next(iter(images.values())))
     return [{name: values[i] for name, values in images.items()} | scalars for i in range(count)]
 

@@ -57,7 +57,7 @@ def checksum_of(step: int, tensors: Mapping[str, Tensor]) -> str:
     """Compute the SHA-256 of a step and of tensors on the CPU: their names, types, shapes and bytes."""
     digest = sha256(str(step).encode())
     for name, tensor in sorted(tensors.items()):
-        digest.update(f"{name} {_kind(tensor)}".encode())
+        digest.update(f"{name} {kind_of(tensor)}".encode())
         digest.update(tensor.contiguous().flatten().view(uint8).numpy().tobytes())
     return digest.hexdigest()
 
@@ -65,6 +65,11 @@ def checksum_of(step: int, tensors: Mapping[str, Tensor]) -> str:
 def module_state(prefix: str, module: nn.Module) -> dict[str, Tensor]:
     """Collect a module's parameters and buffers, with a prefix before their names."""
     return {prefix + name: tensor for name, tensor in module.state_dict().items()}
+
+
+def weights_prefix(state: Mapping[str, Tensor]) -> str:
+    """Return the prefix of the weights that are used after training: of their moving average if there is one."""
+    return "average.module." if "average.n_averaged" in state else "denoiser."
 
 
 def load_module(module: nn.Module, state: Mapping[str, Tensor], prefix: str, source: Path) -> None:
@@ -75,7 +80,7 @@ def load_module(module: nn.Module, state: Mapping[str, Tensor], prefix: str, sou
     """
     own = {name[len(prefix) :]: tensor for name, tensor in state.items() if name.startswith(prefix)}
     for name, tensor in module.state_dict().items():
-        found, expected = (_kind(t) for t in (own.get(name), tensor))
+        found, expected = (kind_of(t) for t in (own.get(name), tensor))
         if found != expected:
             raise NteError(f"{source}: does not fit the configuration: '{name}' is {found}, expected {expected}")
         if not own[name].isfinite().all():
@@ -108,12 +113,12 @@ def load_optimiser(optimiser: Optimizer, state: Mapping[str, Tensor], source: Pa
         if number not in states:
             raise NteError(f"{source}: does not fit the configuration: no optimiser state of parameter {number}")
         for key, tensor in states[number].items():
-            if (tensor.ndim and _kind(tensor) != _kind(parameter)) or not tensor.isfinite().all():
-                what = f"'{key}' of parameter {number} is {_kind(tensor)}, expected finite {_kind(parameter)}"
+            if (tensor.ndim and kind_of(tensor) != kind_of(parameter)) or not tensor.isfinite().all():
+                what = f"'{key}' of parameter {number} is {kind_of(tensor)}, expected finite {kind_of(parameter)}"
                 raise NteError(f"{source}: does not fit the configuration: {what}")
     optimiser.load_state_dict({"state": states, "param_groups": groups})
 
 
-def _kind(tensor: Tensor | None) -> str:
-    """Type and shape in words, such as float32 (32, 16)."""
+def kind_of(tensor: Tensor | None) -> str:
+    """Say a tensor's type and shape, such as float32 (32, 16)."""
     return "nothing" if tensor is None else f"{str(tensor.dtype).removeprefix('torch.')} {tuple(tensor.shape)}"

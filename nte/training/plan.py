@@ -27,19 +27,18 @@ class Plan:
     steps: list[int]  # number of steps of every phase
     clips: list[list[str]]  # [name, digest] of each training clip, in order
     validation: list[list[str]]  # the same for validation clips
-
-    @property
-    def last(self) -> int:
-        """Number of steps in all."""
-        return sum(self.steps)
+    init: str = ""  # digest of the weights of `init_from`; empty if the run begins with new ones
 
     def write(self, folder: Path) -> None:
         """Write plan.json into a run folder."""
         text = json.dumps(asdict(self)) + "\n"
         write_whole(folder / PLAN, lambda path: path.write_text(text, encoding="utf-8"))
 
-    def require_same(self, folder: Path) -> None:
-        """Raise NteError, naming the first difference, unless the run in `folder` has the same plan."""
+    def require_same(self, folder: Path) -> "Plan":
+        """Return the plan of the run in `folder`.
+
+        Raises NteError, naming the first difference, unless this plan differs from it in the number of steps alone.
+        """
         saved = _read(folder / PLAN)
         if saved.processes != self.processes:
             raise NteError(
@@ -49,8 +48,9 @@ class Plan:
         for key in ("clips", "validation"):
             if difference := _difference(getattr(saved, key), getattr(self, key)):
                 raise NteError(f"{folder}: trained on other clips: {difference} in data.{key}: {_AGAIN}")
-        if saved.steps != self.steps:
-            raise NteError(f"{folder}: its phases have {saved.steps} steps, and here {self.steps}: {_AGAIN}")
+        if saved.init != self.init:
+            raise NteError(f"{folder}: init_from has other weights now than those that the run began with: {_AGAIN}")
+        return saved
 
 
 def digests(clips: Sequence[Clip]) -> list[list[str]]:
@@ -85,6 +85,7 @@ def _read(path: Path) -> Plan:
         loaded: Any = json.loads(path.read_text(encoding="utf-8"))
         plan = Plan(**{field.name: loaded[field.name] for field in fields(Plan)})
         well_formed = type(plan.processes) is int and all(type(n) is int for n in plan.steps)
+        well_formed = well_formed and type(plan.init) is str
         if not well_formed or any([str(n), str(d)] != [n, d] for n, d in (*plan.clips, *plan.validation)):
             raise ValueError("another type of value than expected")
     except (OSError, ValueError, TypeError, KeyError, RecursionError) as error:

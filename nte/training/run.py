@@ -27,9 +27,10 @@ from nte.errors import DISTRIBUTION, NteError
 from nte.files import write_whole
 from nte.models.registry import make_network
 from nte.models.trainable import TrainableDenoiser
-from nte.training.checkpoint import BEST, CHECKPOINT, load_module, read_checkpoint, write_checkpoint
+from nte.training.checkpoint import BEST, CHECKPOINT, load_module, read_checkpoint, weights_prefix, write_checkpoint
 from nte.training.config import TrainConfig, read_train_config
 from nte.training.plan import PLAN, Plan
+from nte.training.schedule import Schedule
 
 DECODED = "decoded"
 _LEFTOVERS = ".*.tmp"  # files that a killed process was writing
@@ -37,7 +38,9 @@ _OURS = (
     "config.yaml", PLAN, "versions.json", CHECKPOINT, BEST, DECODED, "metrics.jsonl", "events.out.tfevents.*",
     _LEFTOVERS,
 )  # fmt: skip
-_HOW_IT_RUNS = (
+# Phases and the learning rate may change from the checkpoint's step on, which Schedule compares.
+_MAY_CHANGE = (
+    "phases", "optimiser.learning_rate", "optimiser.schedule", "optimiser.steps", "optimiser.warmup_steps",
     "resume", "runs", "data.workers", "data.cache_gb", "data.cache_dir", "checkpoint_every", "validate_every",
     "log_every",
 )  # fmt: skip
@@ -54,24 +57,21 @@ class RunFolder:
         """Begin a new run folder, or open the one to resume.
 
         force: replace a run that exists. Raises NteError if one exists and neither `resume` nor force is given, and if
-        the run to resume has another configuration, another number of processes or other clips.
+        the run to resume has another configuration, another number of processes or other clips. Its phases may be
+        others from the checkpoint's step on.
         """
         run = cls(Path(config.runs) / config.name)
         if config.resume and (run.folder / "config.yaml").is_file():
-            run._require_same(config)
-            plan.require_same(run.folder)
-            for path in run.folder.glob(_LEFTOVERS):
-                path.unlink()
+            run._resume(config, plan)
             return run
         if run.folder.is_dir() and any(run.folder.iterdir()):
             # A run without config.yaml was killed before it began.
             if not force and not config.resume:
                 raise NteError(f"{run.folder}: exists: continue it with resume=true, or overwrite it with --force")
             run._delete()
-        text = to_yaml(replace(config, resume=False))
         plan.write(run.folder)
         write_whole(run.folder / "versions.json", lambda path: path.write_text(_versions(), encoding="utf-8"))
-        write_whole(run.folder / "config.yaml", lambda path: path.write_text(text, encoding="utf-8"))
+        run._write_config(config)
         return run
 
     def log(self, values: Mapping[str, object]) -> None:
@@ -108,9 +108,32 @@ class RunFolder:
             kept = "".join(line for line in lines if _step_of(line) <= step)
             write_whole(log, lambda path: path.write_text(kept, encoding="utf-8"))
 
-    def _require_same(self, config: TrainConfig) -> None:
+    def _write_config(self, config: TrainConfig) -> None:
+        text = to_yaml(replace(config, resume=False))
+        write_whole(self.folder / "config.yaml", lambda path: path.write_text(text, encoding="utf-8"))
+
+    def _resume(self, config: TrainConfig, plan: Plan) -> None:
+        """Check that the run can be continued as configured; keep its schedule if it is another one from now on."""
+        before = read_train_config(self.folder / "config.yaml")
+        self._require_same(before, config)
+        saved = plan.require_same(self.folder)
+        if (before.phases, before.optimiser, saved.steps) != (config.phases, config.optimiser, plan.steps):
+            loaded = self.load()
+            done = loaded[0] if loaded else 0
+            past = Schedule(before.optimiser, before.phases, saved.steps)
+            if changed := past.difference(Schedule(config.optimiser, config.phases, plan.steps), done):
+                raise NteError(
+                    f"{self.folder}: another schedule for the {done} steps that are done: {changed}; keep 'phases' and "
+                    "'optimiser' as they were, and give an added phase a 'schedule' of its own, constant or cosine"
+                )
+            self._write_config(config)  # first: the plan's steps are those of its first phases
+            plan.write(self.folder)
+        for path in self.folder.glob(_LEFTOVERS):
+            path.unlink()
+
+    def _require_same(self, before: TrainConfig, config: TrainConfig) -> None:
         """Raise NteError for the first key whose value differs and that changes what is learned."""
-        saved = _choices(read_train_config(self.folder / "config.yaml"))
+        saved = _choices(before)
         for key, now in _choices(config).items():
             if saved.get(key) != now:  # another kind of network has other keys; its kind is the first that differs
                 raise NteError(
@@ -142,9 +165,8 @@ def load_run(folder: Path, device: str = "cpu") -> TrainableDenoiser:
         raise NteError(f"{folder}: no run folder: config.yaml is missing")
     config = read_train_config(folder / "config.yaml")
     _, state = read_checkpoint(folder, name)
-    prefix = "average.module." if "average.n_averaged" in state else "denoiser."
     denoiser = make_network(config.network)
-    load_module(denoiser, state, prefix, folder / name)
+    load_module(denoiser, state, weights_prefix(state), folder / name)
     return denoiser.to(device).eval().requires_grad_(False)
 
 
@@ -158,7 +180,7 @@ def _step_of(line: str) -> float:
 
 
 def _choices(config: TrainConfig) -> dict[str, object]:
-    """Every choice by its dotted key, except those that do not change what is learned."""
+    """Every choice by its dotted key, except those that may change when a run is resumed."""
     flat: dict[str, object] = {}
 
     def collect(prefix: str, values: Mapping[str, object]) -> None:
@@ -169,7 +191,7 @@ def _choices(config: TrainConfig) -> dict[str, object]:
                 flat[prefix + key] = value
 
     collect("", asdict(config))
-    return {key: value for key, value in flat.items() if key not in _HOW_IT_RUNS}
+    return {key: value for key, value in flat.items() if key not in _MAY_CHANGE}
 
 
 def _versions() -> str:

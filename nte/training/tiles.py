@@ -36,6 +36,10 @@ SCATTERED = "scattered_forward_motion"
 SCALARS = ("exposure", "depth_scale", "shutter")  # scalars of a frame that belong to its sequence
 
 
+class BrokenClipError(NteError):
+    """An error in a clip's files, whereas other errors concern the cache."""
+
+
 class TiledClip(NamedTuple):
     """One clip with one noise seed, decoded."""
 
@@ -65,8 +69,8 @@ class TiledClip(NamedTuple):
 class ClipStore:
     """A store of clips that are decoded once and kept in memory, or in files below `folder` if it is given.
 
-    channels: names to keep; a previous_forward_motion that a clip lacks is made by scattering its motion. scattered:
-    keep SCATTERED as well, the previous_forward_motion that scattering makes for every clip.
+    channels: names to keep, where a clip has them; a previous_forward_motion that a clip lacks is made by scattering
+    its motion. scattered: keep SCATTERED as well, the previous_forward_motion that scattering makes for every clip.
     """
 
     def __init__(
@@ -75,25 +79,47 @@ class ClipStore:
         self.clips, self.folder = clips, folder
         self.channels = (*channels, SCATTERED) if scattered else tuple(channels)
         self._open: dict[tuple[int, int], TiledClip] = {}
+        self._scalars: dict[tuple[int, tuple[int, ...]], dict[str, Tensor]] = {}
         self._told: set[int] = set()
 
     def get(self, index: int, seed: int) -> TiledClip:
         """Return clip `index` with noise seed `seed`, decoding it at the first call.
 
-        Raises NteError for a clip that cannot be read, and for a file of the cache that is damaged or cannot be
-        written.
+        Raises BrokenClipError for a clip that cannot be read, and NteError for a file of the cache that is damaged or
+        cannot be written.
         """
         key = index, seed
         if key not in self._open:
             self._open[key] = self._decode(key, np.empty) if self.folder is None else self._mapped(self.folder, key)
         return self._open[key]
 
+    def scalars(self, index: int, seeds: tuple[int, ...]) -> dict[str, Tensor]:
+        """Return exposure, depth_scale and shutter, each (1,), of clip `index` with the mean of these noise seeds.
+
+        The exposure of a mean is measured anew, as the mean log luminance of its blocks is not that of its parts.
+        """
+        key = index, seeds
+        if key not in self._scalars:
+            found = self.get(index, seeds[0]).sequence_scalars()
+            if len(seeds) > 1:
+                clip = self.clips[index]
+                wanted = [name for name in ("color", "depth") if name in clip.channels]
+                measured = sequence_scalars(clip.frame(0, wanted, seeds))
+                found |= dict(zip(SCALARS[:2], map(torch.from_numpy, measured), strict=True))
+            self._scalars[key] = found
+        return self._scalars[key]
+
     def gigabytes(self) -> float:
         """Return the size of all decoded clips with all their seeds, in GiB."""
         return sum(4.0 * np.prod(self._shape(clip)) * clip.seeds for clip in self.clips) / 2**30
 
+    def _kept(self, clip: Clip) -> tuple[str, ...]:
+        """The channels that are kept of a clip."""
+        made = FORWARD, SCATTERED
+        return tuple(name for name in self.channels if name in clip.channels or name in made)
+
     def _shape(self, clip: Clip) -> tuple[int, ...]:
-        components = sum(map(_width, self.channels))
+        components = sum(map(_width, self._kept(clip)))
         return -(-clip.height // TILE), -(-clip.width // TILE), len(clip), components, TILE, TILE
 
     def _mapped(self, folder: Path, key: tuple[int, int]) -> TiledClip:
@@ -123,7 +149,7 @@ class ClipStore:
         found, expected = (tiles.shape, scalars.shape), (self._shape(clip), (len(SCALARS), 1))
         if found != expected:
             raise NteError(f"{path}: damaged: it holds {found}, expected {expected}: delete it, it will be made again")
-        return TiledClip(self.channels, tiles, scalars)
+        return TiledClip(self._kept(clip), tiles, scalars)
 
     def _decode(
         self, key: tuple[int, int], allocate: Callable[[tuple[int, ...], type[np.float32]], Pixels]
@@ -131,20 +157,24 @@ class ClipStore:
         """Read frame after frame into the array that `allocate` makes; only one more frame is in memory at a time."""
         index, seed = key
         clip = self.clips[index]
+        kept = self._kept(clip)
         tiles = allocate(self._shape(clip), np.float32)
         # Besides the channels that are kept, those that give exposure, depth scale and scattered motion.
         wanted = dict.fromkeys((*self.channels, "color", "depth", "motion"))
         stored = [name for name in wanted if name in clip.channels]
         scalars = np.ones((len(SCALARS), 1), np.float32)
         for i in range(len(clip)):
-            frame = clip.frame(i, stored, (seed,))
-            self._look(frame, index)
-            if i == 0:
-                scalars[:2] = np.stack(sequence_scalars(frame))
-                scalars[2] = 1 if frame.shutter is None else frame.shutter
-            planes = np.concatenate([self._channel(frame, name)[0] for name in self.channels])
+            try:
+                frame = clip.frame(i, stored, (seed,))
+                self._look(frame, index)
+                if i == 0:
+                    scalars[:2] = np.stack(sequence_scalars(frame))
+                    scalars[2] = 1 if frame.shutter is None else frame.shutter
+            except NteError as error:
+                raise BrokenClipError(str(error)) from error
+            planes = np.concatenate([self._channel(frame, name)[0] for name in kept])
             tiles[:, :, i] = _tiled(planes)
-        return TiledClip(self.channels, tiles, scalars)
+        return TiledClip(kept, tiles, scalars)
 
     def _channel(self, frame: Frame, name: str) -> Pixels:
         if name == SCATTERED or (name == FORWARD and name not in frame):
@@ -166,8 +196,8 @@ class ClipStore:
         try:
             stats = [(path.name, (stat := path.stat()).st_size, stat.st_mtime_ns) for path in paths]
         except OSError as error:
-            raise NteError(f"{error.filename}: cannot be read: {error.strerror}") from error
-        return digest_of(clip, FORMAT, TILE, self.channels, seed, str(clip.folder.resolve()), stats)
+            raise BrokenClipError(f"{error.filename}: cannot be read: {error.strerror}") from error
+        return digest_of(clip, FORMAT, TILE, self._kept(clip), seed, str(clip.folder.resolve()), stats)
 
 
 def _width(channel: str) -> int:

@@ -13,7 +13,7 @@ from nte.frames.clip import Clip
 from nte.frames.reference import count_bad_pixels
 from nte.frames.scalars import sequence_exposure
 from nte.models.trainable import TrainableDenoiser
-from nte.training.losses import masked_mean, usable_reference
+from nte.training.distances import masked_mean, usable_reference
 from nte.training.target import Target
 
 

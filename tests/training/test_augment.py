@@ -112,3 +112,52 @@ def test_every_channel_of_the_table_can_be_augmented_and_unknown_nan_stays_nan()
 def test_drawing_reaches_every_symmetry_and_every_order_of_colours() -> None:
     rng = np.random.default_rng(0)
     assert len({Augmentation.draw(rng) for _ in range(1000)}) == 8 * 6
+
+
+def test_radiance_and_its_exposure_change_together_and_exposure_can_change_alone() -> None:
+    given, scalars = tensors("color", "reference", "gradient", "albedo", "depth"), {"exposure": torch.tensor([0.5])}
+    bright = Augmentation(light=4.0)
+    found = bright(given)
+    for name in ("color", "reference", "gradient"):
+        assert torch.equal(found[name], 4 * given[name])
+    for name in ("albedo", "depth"):
+        assert torch.equal(found[name], given[name])
+    assert bright.scalars(scalars)["exposure"].item() == 0.125  # what is exposed is the same
+    darker = Augmentation(exposed=0.25)
+    assert torch.equal(darker(given)["color"], given["color"])
+    assert darker.scalars(scalars)["exposure"].item() == 0.125
+    rng = np.random.default_rng(1)
+    drawn = np.log2([(a.light, a.exposed) for a in (Augmentation().lit(rng, 2, 3) for _ in range(400))])
+    for stops, factors in zip((2, 3), drawn.T, strict=True):
+        assert 0.95 * stops < factors.max() <= stops
+        assert abs(factors.mean()) < 0.15 * stops
+    assert Augmentation().lit(rng, 0, 0) == Augmentation()
+
+
+@pytest.mark.parametrize("symmetry", SYMMETRIES, ids=str)
+def test_a_rotated_world_is_rotated_in_every_channel_and_mirrored_with_the_image(symmetry: Augmentation) -> None:
+    rng = np.random.default_rng(2)
+    turned = symmetry.turned(rng)
+    assert turned.rotation is not None
+    torch.testing.assert_close(torch.linalg.det(turned.rotation), torch.tensor(1.0))
+    given = tensors("normal", "position", "indirect_direction", "motion", "color")
+    given["position"] = given["normal"].clone()
+    plain, found = symmetry(given), turned(given)
+    for name in ("normal", "position", "indirect_direction"):
+        # Angles and handedness stay those of the mirrored world.
+        torch.testing.assert_close(found[name].norm(dim=1), plain[name].norm(dim=1))
+        frame = [torch.stack([w[name][0, :, 1, 2], w[name][0, :, 2, 4], w[name][0, :, 3, 1]]) for w in (found, plain)]
+        torch.testing.assert_close(frame[0] @ frame[0].T, frame[1] @ frame[1].T, atol=1e-4, rtol=1e-4)
+        torch.testing.assert_close(torch.linalg.det(frame[0]), torch.linalg.det(frame[1]), atol=1e-3, rtol=1e-3)
+    assert not torch.allclose(found["normal"], plain["normal"], atol=0.1)
+    assert torch.equal(found["normal"], found["position"])
+    for name in ("motion", "color"):
+        assert torch.equal(found[name], plain[name])
+
+
+def test_every_direction_of_a_rotated_world_is_equally_likely() -> None:
+    rng = np.random.default_rng(3)
+    up = torch.tensor([0.0, 0.0, 1.0]).view(3, 1, 1)
+    ends = torch.stack([Augmentation().turned(rng)({"normal": up})["normal"].flatten() for _ in range(3000)])
+    assert ends.mean(0).abs().max() < 0.04
+    torch.testing.assert_close(ends.T @ ends / 3000, torch.eye(3) / 3, atol=0.03, rtol=0)

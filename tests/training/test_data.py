@@ -8,10 +8,11 @@ import torch
 
 from nte.errors import NteError
 from nte.frames.clip import Clip, frame_path
+from nte.frames.scalars import sequence_scalars
 from nte.motion.geometric import scatter_forward_motion
 from nte.training.batch import Batch, as_frames, collate
 from nte.training.config import DataConfig
-from nte.training.data import TrainingSteps, open_clips, training_loader
+from nte.training.data import TrainingBatches, training_loader
 from tests.synthetic import Pixels, disc_frame, write_clip
 
 CHANNELS = ("color", "albedo", "motion", "previous_forward_motion", "depth", "reference")
@@ -39,9 +40,9 @@ def clips(tmp_path_factory: pytest.TempPathFactory) -> list[Clip]:
     return [Clip(folder / f"c{i}") for i in range(5)]
 
 
-def steps(clips: list[Clip], seed: int = 1, rank: int = 0, world: int = 1, **choices: object) -> TrainingSteps:
+def steps(clips: list[Clip], seed: int = 1, rank: int = 0, world: int = 1, **choices: object) -> TrainingBatches:
     config = DataConfig(**({"clips": ["."], "frames": 3, "crop": 8, "batch": 2} | choices))  # type: ignore[arg-type]
-    return TrainingSteps(clips, CHANNELS, config, seed, rank, world)
+    return TrainingBatches(clips, CHANNELS, config, seed, rank, world)
 
 
 def same(a: Batch, b: Batch) -> bool:
@@ -182,7 +183,7 @@ def test_scattering_at_random_changes_the_chosen_share_of_sequences_and_nothing_
     assert all(sample.scattered for sample in always.samples(3))
     batch, samples = always[3], always.samples(3)
     for n, sample in enumerate(samples):
-        frame = clips[sample.clip].frame(sample.frames.start + 1, seeds=(sample.seed,))
+        frame = clips[sample.clip].frame(sample.frames.start + 1, seeds=sample.seeds)
         expected = scatter_forward_motion(*(torch.from_numpy(frame[c]) for c in ("motion", "depth")))
         np.testing.assert_array_equal(
             batch[1]["previous_forward_motion"][n], expected[0][:, sample.rows, sample.columns]
@@ -192,12 +193,12 @@ def test_scattering_at_random_changes_the_chosen_share_of_sequences_and_nothing_
 def test_networks_without_dual_vectors_scatter_nothing(clips: list[Clip]) -> None:
     channels = tuple(name for name in CHANNELS if name != "previous_forward_motion")
     config = DataConfig(clips=["."], frames=3, crop=8, batch=2, scatter=1.0)
-    assert "previous_forward_motion" not in TrainingSteps(clips, channels, config, 1, 0, 1)[0][0]
+    assert "previous_forward_motion" not in TrainingBatches(clips, channels, config, 1, 0, 1)[0][0]
 
 
 def test_what_a_step_saw_can_be_named(clips: list[Clip]) -> None:
     data = steps(clips, any_start=True)
-    batch, said = data[7], data.describe(7)
+    batch, said = data[7], data.describe([7])
     for number, start in zip(clip_numbers(batch), batch[0]["albedo"][:, 1, 0, 0].tolist(), strict=True):
         assert f"c{number} frames {int(start)} to {int(start) + 2}" in said
 
@@ -245,5 +246,40 @@ def test_what_cannot_be_trained_on(clips: list[Clip], tmp_path: Path) -> None:
         steps([clips[0], large], crop=0)
     assert steps(clips, crop=0)[0][0]["color"].shape == (2, 3, 12, 16)
     assert steps([clips[0], large], crop=0, batch=1)[1][0]["color"].shape[0] == 1
-    with pytest.raises(NteError, match=r"nowhere: does not exist"):
-        open_clips([str(tmp_path / "nowhere")])
+
+
+def test_averaged_noise_seeds_are_a_frame_with_as_many_samples(clips: list[Clip]) -> None:
+    data = steps(clips, average=8, batch=5)
+    counts = []
+    for number in range(6):
+        batch, samples = data[number], data.samples(number)
+        for n, sample in enumerate(samples):
+            counts.append(len(sample.seeds))
+            for i in range(3):
+                frame = clips[sample.clip].frame(sample.frames.start + i, CHANNELS, sample.seeds)
+                for name in CHANNELS:
+                    expected = frame[name][0][:, sample.rows, sample.columns]
+                    np.testing.assert_array_equal(batch[i][name][n], expected)
+            exposure, _ = sequence_scalars(clips[sample.clip].frame(0, ("color", "depth"), sample.seeds))
+            np.testing.assert_allclose(batch[0]["exposure"][n], exposure[0])
+    assert {*counts} == {1, 2}  # of two seeds
+
+
+def test_what_is_not_configured_draws_nothing(clips: list[Clip]) -> None:
+    plain, more = (
+        steps(clips, batch=1, **(RANDOM | more)) for more in ({}, {"rotate": True, "radiance": 2.0, "exposure": 1.0})
+    )
+    for ours, theirs in zip(plain.samples(3), more.samples(3), strict=True):
+        assert (ours.clip, ours.seeds, ours.frames, ours.rows) == (
+            theirs.clip,
+            theirs.seeds,
+            theirs.frames,
+            theirs.rows,
+        )
+        assert (ours.augmentation.light, ours.augmentation.exposed, ours.augmentation.rotation) == (1, 1, None)
+        assert theirs.augmentation.rotation is not None
+        assert ours.augmentation.colours == theirs.augmentation.colours
+    exposed = [plain[3][0], more[3][0]]
+    lit = [frame["reference"] * frame["exposure"].view(-1, 1, 1, 1) for frame in exposed]
+    factors = torch.tensor([sample.augmentation.exposed for sample in more.samples(3)]).view(-1, 1, 1, 1)
+    torch.testing.assert_close(lit[1], lit[0] * factors)

@@ -75,7 +75,9 @@ def change_plan(run: Path, change: Callable[[dict[str, Any]], object]) -> None:
     ("change", "message"),
     [
         (lambda p: p.update(processes=2), "trained by 2 processes, and here are 1, which changes what a step is"),
-        (lambda p: p.update(steps=[4, 5]), r"its phases have \[4, 5\] steps, and here \[4, 4\]"),
+        (lambda p: p.update(steps=[4, 5]), r"the learning rate of step 2 was 0.00969846 and would be 0.0096194"),
+        (lambda p: p.update(init="0123"), "init_from has other weights now than those that the run began with"),
+        (lambda p: p.update(init=7), r"plan.json: not a plan of ours, or damaged: another type"),
         (lambda p: p["validation"].clear(), "'disc' is new in data.validation"),
         (lambda p: p.pop("clips"), r"plan.json: not a plan of ours, or damaged: 'clips'"),
         (lambda p: p.update(clips=[["a"]]), r"plan.json: not a plan of ours, or damaged: "),

@@ -13,9 +13,10 @@ from nte.errors import NteError
 from nte.frames.clip import read_frame
 from nte.frames.reference import BadReferenceWarning
 from nte.training.config import OptimiserConfig
-from nte.training.loop import learning_rate, train
-from nte.training.losses import SequenceLoss
+from nte.training.loop import train
+from nte.training.losses import SequenceLoss, Unrolled
 from nte.training.run import load_run
+from nte.training.schedule import learning_rate
 from tests.synthetic import write_clip
 from tests.training.runs import TIMINGS, assert_same_run, checkpoint, contents, copied, metrics, tiny_config
 
@@ -127,7 +128,11 @@ def test_what_exists_is_not_touched(finished: Path, tmp_path: Path, noisy_disc: 
     for override, message in (
         ("seed=3", "another configuration: 'seed' is 1 there and 3 here"),
         ("network.channels=[4,6]", r"'network.channels' is \[4, 4\] there and \[4, 6\] here"),
-        ("phases=[{steps: 9}]", "'phases' is"),
+        (
+            "phases=[{steps: 9}]",
+            "another schedule for the 8 steps that are done: the learning rate of step 2 was 0.0096194 and would be "
+            "0.00969846; keep 'phases'",
+        ),
     ):
         with pytest.raises(NteError, match=message):
             train(tiny_config(tmp_path, noisy_disc, "resume=true", override), device="cpu")
@@ -217,9 +222,9 @@ def test_a_loss_that_is_not_finite_stops_before_the_checkpoint_and_names_the_cli
 ) -> None:
     whole = SequenceLoss.forward
 
-    def forward(self: SequenceLoss, *arguments: Any) -> tuple[torch.Tensor, dict[str, torch.Tensor]]:
-        loss, parts = whole(self, *arguments)
-        return loss * torch.nan, parts
+    def forward(self: SequenceLoss, *arguments: Any) -> Unrolled:
+        unrolled = whole(self, *arguments)
+        return unrolled._replace(loss=unrolled.loss * torch.nan)
 
     monkeypatch.setattr(SequenceLoss, "forward", forward)
     with pytest.raises(NteError, match=r"step 0: the loss is nan: .*disc frames \d to \d, .*disc frames \d to \d$"):
@@ -232,9 +237,10 @@ def test_a_gradient_that_is_not_finite_stops_before_the_checkpoint(
 ) -> None:
     whole = SequenceLoss.forward
 
-    def forward(self: SequenceLoss, *arguments: Any) -> tuple[torch.Tensor, dict[str, torch.Tensor]]:
-        loss, parts = whole(self, *arguments)
-        return loss + (0 * next(self.parameters()).sum()).sqrt(), parts  # the slope of a root at zero
+    def forward(self: SequenceLoss, *arguments: Any) -> Unrolled:
+        unrolled = whole(self, *arguments)
+        bad = (0 * next(self.parameters()).sum()).sqrt()  # the slope of a root at zero
+        return unrolled._replace(loss=unrolled.loss + bad)
 
     monkeypatch.setattr(SequenceLoss, "forward", forward)
     for clip_norm in (0, 1):
@@ -242,6 +248,37 @@ def test_a_gradient_that_is_not_finite_stops_before_the_checkpoint(
         with pytest.raises(NteError, match="step 0: the gradient is not finite"):
             train(tiny_config(tmp_path, noisy_disc, *overrides), device="cpu")
     assert not list(tmp_path.glob("runs/*/checkpoint*"))
+
+
+def test_a_divergence_keeps_the_last_good_state_and_says_so(
+    tmp_path: Path, noisy_disc: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """The loss and its gradient are finite to the end, but the third step gives weights that are not."""
+    update = torch.optim.AdamW.step
+
+    def step(self: torch.optim.AdamW, closure: None = None) -> None:
+        update(self)
+        steps.append(len(steps))
+        if len(steps) == 3:
+            self.param_groups[0]["params"][0].data.view(-1)[0] = torch.inf
+
+    steps: list[int] = []
+    monkeypatch.setattr(torch.optim.AdamW, "step", step)
+    watched = "checkpoint_every=1", "validate_every=9"
+    message = (
+        r"step 2: .unet.encoders.0.0.weight. is not finite: the checkpoint keeps the state after step 2: resume it "
+        r"with phases of a lower learning rate, or look at the data: .*disc frames"
+    )
+    with pytest.raises(NteError, match=message):
+        train(tiny_config(tmp_path, noisy_disc, "optimiser.schedule=constant", *watched), device="cpu")
+    run = tmp_path / "runs" / "tiny"
+    assert checkpoint(run)["step"] == "2"
+    assert load_run(run).state_dict()["unet.encoders.0.0.weight"].isfinite().all()
+    monkeypatch.undo()
+    lower = "phases=[{steps: 2}, {steps: 2, schedule: constant, learning_rate: 1e-4}]", "resume=true"
+    train(tiny_config(tmp_path, noisy_disc, "optimiser.schedule=constant", *watched, *lower), device="cpu")
+    assert checkpoint(run)["step"] == "4"
+    assert [line["learning_rate"] for line in metrics(run) if "loss" in line] == [1e-2, 1e-2, 1e-4, 1e-4]
 
 
 @pytest.mark.parametrize("device", ["cuda", "abacus", "cuda:7"])

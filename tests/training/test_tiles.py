@@ -15,7 +15,7 @@ from nte.errors import NteError
 from nte.frames.clip import Clip, frame_path, read_frame, write_frame
 from nte.frames.reference import BadReferenceWarning
 from nte.training.config import DataConfig
-from nte.training.data import TrainingSteps, training_loader
+from nte.training.data import TrainingBatches, training_loader
 from nte.training.tiles import TILE, ClipStore
 from tests.synthetic import disc_frame, write_clip
 
@@ -141,10 +141,10 @@ def test_batches_are_the_same_from_memory_and_from_files_with_any_number_of_work
     clip: Clip, tmp_path: Path, workers: int
 ) -> None:
     choices = {"clips": ["."], "frames": 2, "crop": 48, "batch": 2, "any_start": True, "augment": True, "scatter": 0.5}
-    memory = TrainingSteps([clip], CHANNELS, DataConfig(**choices), 1, 0, 1)  # type: ignore[arg-type]
+    memory = TrainingBatches([clip], CHANNELS, DataConfig(**choices), 1, 0, 1)  # type: ignore[arg-type]
     assert memory.store.folder is None
     config = DataConfig(**choices, workers=workers, cache_gb=0.0)  # type: ignore[arg-type]
-    files = TrainingSteps([clip], CHANNELS, config, 1, 0, 1, tmp_path / "decoded")
+    files = TrainingBatches([clip], CHANNELS, config, 1, 0, 1, tmp_path / "decoded")
     assert files.store.folder == tmp_path / "decoded"
     for step, batch in enumerate(training_loader(files, 0, 6)):
         for ours, theirs in zip(batch, memory[step], strict=True):
@@ -157,10 +157,10 @@ def test_memory_is_taken_only_where_all_clips_fit_for_every_worker(clip: Clip, t
     assert gigabytes * 2**30 == 128 * 192 * 3 * 17 * 4
     for workers, share, fits in ((0, 1.01, True), (1, 1.01, True), (2, 1.01, False), (2, 2.02, True), (0, 0.99, False)):
         config = DataConfig(clips=["."], frames=2, crop=16, workers=workers, cache_gb=share * gigabytes)
-        store = TrainingSteps([clip], CHANNELS, config, 1, 0, 1, tmp_path).store
+        store = TrainingBatches([clip], CHANNELS, config, 1, 0, 1, tmp_path).store
         assert (store.folder is None) == fits
     named = DataConfig(clips=["."], frames=2, crop=16, cache_dir=str(tmp_path / "mine"))
-    assert TrainingSteps([clip], CHANNELS, named, 1, 0, 1, tmp_path).store.folder == tmp_path / "mine"
+    assert TrainingBatches([clip], CHANNELS, named, 1, 0, 1, tmp_path).store.folder == tmp_path / "mine"
 
 
 def with_bad_reference(folder: Path, pixels: int, value: float) -> Clip:

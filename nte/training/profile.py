@@ -1,0 +1,125 @@
+"""The cost of a training step: where its time goes, and how much of the machine's speed it uses.
+
+The steps are those of a configuration, with its network and clips; nothing is written.
+"""
+
+import time
+from pathlib import Path
+from tempfile import TemporaryDirectory
+from typing import NamedTuple
+
+import torch
+from torch import Tensor, nn
+from torch.profiler import ProfilerActivity, profile
+from torch.utils.flop_counter import FlopCounterMode
+
+from nte.errors import NteError
+from nte.models.registry import make_network
+from nte.text_table import aligned
+from nte.training.config import TrainConfig
+from nte.training.data import training_loader
+from nte.training.material import launch, open_material
+from nte.training.meter import Meter
+from nte.training.schedule import Schedule
+from nte.training.step import Stepper, make_loss, make_optimiser
+
+STEPS = 3  # measured, of which the fastest counts; one more before them decodes clips and allocates memory
+_WIDTH, _SIDE, _BATCH = 64, 96, 4  # of the convolution that is measured alone: large enough for every core
+_TRIES = 4
+
+
+class Profile(NamedTuple):
+    """The cost of a step. Operations are multiplications and additions of convolutions and matrix products."""
+
+    seconds: dict[str, float]  # of each stage of the fastest step that was measured
+    named: dict[str, float]  # of each named part of the forward passes of a step, in seconds; parts may contain others
+    operations: float  # of a step, forward and backward
+    peak: float  # operations per second of a large convolution alone, forward and backward
+
+    @property
+    def share(self) -> float:
+        """The share of the peak that a whole step reaches, data and optimiser included."""
+        return self.operations / sum(self.seconds.values()) / self.peak
+
+    def table(self) -> str:
+        """Lay the profile out as a table, and the share of the peak in a sentence."""
+        total = sum(self.seconds.values())
+        inside = {f"  {name}": value for name, value in self.named.items()}
+        names, values = ["stage"], ["s a step"]
+        shares = ["share"]
+        for name, value in self.seconds.items():
+            for label, seconds in ((name, value), *(inside.items() if name == "forward" else ())):
+                names.append(label)
+                values.append(f"{seconds:.3f}")
+                shares.append(f"{seconds / total:.0%}")
+        said = (
+            f"{self.operations / 1e9:.3g} GFLOP a step in {total:.3g} s: {self.share:.0%} of the {self.peak / 1e9:.3g} "
+            "GFLOP/s that a large convolution alone reaches here"
+        )
+        return f"{aligned([names, values, shares])}\n{said}"
+
+
+def profile_training(config: TrainConfig, device: str = "auto") -> Profile:
+    """Measure the steps of a training without making a run.
+
+    Raises NteError for clips that do not fit the configuration, and for a run that has fewer steps than are measured.
+    """
+    fabric = launch(device, config.seed)
+    denoiser = make_network(config.network)
+    accumulate = config.optimiser.accumulate
+    with TemporaryDirectory() as cache:
+        material = open_material(config, denoiser, fabric, Path(cache))
+        lengths = [phase.length(material.data.epoch, accumulate) for phase in config.phases]
+        schedule = Schedule(config.optimiser, config.phases, lengths)
+        if schedule.last < STEPS + 3:
+            raise NteError(f"'phases' have {schedule.last} steps, expected at least {STEPS + 3} for a profile")
+        model, optimiser = fabric.setup(make_loss(denoiser, config), make_optimiser(denoiser, config.optimiser))
+        meter = Meter(1, torch.cuda.synchronize if fabric.device.type == "cuda" else None)
+        stepper = Stepper(fabric, model, optimiser, config, meter)
+        loader = training_loader(material.data, 0, (STEPS + 3) * accumulate)
+        settings = schedule.at(schedule.last - 1)  # with all losses that a phase adds in the end
+
+        def stages() -> dict[str, float]:
+            """The seconds of each stage of one step."""
+            stepper.step(loader, settings)
+            spent = dict(meter.seconds)
+            meter.read()
+            return spent
+
+        stages()
+        seconds = min((stages() for _ in range(STEPS)), key=lambda spent: sum(spent.values()))
+        with FlopCounterMode(display=False) as counter:
+            stages()
+        with profile(activities=[ProfilerActivity.CPU]) as profiler:
+            slowed = stages()["forward"] / seconds["forward"]  # by the profiler
+        loader.close()
+    named: dict[str, float] = {}
+    for event in sorted(profiler.events(), key=lambda event: event.time_range.start):
+        if event.is_user_annotation and "#" not in event.name:  # PyTorch's own have a #
+            named[event.name] = named.get(event.name, 0.0) + event.time_range.elapsed_us() / 1e6 / slowed
+    return Profile(seconds, named, counter.get_total_flops(), measured_peak(fabric.device, config.precision))
+
+
+def measured_peak(device: torch.device, precision: str = "32-true") -> float:
+    """Measure the operations per second of a large convolution, forward and backward, in a training's precision.
+
+    The best of some tries, as other programs only make it slower.
+    """
+    layer = nn.Conv2d(_WIDTH, _WIDTH, 3, padding=1).to(device)
+    image = torch.rand(_BATCH, _WIDTH, _SIDE, _SIDE, device=device, requires_grad=True)
+
+    def once() -> None:
+        with torch.autocast(device.type, torch.bfloat16, enabled=precision == "bf16-mixed"):
+            made: Tensor = layer(image)
+        made.float().sum().backward()  # type: ignore[no-untyped-call]
+        if device.type == "cuda":
+            torch.cuda.synchronize()
+
+    with FlopCounterMode(display=False) as counter:
+        once()
+    times = []
+    for _ in range(_TRIES):
+        begin = time.perf_counter()
+        once()
+        times.append(time.perf_counter() - begin)
+    return float(counter.get_total_flops() / min(times))
