@@ -31,7 +31,8 @@ class ExposureTally:
             return
         both = torch.cat([frame["color"], frame["reference"]], 1)
         good = (both.isfinite() & (both >= 0)).all(1, keepdim=True)
-        blocks = [-(-size // BLOCK) for size in frame.size]
+        height, width = frame.size
+        blocks = -(-height // BLOCK), -(-width // BLOCK)
         sums = F.adaptive_avg_pool2d(torch.where(good, both, 0.0), blocks).double()  # the same blocks when turned over
         color, reference = sums[:, :3].mean(1), sums[:, 3:].mean(1)
         self._color = color if self._color is None else self._color + color

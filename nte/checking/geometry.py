@@ -186,7 +186,8 @@ def _explain(points: Tensor, depth: Tensor) -> tuple[_Fit, Tensor | None]:
 
 def _solve(rows: Tensor, values: Tensor) -> Tensor:
     """Least squares of rows (n, k) to values (n,), by the normal equations: the rows are centred and of unit size."""
-    return torch.linalg.pinv(_gram(rows), hermitian=True) @ (rows.T @ values)
+    solved: Tensor = torch.linalg.pinv(_gram(rows), hermitian=True) @ (rows.T @ values)
+    return solved
 
 
 def _gram(rows: Tensor) -> Tensor:

@@ -1,9 +1,9 @@
 """The cost of a network, measured by running it: parameters, multiply-accumulates per pixel, receptive field."""
 
 import copy
-from collections.abc import Iterable, Mapping
+from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, TypeAlias
 
 import torch
 import torch.nn.functional as F
@@ -18,6 +18,8 @@ from nte.recurrence import SCALARS
 COARSEST = 32  # px: sizes of measured images are multiples of it, as paddings are up to 6 levels
 _PHASES = (0, 1, 2, 3, 4, 7, 8, 15, 16, 31)  # px, at the edges of what up to 5 poolings join
 _aten = torch.ops.aten
+_Shape: TypeAlias = Any  # the counter gives sequences of numbers
+_Operator: TypeAlias = Any  # of torch.ops, which have no common type
 _RELUS = (torch.relu, torch.relu_, torch.Tensor.relu, torch.Tensor.relu_, F.relu, F.leaky_relu)
 
 
@@ -129,26 +131,26 @@ def _inputs(network: TrainableDenoiser, size: tuple[int, int]) -> list[Tensor]:
     return made
 
 
-def _per_pixel(counts: Mapping[Any, int], size: tuple[int, int]) -> tuple[float, float]:
+def _per_pixel(counts: Mapping[_Operator, int], size: tuple[int, int]) -> tuple[float, float]:
     """(multiply-accumulates in convolutions, other products) per pixel; the counter has two flops for each."""
     products = sum(count for op, count in counts.items() if getattr(op, "_qualified_op_name", "") in _PRODUCT_NAMES)
     pixels = 2 * size[0] * size[1]
     return (sum(counts.values()) - products) / pixels, products / pixels
 
 
-def _numbers(shape: Any) -> int:
+def _numbers(shape: _Shape) -> int:
     return int(torch.Size(shape).numel())
 
 
-def _product(*shapes: Any, out_shape: Any = None, **_: Any) -> int:
+def _product(*shapes: _Shape, out_shape: _Shape = None, **_: object) -> int:
     return 2 * _numbers(out_shape)
 
 
-def _bilinear(*shapes: Any, out_shape: Any = None, **_: Any) -> int:
+def _bilinear(*shapes: _Shape, out_shape: _Shape = None, **_: object) -> int:
     return 2 * 4 * _numbers(out_shape)
 
 
-_PRODUCTS: dict[Any, Any] = {
+_PRODUCTS: dict[_Operator, Callable[..., int]] = {
     _aten.mul: _product,
     _aten.addcmul: _product,
     _aten.lerp: _product,

@@ -5,12 +5,15 @@ import tempfile
 from collections.abc import Iterator
 from contextlib import ExitStack, contextmanager
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from nte.denoiser import Denoiser, State
 from nte.evaluation.benchmark.frames import Source
 
 WARM_UP = 4  # frames before the timed ones: caches fill, and history grows beyond what filters call young
+
+if TYPE_CHECKING:
+    from nte.runtime.session import OnnxDenoiser
 
 
 def named_steps(denoiser: Denoiser, source: Source, frames: int = 2) -> dict[str, float]:
@@ -50,10 +53,10 @@ def _children_recorded(denoiser: Denoiser) -> Iterator[None]:
     scopes = ExitStack()  # of the child that runs: children of one module run one after the other
 
     def record(child: torch.nn.Module, name: str) -> None:
-        def begin(module: torch.nn.Module, inputs: Any) -> None:
+        def begin(module: torch.nn.Module, inputs: object) -> None:
             scopes.enter_context(record_function(name))
 
-        def end(module: torch.nn.Module, inputs: Any, output: Any) -> None:
+        def end(module: torch.nn.Module, inputs: object, output: object) -> None:
             scopes.close()
 
         for handle in (child.register_forward_pre_hook(begin), child.register_forward_hook(end)):
@@ -65,7 +68,7 @@ def _children_recorded(denoiser: Denoiser) -> Iterator[None]:
         yield
 
 
-def _of_graph(denoiser: Any, source: Source, frames: int) -> dict[str, float]:
+def _of_graph(denoiser: "OnnxDenoiser", source: Source, frames: int) -> dict[str, float]:
     """The times of an exported network, from ONNX Runtime's own profile of a second session."""
     with tempfile.TemporaryDirectory() as folder:
         profiled = denoiser.profiled(Path(folder))

@@ -8,11 +8,11 @@ import json
 from dataclasses import asdict
 from hashlib import sha256
 from pathlib import Path
-from typing import Any
 from zipfile import BadZipFile
 
 import numpy as np
 
+from nte.evaluation.metric_table import Row
 from nte.evaluation.score_clip import Shown
 from nte.evaluation.units import ClipScores, ClipUnit, files_of
 from nte.files import make_folder, write_whole
@@ -32,7 +32,7 @@ def unit_digest(unit: ClipUnit) -> str:
 
 def keep(path: Path, digest: str, scores: ClipScores) -> None:
     """Write the scores of a clip. Raises NteError if that fails."""
-    pictures: dict[str, Any] = {}
+    pictures: Row = {}
     shown = []
     for number, one in enumerate(scores.shown):
         names = {kind: list(getattr(one, kind)) for kind in _KINDS}
@@ -56,7 +56,7 @@ def read_kept(path: Path, digest: str) -> ClipScores | None:
     """Read the scores of a clip; None if there are none, or if they are of other denoisers or another clip."""
     try:
         with np.load(path, allow_pickle=False) as file:
-            about: dict[str, Any] = json.loads(file["about"].tobytes())
+            about: Row = json.loads(file["about"].tobytes())
             if about["digest"] != digest:
                 return None
             shown = []

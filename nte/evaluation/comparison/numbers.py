@@ -6,7 +6,6 @@ frame that was scored.
 
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 import numpy.typing as npt
@@ -75,14 +74,14 @@ def part_of(
     metrics: Sequence[str],
     margins: Sequence[str],
     against: Method | None,
-) -> dict[str, Any]:
+) -> Row:
     """Make the numbers of one line in one part of a table, as they stand in summary.json.
 
     metrics: name → mean over clips and seeds, None if there is no number. seeds: name → the means of each seed.
     margins: name → mean difference from `against`, interval, number of clips, and of seeds of both.
     """
     scores = {name: found.scores(method, name, chosen) for name in dict.fromkeys([*metrics, *margins])}
-    part: dict[str, Any] = {
+    part: Row = {
         "light": chosen.light, "region": chosen.region, "first": chosen.first, "clips": len(chosen.clips),
         "metrics": {name: _mean(scores[name]) for name in metrics},
     }  # fmt: skip
@@ -101,7 +100,7 @@ def _mean(scores: Scores) -> float | None:
     return float(there.mean()) if there.size else None
 
 
-def _margin(ours: Scores, theirs: Scores, against: str) -> dict[str, Any] | None:
+def _margin(ours: Scores, theirs: Scores, against: str) -> Row | None:
     both = np.isfinite(ours).all(0) & np.isfinite(theirs).all(0)
     if not (len(ours) and len(theirs) and both.any()):
         return None

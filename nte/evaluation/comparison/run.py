@@ -2,7 +2,7 @@
 
 from collections.abc import Mapping, Sequence
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import TYPE_CHECKING, NamedTuple
 
 from nte.errors import NteError
 from nte.evaluation.comparison.kept import keep, read_kept, unit_digest
@@ -10,12 +10,16 @@ from nte.evaluation.comparison.numbers import Method
 from nte.evaluation.comparison.planned import Planned, plan_situation, require_clips, unit_name
 from nte.evaluation.comparison.schema import Comparison
 from nte.evaluation.comparison.write import write_results
+from nte.evaluation.metric_table import Row
 from nte.evaluation.units import ClipScores, elsewhere, evaluate_clip, require_scorable
 from nte.files import only_writer, refuse_links, remove, write_whole
 from nte.frames.clip import Clip
 from nte.jobs import require_jobs
 from nte.progress import Progress
 from nte.registry import load_denoiser
+
+if TYPE_CHECKING:
+    from nte.evaluation.comparison.networks import Training
 
 MARK = "comparison.yaml"  # says which comparison a folder holds
 
@@ -39,7 +43,7 @@ def run_comparison(
     jobs: int = 1,
     scheduler: str | None = None,
     progress: bool = True,
-) -> dict[str, Any]:
+) -> Row:
     """Train the networks, evaluate every situation on the rendered clips in `data`, and write the results to `out`.
 
     A run that is trained is kept, and one that was interrupted goes on; runs lie in the folder `runs`. Clips that are
@@ -97,7 +101,7 @@ class _Networks:
     """The networks of a comparison and their runs. PyTorch's training is imported only if there are any."""
 
     def __init__(self, comparison: Comparison, data: Path, runs: Path, device: str) -> None:
-        self._units: dict[str, Any] = {}
+        self._units: dict[str, Training] = {}
         self._faults: dict[str, str] = {}
         if any(situation.networks for situation in comparison.situations):
             from nte.evaluation.comparison.networks import trainings

@@ -1,13 +1,13 @@
 """The tables of a comparison as text: aligned for terminals, and in Markdown for pages."""
 
 from collections.abc import Iterator
-from typing import Any, NamedTuple
+from typing import NamedTuple, TypeAlias
 
-from nte.evaluation.metric_table import METRICS, Metric, best_of
+from nte.evaluation.metric_table import METRICS, Metric, Row, best_of
 from nte.text_table import aligned
 
 _METRICS = {metric.name: metric for metric in METRICS}
-Summary = dict[str, Any]  # the content of summary.json, or of one of its tables
+Summary: TypeAlias = Row  # the content of summary.json, or of one of its tables
 
 
 class _Column(NamedTuple):
@@ -71,14 +71,14 @@ def _columns(table: Summary) -> list[_Column]:
     return found
 
 
-def _metric(metric: Metric, where: str, parts: dict[str, Any]) -> _Column:
+def _metric(metric: Metric, where: str, parts: Row) -> _Column:
     means = {method: part["metrics"] for method, part in parts.items()}
     best = best_of(means, metric)
     cells = [metric.text(numbers[metric.name]) for numbers in means.values()]
     return _Column(f"{where}: {metric.label}", cells, [method in best for method in means])
 
 
-def _margins(table: Summary, part: Summary, where: str, parts: dict[str, Any]) -> Iterator[_Column]:
+def _margins(table: Summary, part: Summary, where: str, parts: Row) -> Iterator[_Column]:
     for name in part["margins"]:
         metric = _METRICS[name]
         cells = [_margin(metric, numbers.get("margins", {}).get(name)) for numbers in parts.values()]

@@ -4,7 +4,6 @@ import json
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
-from typing import Any
 
 from nte.evaluation.comparison.clips import matching_clips
 from nte.evaluation.comparison.numbers import Evaluated, Method, Selection, part_of
@@ -20,7 +19,7 @@ from nte.evaluation.units import ClipScores
 from nte.files import make_folder, write_whole
 
 FORMAT = "nte-comparison/2"
-Failures = list[dict[str, Any]]
+Failures = list[Row]
 
 
 def write_results(
@@ -30,7 +29,7 @@ def write_results(
     failures: Failures,
     data: Path,
     out: Path,
-) -> dict[str, Any]:
+) -> Row:
     """Write everything that comes out of a comparison, and return the content of summary.json.
 
     <situation>/ gets metrics.json, index.html (tables, plots over time, pictures) and strips/; of a network, the page
