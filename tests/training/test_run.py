@@ -266,14 +266,14 @@ def test_a_divergence_keeps_the_last_good_state_and_says_so(
     monkeypatch.setattr(torch.optim.AdamW, "step", step)
     watched = "checkpoint_every=1", "validate_every=9"
     message = (
-        r"step 2: .unet.encoders.0.0.weight. is not finite: the checkpoint keeps the state after step 2: resume it "
+        r"step 2: '.*weight' is not finite: the checkpoint keeps the state after step 2: resume it "
         r"with phases of a lower learning rate, or look at the data: .*disc frames"
     )
     with pytest.raises(NteError, match=message):
         train(tiny_config(tmp_path, noisy_disc, "optimiser.schedule=constant", *watched), device="cpu")
     run = tmp_path / "runs" / "tiny"
     assert checkpoint(run)["step"] == "2"
-    assert load_run(run).state_dict()["unet.encoders.0.0.weight"].isfinite().all()
+    assert all(value.isfinite().all() for value in load_run(run).state_dict().values())
     monkeypatch.undo()
     lower = "phases=[{steps: 2}, {steps: 2, schedule: constant, learning_rate: 1e-4}]", "resume=true"
     train(tiny_config(tmp_path, noisy_disc, "optimiser.schedule=constant", *watched, *lower), device="cpu")
