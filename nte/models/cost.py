@@ -1,7 +1,7 @@
 """The cost of a network, measured by running it: parameters, multiply-accumulates per pixel, receptive field."""
 
 import copy
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from typing import Any, TypeAlias
 
@@ -110,8 +110,12 @@ class _Linear(TorchFunctionMode):
     """Replaces operators that choose between values by linear ones with the same reach."""
 
     def __torch_function__(
-        self, func: Any, types: Iterable[Any], args: tuple[Any, ...] = (), kwargs: Mapping[str, Any] | None = None
-    ) -> Any:
+        self,
+        func: _Operator,
+        types: object,
+        args: tuple[_Operator, ...] = (),
+        kwargs: Mapping[str, object] | None = None,
+    ) -> _Operator:
         if func in (torch.max_pool2d, F.max_pool2d):
             return F.avg_pool2d(args[0], args[1])
         if func in _RELUS:

@@ -8,7 +8,7 @@ else than was asked for, so it is refused.
 import warnings
 from collections.abc import Callable, Sequence
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 from nte.errors import NteError
 from nte.frames.channels import way_to
@@ -61,7 +61,7 @@ def open_clips(folders: Sequence[str], require: Callable[[Clip], None]) -> list[
     return found
 
 
-def open_weighted(entries: Sequence[Any], require: Callable[[Clip], None]) -> ClipSet:
+def open_weighted(entries: Sequence[object], require: Callable[[Clip], None]) -> ClipSet:
     """Open the clips of `data.clips`, whose entries are folders, or mappings with a folder and its share of sequences.
 
     Entries without a share divide what the others leave, by their numbers of clips. A clip in two entries belongs to

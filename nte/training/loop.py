@@ -3,7 +3,7 @@
 from collections.abc import Sequence
 from contextlib import closing, nullcontext
 from pathlib import Path
-from typing import Any, cast
+from typing import NoReturn, cast
 
 from lightning_fabric import Fabric
 from torch.optim.swa_utils import AveragedModel, get_ema_multi_avg_fn
@@ -148,7 +148,12 @@ def _diverged(error: NteError, step: int, saved: int, seen: str) -> NteError:
 
 
 def _log(
-    run: RunFolder, writer: SummaryWriter, step: int, values: dict[str, float], rate: float | None, bar: Any
+    run: RunFolder,
+    writer: SummaryWriter,
+    step: int,
+    values: dict[str, float],
+    rate: float | None,
+    bar: "tqdm[NoReturn]",
 ) -> None:
     values = values if rate is None else values | {"learning_rate": rate}
     run.log({"step": step, **values})

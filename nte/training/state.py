@@ -1,7 +1,5 @@
 """The state of training, which a checkpoint holds: weights, their moving average, optimiser and random state."""
 
-from typing import Any
-
 import torch
 from torch import Tensor, nn
 from torch.optim.swa_utils import AveragedModel
@@ -14,7 +12,7 @@ from nte.training.run import RunFolder
 class TrainingState:
     """The state of training as named tensors: weights, their moving average, optimiser and random state."""
 
-    def __init__(self, denoiser: nn.Module, optimiser: Any, average: AveragedModel | None) -> None:
+    def __init__(self, denoiser: nn.Module, optimiser: torch.optim.Optimizer, average: AveragedModel | None) -> None:
         self.denoiser, self.optimiser, self.average = denoiser, optimiser, average
 
     def tensors(self) -> dict[str, Tensor]:

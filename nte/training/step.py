@@ -2,11 +2,11 @@
 
 import math
 from collections.abc import Iterator
-from typing import Any
 
 import torch
 from lightning_fabric import Fabric
 from torch import Tensor, nn
+from torch.optim import Optimizer
 
 from nte.errors import NteError
 from nte.models.trainable import TrainableDenoiser
@@ -27,7 +27,9 @@ class Stepper:
     model, optimiser: as Fabric has set them up; the model is a SequenceLoss. Only one window's graph is in memory.
     """
 
-    def __init__(self, fabric: Fabric, model: Any, optimiser: Any, config: TrainConfig, meter: Meter) -> None:
+    def __init__(
+        self, fabric: Fabric, model: nn.Module, optimiser: Optimizer, config: TrainConfig, meter: Meter
+    ) -> None:
         self.fabric, self.model, self.optimiser, self.meter = fabric, model, optimiser, meter
         self.config = config
         self.windows = windows(config.data.frames, config.data.warmup, config.data.window)

@@ -153,7 +153,6 @@ def test_a_network_and_a_path_with_a_comma_can_be_parts(tmp_path: Path) -> None:
         ("composite:taa", "'taa' is no light=SPEC"),
         (LIGHTS.format("nosy", "taa", "taa"), "composite, visibility: 'nosy' is no denoiser: expected a run folder"),
         (LIGHTS.format("[taa:clmp=none]", "taa", "taa"), "composite, visibility: .*unknown option 'clmp'; it has"),
-        (LIGHTS.format("taa", "noisy", "taa"), "'noisy' denoises color, expected a denoiser of glossy"),
         (LIGHTS.format("taa", "taa", "svgf:target=glossy"), "'svgf:target=glossy' denoises glossy, expected .* in"),
         (LIGHTS.format("taa", "taa", "[svgf:target=components]"), "denoises color, expected a denoiser of indirect"),
         (LIGHTS.format("align_accumulate", "taa", "taa"), "align_accumulate: target is 'visibility', expected one of "),

@@ -60,7 +60,7 @@ def drop(name: str, clip: Path) -> None:
         (cut_off, "disc_002/frame_0001.exr: the OpenEXR file is truncated or damaged: its end is missing"),
         (lambda clip: frame_path(clip, 2).unlink(), "disc_002/frame_0002.exr: missing"),
         (lambda clip: (clip / "clip.json").write_text("{"), "disc_002/clip.json: not readable as JSON"),
-        (lambda clip: frame_path(clip, 0).write_bytes(b""), "disc_002/frame_0000.exr: not an OpenEXR file"),
+        (lambda clip: frame_path(clip, 0).write_bytes(b""), "disc_002/frame_0000.exr: the file is empty"),
         (lambda clip: drop("reference", clip), "disc_002: training needs the channel 'reference'; the clip has"),
     ],
 )

@@ -11,7 +11,6 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from multiprocessing.connection import Connection
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
@@ -19,6 +18,7 @@ from nte.denoiser import State, require_channels
 from nte.errors import NteError
 from nte.evaluation.benchmark.frames import source_of
 from nte.evaluation.benchmark.steps import WARM_UP, named_steps
+from nte.evaluation.metric_table import Row
 from nte.frames.channels import reference_of
 from nte.frames.clip import Clip
 from nte.frames.frame import Array
@@ -29,7 +29,6 @@ from nte.progress import Progress
 from nte.registry import load_denoiser
 
 FORMAT = "nte-bench/1"
-Row = dict[str, Any]
 
 
 @dataclass(frozen=True)

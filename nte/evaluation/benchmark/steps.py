@@ -5,10 +5,11 @@ import tempfile
 from collections.abc import Iterator
 from contextlib import ExitStack, contextmanager
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 from nte.denoiser import Denoiser, State
 from nte.evaluation.benchmark.frames import Source
+from nte.evaluation.metric_table import Row
 
 WARM_UP = 4  # frames before the timed ones: caches fill, and history grows beyond what filters call young
 
@@ -79,7 +80,7 @@ def _of_graph(denoiser: "OnnxDenoiser", source: Source, frames: int) -> dict[str
     return grouped(events, frames)
 
 
-def grouped(events: list[dict[str, Any]], runs: int) -> dict[str, float]:
+def grouped(events: list[Row], runs: int) -> dict[str, float]:
     """Sum the milliseconds per run of a graph's operators by step, over the last runs in a profile of ONNX Runtime.
 
     An operator is named after the modules that it was traced in, such as /prediction/trunk/Conv. What the runtime or
