@@ -6,7 +6,7 @@ import torch
 import torch.nn.functional as F
 from torch import Tensor, nn
 
-from nte.models.kernels import Downsample, apply_kernels, combine_scales
+from nte.models.kernels import Downsample, apply_kernels, average, combine_scales
 from nte.models.prediction import ScaleKernels
 
 _LEAST_WEIGHT = 1e-12  # a kernel with less total weight on the pixels that it may read has selected only others
@@ -34,7 +34,7 @@ class KernelApplication(nn.Module):
         pyramid = [light]
         for _ in kernels[1:]:
             pyramid.append(F.avg_pool2d(pyramid[-1], 2))
-        scales = [apply_kernels(image, scale.spatial) for image, scale in zip(pyramid, kernels, strict=True)]
+        scales = [average(image, scale.spatial) for image, scale in zip(pyramid, kernels, strict=True)]
         temporal = kernels[0].temporal
         if temporal is None or history is None or readable is None:
             return Filtered(scales, None, None)

@@ -25,6 +25,14 @@ def apply_kernels(image: Tensor, kernels: Tensor) -> Tensor:
     return _sum_of_taps(padded, kernels)
 
 
+def average(image: Tensor, weights: Tensor) -> Tensor:
+    """Average an image (N, C, H, W) around each pixel with positive weights (N, K·K, H, W), taps row by row.
+
+    A constant image stays constant, whatever the weights sum to.
+    """
+    return apply_kernels(image, weights) / weights.sum(1, keepdim=True)
+
+
 class _ApplyKernels(torch.autograd.Function):
     """The sum over taps, with its own backward pass.
 

@@ -11,6 +11,8 @@ from nte.errors import NteError
 from nte.models.trainable import NetworkConfig
 from nte.models.unet import UNet, check_levels
 
+LARGEST = 15.0  # of the logarithm of a weight
+
 
 @dataclass
 class KernelConfig(NetworkConfig):
@@ -44,7 +46,7 @@ class KernelConfig(NetworkConfig):
 
 
 class ScaleKernels(NamedTuple):
-    """What a head predicts for one scale: kernels (N, K·K, H, W) that sum to 1, and α (N, 1, H, W) in (0, 1)."""
+    """What a head predicts for one scale: positive weights (N, K·K, H, W), and α (N, 1, H, W) in (0, 1)."""
 
     spatial: Tensor
     alpha: Tensor | None  # weight of this scale in the next finer one; at the finest, of the frame against history
@@ -100,8 +102,16 @@ class KernelHeads(nn.Module):
             weighed, blended = int(scale > 0 or self.temporal), scale == 0 and self.temporal
             spatial, temporal = values[:, weighed : weighed + self.taps], values[:, weighed + self.taps :]
             alpha = values[:, :1].sigmoid() if weighed else None
-            predicted.append(ScaleKernels(spatial.softmax(1), alpha, temporal.softmax(1) if blended else None))
+            predicted.append(ScaleKernels(weights(spatial), alpha, weights(temporal) if blended else None))
         return predicted
+
+
+def weights(values: Tensor) -> Tensor:
+    """Turn numbers into positive weights from e⁻¹⁵ to e¹⁵: a softmax in effect, as `average` divides by their sum.
+
+    Softmax over channels is slow in ONNX Runtime: it took two thirds of a frame.
+    """
+    return values.clamp(-LARGEST, LARGEST).exp()
 
 
 class Memory(nn.Module):

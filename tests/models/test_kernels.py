@@ -4,7 +4,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 from torch import Tensor
 
-from nte.models.kernels import apply_kernels, combine_scales
+from nte.models.kernels import apply_kernels, average, combine_scales
+from nte.models.prediction import weights
 
 
 def apply_slowly(image: Tensor, kernels: Tensor) -> Tensor:
@@ -37,6 +38,17 @@ def test_kernels_that_sum_to_one_keep_a_constant(seed: int, value: float) -> Non
     kernels = torch.randn(2, 25, 6, 7, generator=generator).softmax(1)
     constant = torch.full((2, 3, 6, 7), value)
     torch.testing.assert_close(apply_kernels(constant, kernels), constant, rtol=1e-5, atol=1e-6)
+
+
+@given(st.integers(0, 10_000), st.floats(0, 1e3), st.floats(1e-3, 1e4))
+def test_an_average_is_a_softmax_in_effect(seed: int, spread: float, value: float) -> None:
+    """Of any numbers, also far beyond those that the exponential holds; a constant stays constant."""
+    generator = torch.Generator().manual_seed(seed)
+    values = spread * torch.randn(2, 25, 6, 7, generator=generator)
+    image, constant = torch.rand(2, 3, 6, 7, generator=generator), torch.full((2, 3, 6, 7), value)
+    torch.testing.assert_close(average(constant, weights(values)), constant, rtol=1e-5, atol=0)
+    limited = values.clamp(-15, 15)
+    torch.testing.assert_close(average(image, weights(values)), apply_kernels(image, limited.softmax(1)))
 
 
 def test_the_middle_tap_alone_is_the_identity_and_its_neighbour_shifts() -> None:
