@@ -7,7 +7,7 @@ import torch.nn.functional as F
 from torch import Tensor, nn
 
 from nte.models.kernels import Downsample, apply_kernels, average, combine_scales
-from nte.models.prediction import ScaleKernels
+from nte.models.prediction import TAPS, ScaleKernels
 
 _LEAST_WEIGHT = 1e-12  # a kernel with less total weight on the pixels that it may read has selected only others
 
@@ -15,7 +15,8 @@ _LEAST_WEIGHT = 1e-12  # a kernel with less total weight on the pixels that it m
 class Filtered(NamedTuple):
     """Filtered images, before they are blended."""
 
-    scales: list[Tensor]  # (N, C, H/2^k, W/2^k), finest first
+    scales: list[Tensor]  # (N, C, H/2^k, W/2^k), finest first; without the finest if it mixes
+    light: Tensor  # (N, C, H, W), as it was
     history: Tensor | None  # (N, C, H, W)
     known: Tensor | None  # (N, 1, H, W) bool: the temporal kernel had a pixel to read
 
@@ -24,7 +25,7 @@ class KernelApplication(nn.Module):
     """The step that filters each scale of the light with its spatial kernels, and the history with the temporal ones.
 
     Costs K²·C multiply-adds per pixel of each scale, and K²·(C + 1) more for the history: for 5×5 kernels, 3 scales
-    and 3 components 98 and 100 per pixel.
+    and 3 components 98 and 100 per pixel. A finest scale that mixes has no kernels, and history stays as it is.
     """
 
     def forward(
@@ -34,11 +35,15 @@ class KernelApplication(nn.Module):
         pyramid = [light]
         for _ in kernels[1:]:
             pyramid.append(F.avg_pool2d(pyramid[-1], 2))
-        scales = [average(image, scale.spatial) for image, scale in zip(pyramid, kernels, strict=True)]
+        pairs = zip(pyramid, (scale.spatial for scale in kernels), strict=True)
+        scales = [average(image, spatial) for image, spatial in pairs if spatial is not None]
+        if history is None or readable is None:
+            return Filtered(scales, light, None, None)
+        if kernels[0].mixing is not None:
+            return Filtered(scales, light, history, readable > 0)
         temporal = kernels[0].temporal
-        if temporal is None or history is None or readable is None:
-            return Filtered(scales, None, None)
-        return Filtered(scales, *apply_masked(history, readable, temporal))
+        past = (None, None) if temporal is None else apply_masked(history, readable, temporal)
+        return Filtered(scales, light, *past)
 
 
 class Blending(nn.Module):
@@ -55,10 +60,7 @@ class Blending(nn.Module):
 
     def forward(self, filtered: Filtered, kernels: list[ScaleKernels]) -> tuple[Tensor, Tensor | None]:
         """Return the light (N, C, H, W) in [0, most], and α (N, 1, H, W) of the last blend if there is a history."""
-        output = filtered.scales[-1]
-        for fine, coarse in zip(reversed(filtered.scales[:-1]), reversed(kernels[1:]), strict=True):
-            assert coarse.alpha is not None
-            output = combine_scales(fine, output, coarse.alpha, self.downsample)
+        output = combined(filtered.scales, kernels, self.downsample)
         # Before blending, compression and storage, since Eq. 4 may go below 0, and above the largest input.
         output = output.clamp(min=0, max=self.most)
         alpha, history, known = kernels[0].alpha, filtered.history, filtered.known
@@ -66,6 +68,60 @@ class Blending(nn.Module):
             return output, None
         alpha = torch.where(known, alpha, 1.0)
         return alpha * output + (1 - alpha) * history, alpha  # Eq. 1
+
+
+class Mixing(nn.Module):
+    """The step that makes the image of one of half its resolution, the noisy pixel and its history.
+
+    Each pixel has TAPS weights: for 3×3 pixels of the combined scales of half the resolution and below, for its own
+    light, and for its history. So the result lies between values that are there, at a third of the time that kernels at
+    full resolution take. Works on 2×2 pixels at once, and costs TAPS·C multiply-adds per pixel.
+    """
+
+    def __init__(self, downsample: Downsample, most: float | None) -> None:
+        super().__init__()
+        self.downsample: Downsample = downsample
+        self.most = most
+
+    def forward(self, filtered: Filtered, kernels: list[ScaleKernels]) -> tuple[Tensor, Tensor | None]:
+        """Return the light (N, C, H, W) in [0, most], and the share of what is not history, (N, 1, H, W)."""
+        mixing, light = kernels[0].mixing, filtered.light
+        assert mixing is not None
+        half = combined(filtered.scales, kernels, self.downsample).clamp(min=0, max=self.most)
+        height, width = half.shape[-2:]
+        weights = mixing.view(len(mixing), TAPS, 1, 4, height, width)
+        around = F.pad(half, [1] * 4, mode="replicate")
+        total = weights[:, :-1].sum(1)
+        mixed = weights[:, -2] * _blocks(light)
+        for tap in range(TAPS - 2):
+            y, x = divmod(tap, 3)
+            mixed = mixed + weights[:, tap] * around[:, :, None, y : y + height, x : x + width]
+        if filtered.history is None or filtered.known is None:
+            return _unblocked(mixed / total), None
+        of_history = weights[:, -1] * _blocks(filtered.known.to(light.dtype))
+        mixed = mixed + of_history * _blocks(filtered.history)
+        whole = total + of_history
+        return _unblocked(mixed / whole), _unblocked(total / whole)
+
+
+def _blocks(image: Tensor) -> Tensor:
+    """Gather 2×2 pixels: (N, C, H, W) → (N, C, 4, H/2, W/2)."""
+    batch, components, height, width = image.shape
+    return F.pixel_unshuffle(image, 2).view(batch, components, 4, height // 2, width // 2)
+
+
+def _unblocked(blocks: Tensor) -> Tensor:
+    """Put 2×2 pixels back: (N, C, 4, H/2, W/2) → (N, C, H, W)."""
+    return F.pixel_shuffle(blocks.flatten(1, 2), 2)
+
+
+def combined(scales: list[Tensor], kernels: list[ScaleKernels], downsample: Downsample) -> Tensor:
+    """Combine scales, finest first, from coarse to fine by Eq. 4; the last of `kernels` belongs to the last of them."""
+    output = scales[-1]
+    for fine, coarse in zip(reversed(scales[:-1]), reversed(kernels), strict=False):
+        assert coarse.alpha is not None
+        output = combine_scales(fine, output, coarse.alpha, downsample)
+    return output
 
 
 def apply_masked(image: Tensor, weight: Tensor, kernels: Tensor) -> tuple[Tensor, Tensor]:

@@ -12,6 +12,7 @@ from nte.models.trainable import NetworkConfig
 from nte.models.unet import UNet, check_levels
 
 LARGEST = 15.0  # of the logarithm of a weight
+TAPS = 11  # that are mixed: 3×3 pixels of half the resolution, the pixel itself, and its history
 
 
 @dataclass
@@ -29,7 +30,12 @@ class KernelConfig(NetworkConfig):
     def check(self) -> None:
         """Raise NteError, naming the key, for values that make no network."""
         super().check()
-        choices = {"downsample": ("max", "mean"), "motion": ("dual", "traditional"), "front": (1, 2, 4)}
+        choices = {
+            "downsample": ("max", "mean"),
+            "motion": ("dual", "traditional"),
+            "front": (1, 2, 4),
+            "finest": ("kernels", "mixing"),
+        }
         for key, allowed in choices.items():
             if getattr(self, key) not in allowed:
                 raise NteError(f"network.{key} is {getattr(self, key)!r}, expected one of {allowed}")
@@ -48,9 +54,10 @@ class KernelConfig(NetworkConfig):
 class ScaleKernels(NamedTuple):
     """What a head predicts for one scale: positive weights (N, K·K, H, W), and α (N, 1, H, W) in (0, 1)."""
 
-    spatial: Tensor
+    spatial: Tensor | None  # None at the finest scale if it mixes
     alpha: Tensor | None  # weight of this scale in the next finer one; at the finest, of the frame against history
     temporal: Tensor | None  # of the warped history, at the finest scale
+    mixing: Tensor | None = None  # (N, TAPS·4, H/2, W/2), at the finest scale: weights of nte.models.filtering.Mixing
 
 
 class Trunk(nn.Module):
@@ -78,16 +85,19 @@ class KernelHeads(nn.Module):
     """
 
     def __init__(
-        self, channels: Sequence[int], front: int, scales: int, kernel_size: int, head_size: int, temporal: bool
-    ) -> None:
+        self, channels: Sequence[int], front: int, scales: int, kernel_size: int, head_size: int, temporal: bool,
+        mixing: bool = False,
+    ) -> None:  # fmt: skip
         super().__init__()
-        self.taps, self.temporal = kernel_size**2, temporal
+        self.taps, self.temporal, self.mixing = kernel_size**2, temporal, mixing
         front_levels = front.bit_length() - 1
         self.shuffles = [2 ** max(0, front_levels - scale) for scale in range(scales)]
         self.levels = [max(0, scale - front_levels) for scale in range(scales)]
         # At the finest scale α weighs the frame against history: without a temporal kernel there is none.
         outputs = [1 + self.taps] * scales
         outputs[0] = 1 + 2 * self.taps if temporal else self.taps
+        if mixing:  # the first scale with kernels is then the finest that is combined, so it has no α
+            outputs[:2], self.shuffles[0] = [TAPS * front**2, self.taps], 1
         self.heads = nn.ModuleList(
             nn.Conv2d(channels[level], n * shuffle**2, head_size, padding=head_size // 2)
             for level, n, shuffle in zip(self.levels, outputs, self.shuffles, strict=True)
@@ -99,7 +109,10 @@ class KernelHeads(nn.Module):
         for scale, (head, level, shuffle) in enumerate(zip(self.heads, self.levels, self.shuffles, strict=True)):
             values = head(levels[level]).float()
             values = F.pixel_shuffle(values, shuffle) if shuffle > 1 else values
-            weighed, blended = int(scale > 0 or self.temporal), scale == 0 and self.temporal
+            if self.mixing and scale == 0:
+                predicted.append(ScaleKernels(None, None, None, weights(values)))
+                continue
+            weighed, blended = int(scale > self.mixing or (scale == 0 and self.temporal)), scale == 0 and self.temporal
             spatial, temporal = values[:, weighed : weighed + self.taps], values[:, weighed + self.taps :]
             alpha = values[:, :1].sigmoid() if weighed else None
             predicted.append(ScaleKernels(weights(spatial), alpha, weights(temporal) if blended else None))

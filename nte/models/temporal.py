@@ -13,7 +13,7 @@ from torch import Tensor, nn
 
 from nte.color import luminance
 from nte.errors import NteError
-from nte.models.filtering import Blending, KernelApplication, padded
+from nte.models.filtering import Blending, KernelApplication, Mixing, padded
 from nte.models.prediction import KernelConfig, KernelHeads, Memory, Trunk
 from nte.models.reading import LightConfig, Reader, Seen
 from nte.models.reprojection import Reprojected, Reprojection, Statistics, accumulate
@@ -32,11 +32,19 @@ class TemporalConfig(LightConfig, KernelConfig):
     feed_masks: bool = False  # the history's validity and the disocclusion mask are inputs too (not in the paper)
     moments: bool = False  # mean and deviation over time of the noisy luminance are inputs too (not in the paper)
     history_length: bool = False  # 1 / number of frames in which the surface was seen is an input (not in the paper)
+    finest: str = "kernels"  # mixing: a few weights instead of kernels at full resolution (not in the paper)
     feature_history: int = 0  # number of decoder features that are carried, warped and fed (not in the paper)
 
     def check(self) -> None:
         """Raise NteError, naming the key, for values that make no network."""
         super().check()
+        if self.finest not in ("kernels", "mixing"):
+            raise NteError(f"network.finest is '{self.finest}', expected kernels or mixing")
+        if self.finest == "mixing" and not self.temporal:
+            raise NteError("network.finest is mixing, which has a weight for the history: set network.temporal to true")
+        if self.finest == "mixing" and (self.front != 2 or self.scales < 2):
+            found = f"network.front is {self.front} and network.scales is {self.scales}"
+            raise NteError(f"{found}, expected a front of 2 and at least 2 scales, as network.finest is mixing")
         if self.feature_history < 0:
             raise NteError(f"network.feature_history is {self.feature_history}, expected a number of features from 0")
 
@@ -88,7 +96,8 @@ class TemporalDenoiser(TrainableDenoiser):
         self.prediction = Prediction(width, config)
         self.kernels = KernelApplication()
         most = None if self.reading.is_radiance else 1.0
-        self.blending = Blending("max" if config.downsample == "max" else "mean", most)
+        blend = Mixing if config.finest == "mixing" else Blending
+        self.blending = blend("max" if config.downsample == "max" else "mean", most)
         self.apply(xavier)
 
     def forward(self, *tensors: Tensor) -> tuple[Tensor, ...]:
@@ -158,8 +167,9 @@ class Prediction(nn.Module):
         super().__init__()
         self.trunk = Trunk(inputs, config.channels, config.front)
         self.heads = KernelHeads(
-            config.channels, config.front, config.scales, config.kernel_size, config.head_size, config.temporal
-        )
+            config.channels, config.front, config.scales, config.kernel_size, config.head_size, config.temporal,
+            config.finest == "mixing",
+        )  # fmt: skip
         remembered = config.feature_history
         self.memory = Memory(config.channels[0], config.front, remembered) if remembered else None
 
