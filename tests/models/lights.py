@@ -20,6 +20,8 @@ NETWORKS = {
     "glossy": ("temporal", {"target": "glossy", "motion": "traditional", "inputs": ["color", "motion", "gradient"]}),
     "one frame": ("temporal", {"target": "glossy", "scales": 1, "temporal": False, "feed_warped": False}),
     "warped only": ("temporal", {"target": "indirect", "temporal": False}),
+    "mixing": ("temporal", {"finest": "mixing", "front": 2, "demodulate": True, **ALL}),
+    "mixing share": ("temporal", {"finest": "mixing", "front": 2, "scales": 2, "target": "visibility"}),
     "rae": ("rae", {"target": "indirect", "demodulate": True}),
     "separated": ("separated", {}),
     "rae share": ("rae", {"target": "visibility", "inputs": ["emission"]}),

@@ -163,6 +163,19 @@ def test_statistics_are_means_over_the_frames_in_which_a_surface_was_seen() -> N
         (RaeConfig(inputs=["reference_glossy"]), "network.inputs has 'reference_glossy', expected some of .*roughness"),
         (TemporalConfig(inputs=["forward_motion"]), "network.inputs has 'forward_motion', expected some of "),
         (TemporalConfig(inputs=["instance"]), "network.inputs has 'instance', expected some of "),
+        (TemporalConfig(finest="none"), "network.finest is 'none', expected kernels or mixing"),
+        (
+            TemporalConfig(finest="mixing"),
+            "network.front is 1 and network.scales is 3, expected a front of 2 and",
+        ),
+        (
+            TemporalConfig(finest="mixing", front=2, scales=1),
+            "network.scales is 1, expected a front of 2 and at",
+        ),
+        (
+            TemporalConfig(finest="mixing", front=2, temporal=False),
+            "network.finest is mixing, which has a weight for",
+        ),
         (TemporalConfig(feature_history=-1), "network.feature_history is -1, expected a number of features from 0"),
         (RaeConfig(channels=[]), r"network.channels is \[\], expected at least one width"),
     ],
