@@ -247,7 +247,10 @@ def test_what_the_system_refuses_is_one_line(told: Told, monkeypatch: pytest.Mon
     assert told("info", "clip") == "nte: No space left on device\n"
 
 
-def test_sigterm_is_an_interruption(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> None:
+@pytest.mark.parametrize("on_ctrl_c", [signal.default_int_handler, signal.SIG_IGN], ids=["foreground", "background"])
+def test_sigterm_is_an_interruption(
+    on_ctrl_c: signal.Handlers, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
     def work(*_: object) -> None:
         with InterruptFlag() as interrupted:
             signal.raise_signal(signal.SIGTERM)
@@ -255,9 +258,12 @@ def test_sigterm_is_an_interruption(monkeypatch: pytest.MonkeyPatch, capsys: pyt
         signal.raise_signal(signal.SIGTERM)
         raise AssertionError("went on")
 
-    before = signal.getsignal(signal.SIGTERM)
+    before, on_interrupt = signal.getsignal(signal.SIGTERM), signal.signal(signal.SIGINT, on_ctrl_c)
     monkeypatch.setattr("nte.cli.info._info", work)
-    assert main(["info", "clip"]) == 130
+    try:
+        assert main(["info", "clip"]) == 130
+    finally:
+        signal.signal(signal.SIGINT, on_interrupt)
     assert capsys.readouterr().err == "nte: interrupted; nothing half-written is left\n"
     assert signal.getsignal(signal.SIGTERM) is before
 

@@ -79,8 +79,13 @@ def test_what_needs_an_extra_says_which_in_one_line(noisy_disc: Path, tmp_path: 
 
 
 def test_a_function_that_needs_an_extra_says_which() -> None:
-    for name, extra in {"check": "eval", "train": "train", "dual_motion": "eval"}.items():
+    for name, package, extra in (
+        ("check", "torch", "eval"),
+        ("train", "lightning_fabric", "train"),
+        ("dual_motion", "torch", "eval"),
+    ):
         done = python(WITHOUT + f"import nte; assert '{name}' in dir(nte); nte.{name}")
-        assert f"ImportError: nte.{name} needs the package 'torch': pip install 'nte-denoiser[{extra}]'" in done.stderr
+        needs = f"nte.{name} needs the package '{package}': pip install 'nte-denoiser[{extra}]'"
+        assert f"ImportError: {needs}" in done.stderr
     done = python(WITHOUT + "import nte; nte.render('recipe.yaml', 'clips')")
     assert "ImportError: rendering needs the package 'torch': pip install 'nte-denoiser[render]'" in done.stderr
