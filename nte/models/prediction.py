@@ -30,12 +30,7 @@ class KernelConfig(NetworkConfig):
     def check(self) -> None:
         """Raise NteError, naming the key, for values that make no network."""
         super().check()
-        choices = {
-            "downsample": ("max", "mean"),
-            "motion": ("dual", "traditional"),
-            "front": (1, 2, 4),
-            "finest": ("kernels", "mixing"),
-        }
+        choices = {"downsample": ("max", "mean"), "motion": ("dual", "traditional"), "front": (1, 2, 4)}
         for key, allowed in choices.items():
             if getattr(self, key) not in allowed:
                 raise NteError(f"network.{key} is {getattr(self, key)!r}, expected one of {allowed}")
