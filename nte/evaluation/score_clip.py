@@ -3,7 +3,7 @@
 import statistics
 import time
 import warnings
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Container, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 
 import torch
@@ -34,6 +34,11 @@ class Shown:
     disoccluded: int  # number of disoccluded pixels
     images: dict[str, RGB] = field(default_factory=dict)  # noisy input, reference, then one for each spec
     flip: dict[str, RGB] = field(default_factory=dict)  # one for each spec
+
+    def only(self, specs: Container[str]) -> "Shown":
+        """Return the pictures without those of other specs; input and reference stay."""
+        images = {name: image for name, image in self.images.items() if name in specs or name not in self.flip}
+        return replace(self, images=images, flip={name: self.flip[name] for name in self.flip if name in specs})
 
 
 class ClipRun:

@@ -1,10 +1,11 @@
 """The evaluation of a clip as a unit of work, for `nte.jobs`."""
 
 import warnings
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, replace
 from functools import cache, lru_cache
 from pathlib import Path
+from typing import TypeAlias
 
 import torch
 
@@ -16,6 +17,8 @@ from nte.frames.channels import reference_of
 from nte.frames.clip import Clip
 from nte.jobs import Kind, in_processes, on_cluster, require_jobs, versions_of
 from nte.registry import load_denoiser
+
+Stamp: TypeAlias = tuple[Path, int, int]  # a file, its time of modification in ns, and its size in bytes
 
 
 @dataclass(frozen=True)
@@ -58,7 +61,7 @@ def score_clip(
         if strict and run.failed:
             raise NteError(next(iter(run.failed.values())))
         tick(index)
-    shown = [_only(one, unit.pictured) for one in run.shown.values()]
+    shown = [one if unit.pictured is None else one.only(unit.pictured) for one in run.shown.values()]
     return ClipScores(run.rows(), [one for one in shown if one.flip], run.failed)
 
 
@@ -66,10 +69,11 @@ def evaluate_clip(unit: ClipUnit, tick: Callable[[int], None] = lambda index: No
     """Load the denoisers of a unit and score them; one that fails, also in loading, is told in `failed`."""
     failed: dict[str, str] = {}
     loaded: dict[str, Denoiser] = {}
+    clip = Clip(unit.clip)
     for spec in unit.denoisers:
         try:
             denoiser = _load(spec, unit.device)
-            require_scorable(unit.label, Clip(unit.clip), {spec: denoiser}, unit.first)
+            require_scorable(unit.label, clip, {spec: denoiser}, unit.first)
             loaded[spec] = denoiser
         except NteError as error:
             failed[spec] = str(error)
@@ -105,23 +109,19 @@ def files_of(spec: str) -> list[Path]:
     return [path] if path.is_file() else []
 
 
+def stamps_of(spec: str) -> tuple[Stamp, ...]:
+    """Return the files that a denoiser is read from, each with its time and size, which tell if it has changed."""
+    return tuple((file, file.stat().st_mtime_ns, file.stat().st_size) for file in files_of(spec))
+
+
 def _load(spec: str, device: str) -> Denoiser:
     """Load a denoiser once for many clips, and again if its files have changed."""
-    stamps = tuple((file, file.stat().st_mtime_ns, file.stat().st_size) for file in files_of(spec))
-    return _loaded(spec, device, stamps)
+    return _loaded(spec, device, stamps_of(spec))
 
 
 @lru_cache(maxsize=128)
-def _loaded(spec: str, device: str, stamps: tuple[tuple[Path, int, int], ...]) -> Denoiser:
+def _loaded(spec: str, device: str, stamps: tuple[Stamp, ...]) -> Denoiser:
     return load_denoiser(spec, device)
-
-
-def _only(shown: Shown, pictured: Sequence[str] | None) -> Shown:
-    """The pictures of those denoisers that are to be shown."""
-    if pictured is None:
-        return shown
-    images = {name: image for name, image in shown.images.items() if name in pictured or name not in shown.flip}
-    return replace(shown, images=images, flip={name: shown.flip[name] for name in shown.flip if name in pictured})
 
 
 def elsewhere(

@@ -13,7 +13,7 @@ from nte.evaluation.comparison.run import check_networks, run_comparison
 from nte.evaluation.comparison.schema import read_comparison
 from nte.training.loop import train
 from tests.synthetic import disc_frame, write_clip
-from tests.training.runs import assert_same_run, metrics
+from tests.training.runs import assert_same_run, interrupted_after, metrics
 
 TRAINING = """
 name: nobody reads it
@@ -112,12 +112,8 @@ def test_each_seed_is_trained_once_and_a_network_is_the_mean_over_its_seeds(
 def test_a_training_that_was_stopped_goes_on(
     compare: Callable[..., dict], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    asked = iter([False, False, True])
-    with monkeypatch.context() as patched:
-        patched.setattr("nte.interrupt.InterruptFlag.__enter__", lambda flag: lambda: next(asked))
-        patched.setattr("nte.interrupt.InterruptFlag.__exit__", lambda flag, *error: None)
-        with pytest.raises(KeyboardInterrupt):
-            compare()
+    with interrupted_after(3, monkeypatch), pytest.raises(KeyboardInterrupt):
+        compare()
     assert [line["step"] for line in metrics(tmp_path / "runs/wide_seed1") if "loss" in line] == [1, 2, 3]
     assert not (tmp_path / "runs/wide_seed2").exists()
     compare()

@@ -8,10 +8,13 @@ import resource
 import shutil
 import subprocess
 import sys
+from collections.abc import Iterator
+from contextlib import contextmanager
 from multiprocessing.connection import Connection
 from pathlib import Path
 from typing import Any
 
+import pytest
 from safetensors import safe_open
 from torch import Tensor
 
@@ -136,3 +139,13 @@ def copied(finished: Path, folder: Path) -> Path:
 def contents(folder: Path) -> dict[str, bytes]:
     """Every file of a folder."""
     return {path.name: path.read_bytes() for path in folder.iterdir()}
+
+
+@contextmanager
+def interrupted_after(step: int, monkeypatch: pytest.MonkeyPatch) -> Iterator[None]:
+    """A block in which Ctrl-C is pressed once, during this step of a training."""
+    asked = iter([False] * (step - 1) + [True])
+    with monkeypatch.context() as patched:
+        patched.setattr("nte.interrupt.InterruptFlag.__enter__", lambda flag: lambda: next(asked))
+        patched.setattr("nte.interrupt.InterruptFlag.__exit__", lambda flag, *error: None)
+        yield

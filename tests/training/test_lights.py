@@ -12,7 +12,7 @@ from nte.frames.channels import reference_of
 from nte.frames.clip import Clip, frame_path, write_frame
 from nte.training.run import load_run
 from tests.synthetic import Pixels, disc_frame, write_clip
-from tests.training.runs import assert_same_run, metrics
+from tests.training.runs import assert_same_run, interrupted_after, metrics
 
 CONFIG = """
 name: lights
@@ -76,10 +76,7 @@ def test_a_run_that_stops_and_goes_on_is_the_same_run(
 ) -> None:
     (tmp_path / "whole").mkdir()
     whole = trained(tmp_path / "whole", clip, name)
-    asked = iter([False, False, False, True])
-    with monkeypatch.context() as patched:
-        patched.setattr("nte.interrupt.InterruptFlag.__enter__", lambda flag: lambda: next(asked))
-        patched.setattr("nte.interrupt.InterruptFlag.__exit__", lambda flag, *error: None)
+    with interrupted_after(4, monkeypatch):
         trained(tmp_path, clip, name)
     stopped = tmp_path / "runs" / "lights"
     losses = [line for line in metrics(stopped) if "loss" in line]

@@ -21,7 +21,7 @@ from nte.registry import load_denoiser
 from nte.training.run import load_run
 from tests.synthetic import disc_frame, write_clip
 from tests.tiny_network import TinyNetwork
-from tests.training.runs import ROOT, assert_same_run, metrics
+from tests.training.runs import ROOT, assert_same_run, interrupted_after, metrics
 
 EXTRAS = ("torch", "mitsuba", "lightning_fabric", "safetensors", "onnx", "tensorboard")
 CONFIG = """
@@ -102,10 +102,7 @@ def test_it_trains_and_is_validated_on_its_own_target(run: Path, clip: Path) -> 
 def test_a_run_that_stops_and_goes_on_is_the_same_run(
     run: Path, clip: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    asked = iter([False, False, False, True])
-    with monkeypatch.context() as patched:
-        patched.setattr("nte.interrupt.InterruptFlag.__enter__", lambda flag: lambda: next(asked))
-        patched.setattr("nte.interrupt.InterruptFlag.__exit__", lambda flag, *error: None)
+    with interrupted_after(4, monkeypatch):
         trained(tmp_path, clip)
     stopped = tmp_path / "runs" / "tiny"
     assert [line["step"] for line in metrics(stopped) if "loss" in line] == [1, 2, 3, 4]

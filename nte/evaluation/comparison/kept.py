@@ -6,6 +6,7 @@ of all that the scores depend on; scores with another digest are not read.
 
 import json
 from dataclasses import asdict
+from functools import cache
 from hashlib import sha256
 from pathlib import Path
 from zipfile import BadZipFile
@@ -14,7 +15,7 @@ import numpy as np
 
 from nte.evaluation.metric_table import Row
 from nte.evaluation.score_clip import Shown
-from nte.evaluation.units import ClipScores, ClipUnit, files_of
+from nte.evaluation.units import ClipScores, ClipUnit, Stamp, stamps_of
 from nte.files import make_folder, write_whole
 from nte.frames.clip import Clip
 from nte.version import __version__
@@ -26,8 +27,13 @@ def unit_digest(unit: ClipUnit) -> str:
     """Compute a digest of a clip's clip.json, of the denoisers with the bytes of their files, and of nte's version."""
     info = json.dumps(Clip(unit.clip).info, sort_keys=True)
     how = json.dumps({**asdict(unit), "clip": ""}, sort_keys=True)
-    files = [sha256(path.read_bytes()).hexdigest() for spec in unit.denoisers for path in files_of(spec)]
+    files = [_digest_of(stamp) for spec in unit.denoisers for stamp in stamps_of(spec)]
     return sha256("\n".join([__version__, info, how, *files]).encode()).hexdigest()
+
+
+@cache  # every clip has the same denoisers
+def _digest_of(stamp: Stamp) -> str:
+    return sha256(stamp[0].read_bytes()).hexdigest()
 
 
 def keep(path: Path, digest: str, scores: ClipScores) -> None:

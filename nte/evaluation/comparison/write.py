@@ -2,7 +2,6 @@
 
 import json
 from collections.abc import Mapping, Sequence
-from dataclasses import replace
 from pathlib import Path
 
 from nte.evaluation.comparison.clips import matching_clips
@@ -57,15 +56,7 @@ def _write_situation(plan: Planned, evaluation: Evaluation, folder: Path) -> Non
     rows = [row for row in evaluation.metrics["rows"] if row["denoiser"] in titles.values()]
     if not rows:
         return
-    kept = set(titles.values())
-    shown = [
-        replace(
-            one,
-            images={name: image for name, image in one.images.items() if name in kept or name not in one.flip},
-            flip={name: image for name, image in one.flip.items() if name in kept},
-        )
-        for one in evaluation.shown
-    ]
+    shown = [one.only(titles.values()) for one in evaluation.shown]
     shown = [one for one in shown if one.flip]
     page = Evaluation({**evaluation.metrics, "rows": rows, "means": means_of(rows)}, shown).titled(titles)
     write_report(page, folder, titles)

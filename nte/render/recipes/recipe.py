@@ -4,7 +4,7 @@ from collections import Counter
 from dataclasses import dataclass, field, replace
 from hashlib import sha256
 from pathlib import Path
-from typing import Any
+from typing import Any, get_args
 
 from omegaconf import MISSING
 
@@ -14,6 +14,7 @@ from nte.render.engine.backend import require_arrays
 from nte.render.engine.mesh_stage import MeshStage
 from nte.render.engine.stage import Stage
 from nte.render.engine.xml.stage import XmlStage, require_scene
+from nte.render.passes.rays import Mirrors
 from nte.render.passes.shutter import SUBFRAMES
 from nte.render.passes.unshadowed import unshadowed_integrator
 from nte.render.scenes.families import FAMILIES
@@ -29,7 +30,7 @@ _AT_LEAST = {
     "clips": 0, "width": 1, "height": 1, "frames": 1, "spp": 1, "seeds": 1, "reference_spp": 2, "max_depth": 2,
 }  # fmt: skip
 _ONE_OF: dict[str, tuple[str, ...]] = {
-    "guides": ("averaged", "centred", "random"), "mirrors": ("colour", "black", "white"),
+    "guides": ("averaged", "centred", "random"), "mirrors": get_args(Mirrors),
 }  # fmt: skip
 _TOO_MUCH = 2**31  # beyond the renderer's integers
 

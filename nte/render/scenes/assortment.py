@@ -5,12 +5,10 @@ from collections.abc import Callable
 import numpy as np
 import trimesh
 
-from nte.render.scenes import furniture, shapes, solids
+from nte.render.scenes import furniture, kit, shapes, solids
 from nte.render.scenes.patterns import PATTERNS, palette, plain, random_texture
-from nte.render.world.scene import Material, Mesh, Pixels
-from nte.render.world.transforms import Floats, rotation, translation
-
-UP = (0.0, 1.0, 0.0)
+from nte.render.world.scene import Material, Mesh, Pixels, SceneObject
+from nte.render.world.transforms import Floats, rotation, still, translation
 
 
 def any_mesh(rng: np.random.Generator) -> Mesh:
@@ -71,7 +69,7 @@ def _roughness(rng: np.random.Generator) -> float | Pixels:
     return np.asarray(low + (high - low) * pattern, np.float32)
 
 
-def any_ground(rng: np.random.Generator, width: float, depth: float) -> tuple[Mesh, Material]:
+def any_ground(rng: np.random.Generator, width: float, depth: float) -> SceneObject:
     """Make a ground that faces up around the origin: flat or in waves, with the material of a floor."""
     size = float(rng.uniform(1.5, 6.0))
     if rng.uniform() < 0.6:
@@ -86,8 +84,8 @@ def any_ground(rng: np.random.Generator, width: float, depth: float) -> tuple[Me
         mesh = solids.sheet(width, depth, relief, size)
     color = random_texture(rng) if rng.uniform() < 0.75 else plain(rng)
     if rng.uniform() < 0.35:
-        return mesh, Material(color, "glossy", _roughness(rng))
-    return mesh, Material(color)
+        return SceneObject(mesh, Material(color, "glossy", _roughness(rng)), still())
+    return SceneObject(mesh, Material(color), still())
 
 
 def tint(rng: np.random.Generator) -> tuple[float, float, float]:
@@ -152,7 +150,7 @@ def _heap(rng: np.random.Generator) -> Mesh:
     level, boxes = -1.0, []
     for _ in range(rng.integers(2, 6)):
         w, h, d = (float(x) for x in rng.uniform(0.25, 1.0, 3))
-        turned = translation((*rng.uniform(-0.2, 0.2, 1), level, 0.0)) @ rotation(UP, rng.uniform(0, 3))
+        turned = translation((*rng.uniform(-0.2, 0.2, 1), level, 0.0)) @ rotation(kit.UP, rng.uniform(0, 3))
         boxes.append(solids.placed(solids.block((w, h, d)), turned))
         level += h
     return solids.merged(boxes)

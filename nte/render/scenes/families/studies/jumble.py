@@ -12,7 +12,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from nte.render.scenes import kit, shapes
-from nte.render.scenes.assortment import UP, any_ground, any_material, any_mesh, tint
+from nte.render.scenes.assortment import any_ground, any_material, any_mesh, tint
 from nte.render.scenes.family import Dice, between, one_of
 from nte.render.scenes.patterns import plain, random_texture
 from nte.render.scenes.solids import placed
@@ -51,7 +51,7 @@ def _thing(dice: Dice, reach: float, pace: float) -> SceneObject:
     height = size * 0.8 if ground else dice.uniform(size, 2.6)
     where = np.array([distance * np.cos(angle), height, distance * np.sin(angle)])
     turn, lean = dice.uniform(0, 6), dice.normal(size=3)
-    rest = rotation(UP, turn) if ground else rotation(lean, turn)
+    rest = rotation(kit.UP, turn) if ground else rotation(lean, turn)
     mesh = placed(any_mesh(dice), rest, size)
     return SceneObject(mesh, any_material(dice), _track(dice, where, size, pace * dice.uniform(0.3, 1.5)))
 
@@ -64,7 +64,7 @@ def _track(dice: Dice, where: Floats, size: float, pace: float) -> Track:
     if kind == "rest":
         return still(translation(where))
     if kind == "turn":
-        return moving(kit.fixed(where), UP, pace / size * dice.choice([-1, 1]))
+        return moving(kit.fixed(where), kit.UP, pace / size * dice.choice([-1, 1]))
     if kind == "circle":
         radius = dice.uniform(0.4, 1.2)
         path = kit.circling(where - (radius, 0, 0), radius, pace / radius * dice.choice([-1, 1]), phase)
@@ -83,8 +83,7 @@ def _track(dice: Dice, where: Floats, size: float, pace: float) -> Track:
 def _room(dice: Dice, reach: float) -> Surroundings:
     """Four walls, floor and ceiling, with lights inside; behind the camera too, which stands in the room."""
     half, height = reach + dice.uniform(0.8, 2.5), dice.uniform(2.6, 4.5)
-    mesh, material = any_ground(dice, 2 * half, 2 * half)
-    objects = [SceneObject(mesh, material, still())]
+    objects = [any_ground(dice, 2 * half, 2 * half)]
     corners = [(half, half), (-half, half), (-half, -half), (half, -half)]
     for (ax, az), (bx, bz) in zip(corners, corners[1:] + corners[:1], strict=True):
         paint = random_texture(dice) if dice.uniform() < 0.5 else plain(dice)
@@ -96,20 +95,21 @@ def _room(dice: Dice, reach: float) -> Surroundings:
 
 def _open(dice: Dice, reach: float) -> Surroundings:
     """A wide ground under a sky; by night with lamps."""
-    mesh, material = any_ground(dice, 60, 60)
-    ground = [SceneObject(mesh, material, still())]
+    ground = [any_ground(dice, 60, 60)]
     if dice.uniform() < 0.25:
-        return ground + _lights(dice, reach + 1, 4.0), tuple(0.05 * c for c in tint(dice))  # type: ignore[return-value]
+        lamps = _lights(dice, reach + 1, 4.0)
+        r, g, b = tint(dice)
+        return ground + lamps, (0.05 * r, 0.05 * g, 0.05 * b)
     sun = dice.normal(size=3) * (1, 0, 1) + (0, dice.uniform(0.2, 2.5), 0)
     return ground, kit.sky(dice, sun, float(np.exp(dice.uniform(np.log(0.5), np.log(3.0)))))
 
 
 def _studio(dice: Dice, reach: float) -> Surroundings:
     """A ground with a wall behind it, a grey surrounding, and a few panels."""
-    mesh, material = any_ground(dice, 8 * reach, 8 * reach)
+    ground = any_ground(dice, 8 * reach, 8 * reach)
     back = kit.wall((3 * reach, reach + 1.5), (-3 * reach, reach + 1.5), 7, plain(dice))
     level = float(dice.uniform(0.02, 0.6))
-    return [SceneObject(mesh, material, still()), back, *_lights(dice, reach + 0.5, 4.5)], (level, level, level)
+    return [ground, back, *_lights(dice, reach + 0.5, 4.5)], (level, level, level)
 
 
 def _lights(dice: Dice, half: float, height: float) -> list[SceneObject]:
@@ -155,7 +155,7 @@ def _camera(dice: Dice, reach: float, speed: float) -> Camera:
         if kind == "line":
             return look_at(eye + pace * time * way * np.exp(-0.02 * abs(time)), target)
         if kind == "orbit":
-            return look_at((rotation(UP, pace / distance * time) @ np.append(eye, 1))[:3], target)
+            return look_at((rotation(kit.UP, pace / distance * time) @ np.append(eye, 1))[:3], target)
         if kind == "turn":
             return look_at(eye, target + distance * np.tan(np.clip(pace * time * 0.3, -1.2, 1.2)) * aside)
         if kind == "hand":
