@@ -89,7 +89,7 @@ class Mixing(nn.Module):
         assert mixing is not None
         half = combined(filtered.scales, kernels, self.downsample).clamp(min=0, max=self.most)
         height, width = half.shape[-2:]
-        weights = mixing.view(len(mixing), TAPS, 1, 4, height, width)
+        weights = mixing.unflatten(1, (TAPS, 1, 4))
         around = F.pad(half, [1] * 4, mode="replicate")
         total = weights[:, :-1].sum(1)
         mixed = weights[:, -2] * _blocks(light)
@@ -106,8 +106,7 @@ class Mixing(nn.Module):
 
 def _blocks(image: Tensor) -> Tensor:
     """Gather 2×2 pixels: (N, C, H, W) → (N, C, 4, H/2, W/2)."""
-    batch, components, height, width = image.shape
-    return F.pixel_unshuffle(image, 2).view(batch, components, 4, height // 2, width // 2)
+    return F.pixel_unshuffle(image, 2).unflatten(1, (-1, 4))
 
 
 def _unblocked(blocks: Tensor) -> Tensor:
