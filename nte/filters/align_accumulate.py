@@ -12,7 +12,7 @@ from torch import Tensor
 from nte.color import demodulate, remodulate
 from nte.denoiser import Filter, Result, State, require_size, sanitised
 from nte.filters.align import SearchOptions, align
-from nte.filters.blocks import fetch_history, keep_where_bad, remembered, restarts
+from nte.filters.blocks import fetch_history, keep_where_bad, remembered, restarts, texture_of
 from nte.filters.estimated import Chooser, matched_grey
 from nte.frames.frame import Frame
 from nte.frames.scalars import sequence_exposure
@@ -34,7 +34,7 @@ class AlignAccumulateOptions(SearchOptions, name="align_accumulate"):
     """Options of `align_accumulate`: those of the search, and its own.
 
     norm: of the patch distance; the paper uses log L1ᶜ, which is `log_centred`. demodulate: search and merge light
-    divided by albedo, and multiply the result by the albedo. target: the channel to denoise.
+    divided by albedo, indirect light by diffuse_albedo, and multiply the result by it. target: the channel to denoise.
     """
 
     norm: Norm = "log_centred"
@@ -63,12 +63,13 @@ class AlignAccumulate(Filter[AlignAccumulateOptions]):
         self.target, self.choose = how.target, how.chooser()
         vectors, texture = ["motion"] if how.motion == "geometric" else [], ["albedo"] if how.demodulate else []
         self.needs = tuple(dict.fromkeys([how.target, "color", *vectors, *texture]))
+        self.optional = ("diffuse_albedo",) if how.demodulate and how.target == "indirect" else ()
 
     @sanitised
     def step(self, frame: Frame, state: State, extras: tuple[str, ...] = ()) -> tuple[Result, State]:
         """Merge the frame into the history; the state holds the merged image and the image that was searched."""
         how = self.options
-        albedo = frame["albedo"] if how.demodulate else None
+        albedo = texture_of(frame, self.target) if how.demodulate else None
         current = frame[self.target]
         current = current if albedo is None else demodulate(current, albedo)
         carried = None if state is None else state.exposure

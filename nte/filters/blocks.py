@@ -5,11 +5,21 @@ from typing import NamedTuple
 import torch
 from torch import Tensor
 
+from nte.frames.channels import TEXTURES
 from nte.frames.frame import Frame
 from nte.frames.usable import mask_of
 from nte.motion.box import box_mean
 from nte.motion.geometric import Reprojection
 from nte.motion.warp import warp
+
+
+def texture_of(frame: Frame, light: str) -> Tensor:
+    """Return what demodulation divides a light by, (N, 3, H, W): diffuse_albedo for indirect light, else the albedo.
+
+    The albedo counts all lobes of a surface; it takes the place of a diffuse_albedo that is missing.
+    """
+    own: Tensor | None = frame.get(TEXTURES.get(light, "albedo"))
+    return frame["albedo"] if own is None else own
 
 
 class Moments(NamedTuple):

@@ -18,7 +18,7 @@ from nte.color import demodulate, remodulate
 from nte.denoiser import Filter, Result, require_size, sanitised
 from nte.errors import NteError
 from nte.filters.atrous import Edge, atrous_step
-from nte.filters.blocks import restarts
+from nte.filters.blocks import restarts, texture_of
 from nte.filters.composition import Target
 from nte.filters.moments import (
     brightness,
@@ -29,6 +29,7 @@ from nte.filters.moments import (
     with_square,
 )
 from nte.filters.reproject import Fetched, Geometry, geometry_of, previous_depth, reproject
+from nte.frames.channels import TEXTURES
 from nte.frames.frame import Frame
 from nte.frames.usable import mask_of
 from nte.motion.geometric import traditional_motion
@@ -102,9 +103,9 @@ class Svgf(Filter[SvgfOptions]):
     def __init__(self, options: SvgfOptions | None = None, *, device: str = "cpu") -> None:
         super().__init__(options, device=device)
         self.target = self.options.target
-        textured = ("albedo",) if self.target in ("color", "indirect") else ()
-        self.needs = (self.target, *textured, "normal", "depth", "motion")
-        self.optional = ("emission",) if self.target == "color" else ()
+        self.textured = self.target in TEXTURES
+        self.needs = (self.target, *(["albedo"] if self.textured else []), "normal", "depth", "motion")
+        self.optional = {"color": ("emission",), "indirect": ("diffuse_albedo",)}.get(self.target, ())
 
     @sanitised
     @torch.no_grad()
@@ -166,10 +167,12 @@ class Svgf(Filter[SvgfOptions]):
         light = frame[self.target]
         if "emission" in self.optional and "emission" in frame:
             light = light - frame["emission"]
-        return demodulate(light, frame["albedo"], self.options.albedo_floor) if "albedo" in self.needs else light
+        return demodulate(light, texture_of(frame, self.target), self.options.albedo_floor) if self.textured else light
 
     def _remodulated(self, light: Tensor, frame: Frame) -> Tensor:
-        image = remodulate(light, frame["albedo"], self.options.albedo_floor) if "albedo" in self.needs else light
+        image = light
+        if self.textured:
+            image = remodulate(light, texture_of(frame, self.target), self.options.albedo_floor)
         if "emission" in self.optional and "emission" in frame:
             image = image + frame["emission"]
         return image.clamp(min=0)

@@ -13,6 +13,7 @@ from nte.errors import NteError
 from nte.filters.asvgf import Asvgf, AsvgfOptions
 from nte.filters.svgf import Svgf, SvgfOptions
 from nte.frames.frame import Frame
+from nte.registry import load_denoiser
 from tests.filters.sequences import noisy_frames, run, still_channels
 from tests.synthetic import disc_frame, random_channels
 
@@ -72,6 +73,17 @@ def test_a_white_environment_stays_white_whatever_the_albedo(make: type[Svgf]) -
         frames.append(Frame(channels, index))
     for frame, image in zip(frames, run(make(), without_gradient(frames)), strict=True):
         np.testing.assert_allclose(image / frame["albedo"], 1, rtol=1e-5)
+
+
+def test_indirect_light_is_divided_by_what_the_diffuse_lobe_reflects() -> None:
+    """Its texture passes unfiltered, though the albedo, which counts glossy lobes too, has another."""
+    rng = np.random.default_rng(3)
+    channels = random_channels(rng, size=(20, 31))
+    diffuse = rng.uniform(0.1, 0.9, channels["albedo"].shape).astype(np.float32)
+    channels |= {"diffuse_albedo": diffuse, "indirect": 0.7 * diffuse}
+    for spec in ("svgf:target=indirect", "asvgf:target=indirect", "align_accumulate:target=indirect,demodulate=true"):
+        for image in run(load_denoiser(spec), without_gradient([Frame(channels, index) for index in range(3)])):
+            np.testing.assert_allclose(image, channels["indirect"], rtol=1e-4)
 
 
 @pytest.mark.parametrize("make", FILTERS)

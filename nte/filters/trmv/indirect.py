@@ -12,6 +12,7 @@ from torch.profiler import record_function
 
 from nte.color import demodulate, remodulate
 from nte.filters.bilateral import Edges, atrous_bilateral
+from nte.filters.blocks import texture_of
 from nte.filters.threads import side_by_side, threads_for
 from nte.filters.trmv import accumulation
 from nte.filters.trmv import cones as hemisphere
@@ -20,7 +21,6 @@ from nte.filters.trmv.fetch import Fetcher, fetch_from_anything, fetch_from_surf
 from nte.filters.trmv.inputs import FrameInputs
 from nte.filters.trmv.options import TrmvOptions
 from nte.filters.trmv.samples import of_usable
-from nte.frames.frame import Frame
 from nte.frames.usable import mask_of
 
 LEVELS = 4  # à-trous levels of 3×3 taps: 31×31 px, the paper's «essentially 32×32»
@@ -140,12 +140,6 @@ def _by_strips(work: Callable[[int], None], image: Tensor) -> None:
     side_by_side([partial(work, first) for first in range(0, image.shape[2], STRIP)], threads_for(image))
 
 
-def diffuse_reflectance(frame: Frame) -> Tensor:
-    """Return the reflectance (N, 3, H, W) of the diffuse lobe, or the albedo, of all lobes, if that is missing."""
-    own: Tensor | None = frame.get("diffuse_albedo")
-    return frame["albedo"] if own is None else own
-
-
 def denoise_indirect(
     inputs: FrameInputs, history: History | None, vectors: str, cones: Cones | None, options: TrmvOptions,
     trust: Tensor | None = None,
@@ -156,7 +150,7 @@ def denoise_indirect(
     [0, 1]. History comes from the same surface only, except for colours along traditional vectors, the paper's
     comparison.
     """
-    frame, reflectance = inputs.frame, diffuse_reflectance(inputs.frame)
+    frame, reflectance = inputs.frame, texture_of(inputs.frame, "indirect")
     reprojection = {"dual": inputs.dual, "traditional": inputs.traditional, "none": None}[vectors]
     fetcher = None
     if reprojection is not None and history is not None:
