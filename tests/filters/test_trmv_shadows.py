@@ -27,7 +27,7 @@ def test_vectors_are_the_mean_of_shadowed_samples_and_visibility_of_all() -> Non
     visibility[..., 4, 4], visibility[..., 4, 5], visibility[..., 0, 0] = 0, 0, 0
     motion[..., 4, 4], motion[..., 4, 5] = 2.0, 4.0  # the third blocked sample has no valid vector
     found = splat(visibility, frame["direct"], motion, edges)
-    expected = joint_bilateral(visibility, edges, RADIUS, deviation_for(9))
+    expected = joint_bilateral(visibility, edges, RADIUS, deviation_for((9, 9)))
     torch.testing.assert_close(found.visibility, expected)
     assert found.shadowed.all()
     assert found.motion[0, 0, 4, 0] < 3 < found.motion[0, 0, 4, 8]

@@ -1,5 +1,6 @@
 """Shadows: splatted visibility and vectors, and the non-planar heuristic (Zeng et al. 2021, section 4.1)."""
 
+from collections.abc import Sequence
 from typing import NamedTuple
 
 import torch
@@ -16,8 +17,8 @@ from nte.motion.geometric import Reprojection, traditional_motion
 from nte.motion.neighbours import pairs
 from nte.motion.warp import fetch_nearest, pixel_centres
 
-# Deviation, px, of the Gaussian in the 31×31 window: half its radius in images of LINES lines or more, and less in
-# smaller images, where penumbrae are narrower too. At 128 lines 7.5 px would erase the shadow of a slat.
+# Deviation, px, of the Gaussian in the 31×31 window: half its radius in images whose shorter side has LINES pixels or
+# more, and less in smaller images, where penumbrae are narrower too. At 128 pixels 7.5 px would erase a slat's shadow.
 NARROWEST, WIDEST, LINES = 1.5, 7.5, 640
 FALLOFF = 0.1  # rad, of G in Eq. 4
 
@@ -50,7 +51,7 @@ def denoise_shadows(
             if inputs.before is not None:
                 trust = planarity(inputs.gbuffer, inputs.before, inputs.traditional, reprojection)
     used = None if vectors == "none" else reprojection
-    reach = deviation_for(inputs.gbuffer.depth.shape[2])
+    reach = deviation_for(inputs.frame.size)
     return accumulate("shadow", splatted.visibility, history, used, inputs, options, reach, trust)
 
 
@@ -72,7 +73,7 @@ def splat(
         # Weight 1 − V: in the mean of several shadow rays, each blocked ray counts.
         shadow = lit * (1 - visibility) * believed
         parts += [shadow, shadow * motion]
-    reached = joint_bilateral(torch.cat(parts, 1), edges, RADIUS, deviation_for(direct.shape[2]))
+    reached = joint_bilateral(torch.cat(parts, 1), edges, RADIUS, deviation_for(direct.shape[2:]))
     soft = torch.where(could & (reached[:, :1] > TINY), reached[:, 1:2] / reached[:, :1].clamp(min=TINY), 1.0)
     if shadow_motion is None:
         return Splatted(soft, torch.zeros_like(direct[:, :2]), torch.zeros_like(lit, dtype=torch.bool))
@@ -81,9 +82,12 @@ def splat(
     return Splatted(soft, motion, shadowed)
 
 
-def deviation_for(lines: int) -> float:
-    """Compute the Gaussian's deviation, px, for images of this many lines (not in the paper)."""
-    return min(max(NARROWEST, WIDEST * lines / LINES), WIDEST)
+def deviation_for(size: Sequence[int]) -> float:
+    """Compute the Gaussian's deviation, px, for images of this (height, width), whose shorter side counts.
+
+    This is not in the paper.
+    """
+    return min(max(NARROWEST, WIDEST * min(size) / LINES), WIDEST)
 
 
 def shadow_reprojection(splatted: Splatted, traditional: Reprojection) -> Reprojection:
