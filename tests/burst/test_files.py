@@ -10,9 +10,9 @@ import pytest
 import torch
 from PIL import Image
 
+from nte.burst.files import merge_files
 from nte.burst.pictures import read_picture, write_picture
 from nte.burst.raw import develop, read_raw
-from nte.burst.files import merge_files
 from nte.cli import main
 from nte.errors import NteError
 from nte.frames.exr import write_exr

@@ -1,4 +1,4 @@
-"""What no filter may notice: a mirror, the order of x and y, the unit of light or length, and where constant light moves.
+"""What no filter may notice: a mirror, the order of x and y, units of light and length, and where constant light moves.
 
 The frames show a slanted, coloured disc that moves before a slanted, textured wall and sky, with noise in every light.
 Sizes are whole numbers of strata of 3×3 pixels, so that mirroring maps strata onto strata.
@@ -19,8 +19,8 @@ from nte.registry import load_denoiser
 from nte.training.augment import Augmentation
 
 SIZE = (24, 36)
-# Random numbers of a pixel, and the frame in which cones lie, are not mirrored with the image, so glossy vectors that are
-# drawn, `mcguire`, the pre-filter of motion blur, and cones are left out here.
+# Random numbers of a pixel, and the frame in which cones lie, are not mirrored with the image. So glossy vectors that
+# are drawn, `mcguire`, the pre-filter of motion blur, and cones are left out here.
 FILTERS = [
     "taa", "taa:clamp=none", "svgf", "svgf:target=visibility", "asvgf", "asvgf:target=glossy",
     "trmv:indirect=colour,glossy=specular", "trmv:preset=gradient", "trmv:target=visibility", "motion_blur",
