@@ -118,7 +118,7 @@ def planarity(now: GBuffer, before: GBuffer, traditional: Reprojection, vectors:
     sine = ((normal * away).sum(1, keepdim=True) * squared.clamp(min=TINY).rsqrt()).clamp(-1, 1)
     falloff = sine.asin_().mul_(1 / FALLOFF).square_().mul_(-0.5).exp_()
     # Within a pixel's footprint θ has no meaning (not in the paper).
-    falloff = torch.where(squared <= squared_footprint(now.position), 1.0, falloff)
+    falloff = torch.where(squared <= squared_footprint(now.position, now.depth > 0), 1.0, falloff)
     return torch.where(landed[:, 3:] > 0, falloff, 0.0)
 
 
@@ -152,13 +152,17 @@ def _tangent(position: Tensor, hit: Tensor, axis: int) -> Tensor:
     return torch.where(ahead, torch.cat([step, none], axis), torch.cat([none, step], axis))
 
 
-def squared_footprint(position: Tensor) -> Tensor:
-    """Compute the squared world distance (N, 1, H, W) to the nearest of the four neighbouring pixels' points."""
+def squared_footprint(position: Tensor, hit: Tensor) -> Tensor:
+    """Compute the squared world distance (N, 1, H, W) to the nearest of the four neighbouring pixels' points.
+
+    hit (N, 1, H, W), bool: where there is a point; misses, whose position is 0, are infinitely far.
+    """
     nearest = torch.full_like(position[:, :1], float("inf"))
     for axis in (2, 3):
         if position.shape[axis] > 1:
             near, far = pairs(position, axis, 1)
-            step = (far - near).square_().sum(1, keepdim=True)
+            one, other = pairs(hit, axis, 1)
+            step = torch.where(one & other, (far - near).square_().sum(1, keepdim=True), float("inf"))
             for part in pairs(nearest, axis, 1):
                 torch.minimum(part, step, out=part)
     return nearest
