@@ -7,16 +7,17 @@ tables of the test clips. docs/correspondence.md holds the tables, and says how 
 something that the project promises does not hold.
 """
 
-import argparse
 import json
 import sys
 import warnings
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import torch
 
+from benchmarks.command import make_parser, run
 from benchmarks.correspondence_cases import (
     Case,
     Pair,
@@ -139,9 +140,9 @@ def masks(folders: list[Path]) -> None:
     print(f"\nPSNR of align_accumulate, dB, by its mask ({folders[0].parent.name} clips)\n{aligned(table)}")
 
 
-def main(arguments: list[str]) -> int:
+def main(arguments: Sequence[str]) -> int:
     """Run everything that is asked for; return 1 if something does not hold."""
-    parser = argparse.ArgumentParser(description=(__doc__ or "").splitlines()[0])
+    parser = make_parser(__doc__)
     parser.add_argument("--recipe", type=Path, default=Path("datasets/correspondence_reduced.yaml"))
     parser.add_argument("--data", type=Path, help="folder of the clips (default: data/ and the recipe's name)")
     parser.add_argument("--fast", action="store_true", help="without Dual TV-L1 and eFOLKI, which take minutes")
@@ -198,4 +199,4 @@ def too_slow(rows: dict[str, dict[str, float]]) -> list[str]:
 
 
 if __name__ == "__main__":
-    sys.exit(main(sys.argv[1:]))
+    run(main)
