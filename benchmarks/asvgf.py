@@ -6,8 +6,7 @@
 Prints RMSE of x/(1 + x) / mean history length in frames, over the frames from the fourth on.
 """
 
-import sys
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any, NamedTuple
 from unittest.mock import patch
@@ -15,6 +14,7 @@ from unittest.mock import patch
 import numpy as np
 from torch import Tensor
 
+from benchmarks.command import make_parser, run
 from nte.denoiser import Session
 from nte.filters import asvgf
 from nte.filters.composition import COMPONENTS
@@ -70,8 +70,11 @@ def rmse(image: Any, reference: Any) -> float:
     return float(np.sqrt(np.square(image / (1 + image) - reference / (1 + reference)).mean()))
 
 
-def main(folders: list[Path]) -> None:
+def main(arguments: Sequence[str]) -> None:
     """Print the table: one row for each component that has light in a clip."""
+    parser = make_parser(__doc__)
+    parser.add_argument("folders", nargs="+", type=Path, metavar="CLIP_OR_FOLDER")
+    folders = parser.parse_args(arguments).folders
     columns: list[list[str]] = [["clip, light"], *([name] for name in VARIANTS)]
     for clip in map(Clip, find_clips(folders)):
         for target in COMPONENTS:
@@ -84,4 +87,4 @@ def main(folders: list[Path]) -> None:
 
 
 if __name__ == "__main__":
-    main([Path(name) for name in sys.argv[1:]])
+    run(main)

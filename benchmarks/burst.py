@@ -5,19 +5,19 @@
 docs/merge_burst.md says how each number is computed.
 """
 
-import argparse
-import sys
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from pathlib import Path
 
 import numpy as np
 import torch
 from torch import Tensor
 
+from benchmarks.command import count, make_parser, run
 from nte.burst.merge import merge_burst
 from nte.burst.noise import NoiseModel, fit_noise
 from nte.burst.pictures import write_picture
+from nte.cli.parsing import parse_size
 from nte.text_table import aligned
 from tests.burst.scenes import mosaic_of, psnr, scene, sense
 
@@ -62,14 +62,14 @@ def measure(
     ], [truth, frames[0], merged.image, torch.stack(frames).mean(0)]  # fmt: skip
 
 
-def main(arguments: list[str]) -> int:
+def main(arguments: Sequence[str]) -> int:
     """Print the table. With --pictures, write crops of the images of the rows with a disc."""
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("--size", default="960x640")
-    parser.add_argument("--frames", type=int, default=6)
+    parser = make_parser(__doc__)
+    parser.add_argument("--size", type=parse_size, default=(640, 960), metavar="WIDTHxHEIGHT")
+    parser.add_argument("--frames", type=count, default=6)
     parser.add_argument("--pictures", type=Path)
     given = parser.parse_args(arguments)
-    width, height = map(int, given.size.split("x"))
+    height, width = given.size
     hands: dict[str, Callable[[], Shifts]] = {
         "still": lambda: [(0.0, 0.0)] * given.frames,
         "whole periods": lambda: hand(given.frames, 6),
@@ -93,4 +93,4 @@ def main(arguments: list[str]) -> int:
 
 
 if __name__ == "__main__":
-    sys.exit(main(sys.argv[1:]))
+    run(main)

@@ -8,14 +8,14 @@ named rightly, fail with another reason, or pass. A change that only turns a com
 convention, and is left out (median change of the moving vectors below 2 px).
 """
 
-import argparse
 from collections import Counter
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
+from benchmarks.command import make_parser, run
 from nte.checking import CheckReport, check
 from nte.frames.clip import Clip, Pixels, find_clips
 from nte.frames.frame import Frame
@@ -81,11 +81,12 @@ def judge(report: CheckReport, words: tuple[str, ...]) -> str:
     return "named" if any(word in report.reason for word in words) else "failed"
 
 
-def main() -> None:
-    parser = argparse.ArgumentParser(description=__doc__)
+def main(arguments: Sequence[str]) -> None:
+    """Print the table."""
+    parser = make_parser(__doc__)
     parser.add_argument("clips", nargs="+", type=Path)
     parser.add_argument("--only", nargs="+", help="conventions to try", choices=WRONG)
-    options = parser.parse_args()
+    options = parser.parse_args(arguments)
     right: Counter[str] = Counter()
     table: dict[str, Counter[str]] = {name: Counter() for name in options.only or WRONG}
     for folder in find_clips(options.clips):
@@ -112,4 +113,4 @@ def main() -> None:
 
 
 if __name__ == "__main__":
-    main()
+    run(main)

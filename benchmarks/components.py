@@ -4,12 +4,12 @@ Everything runs in one process, with warm kernels. For the short tasks the best 
 other work on the machine only adds time. For the long tasks the median of ratios to the preceding task counts.
 """
 
-import sys
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 
 import numpy as np
 
+from benchmarks.command import count, make_parser, run
 from benchmarks.record import record
 from nte.render.components.frame import noisy, references
 from nte.render.engine.backend import load_mitsuba
@@ -21,8 +21,8 @@ from nte.render.world.seeds import derive_generator
 SPP, TIMES = 128, 7
 
 
-def main(size: int) -> int:
-    """Print the ratios. Return 0 if all are within what the project promises, else 1."""
+def measure(size: int) -> int:
+    """Print the ratios of one size. Return 0 if all are within what the project promises, else 1."""
     mi = load_mitsuba()
     stage = MeshStage(FAMILIES["rooms"](derive_generator("benchmark")), size, size, 4)
 
@@ -71,5 +71,12 @@ def main(size: int) -> int:
     return int(any(value > limit for _, value, limit, _ in checks))
 
 
+def main(arguments: Sequence[str]) -> int:
+    """Measure frames of every size; return 1 if something does not hold."""
+    parser = make_parser(__doc__)
+    parser.add_argument("sizes", nargs="*", type=count, default=[128, 256], metavar="SIZE", help="pixels (128 256)")
+    return max([measure(size) for size in parser.parse_args(arguments).sizes])
+
+
 if __name__ == "__main__":
-    sys.exit(max([main(int(size)) for size in sys.argv[1:] or (128, 256)]))
+    run(main)

@@ -95,18 +95,18 @@ def accumulation(folder: Path, motion: str, kappa: float, eta: float) -> float:
     return float(np.mean(values[1:]))
 
 
-def trust(case: Case) -> tuple[float, float, float, float]:
+def trust(case: Case) -> tuple[float, float, float]:
     """Measure how well the patch error ε works; return means over the case's pairs.
 
-    The four numbers are: the correlation of ε with the patch error of the returned motion, computed separately; the
-    correlation with that error of the clean images; and the share of pixels, in per cent, that the mask rejects (m > 0)
-    along the true motion and along zero motion, of the pixels seen in both images (NaN where no truth is known).
+    The three numbers are: the correlation of ε with the patch error of the clean images along the returned motion; and
+    the share of pixels, in per cent, that the mask rejects (m > 0) along the true motion and along zero motion, of the
+    pixels seen in both images (NaN where no truth is known).
     """
     search, found = SEARCHES[case.noise], []
     for pair in case.pairs:
         motion, error = find_correspondence(*pair.images, search)
         clean = [image.mean(1, keepdim=True) for image in (pair.now, pair.before)]
-        row = [_correlation(error, patch_error(*images, motion, search)) for images in (pair.images, clean)]
+        row = [_correlation(error, patch_error(*clean, motion, search))]
         for vectors in (pair.truth, torch.zeros_like(motion)):
             if pair.truth is None or vectors is None or pair.seen is None:
                 row.append(float("nan"))
@@ -114,8 +114,8 @@ def trust(case: Case) -> tuple[float, float, float, float]:
                 mask = rejection_mask(patch_error(*pair.images, vectors, search), 2.0, 1.6)
                 row.append(100 * float((mask[pair.seen] > 0).float().mean()))
         found.append(row)
-    one, two, three, four = np.mean(found, 0)
-    return float(one), float(two), float(three), float(four)
+    correlation, right, zero = np.mean(found, 0)
+    return float(correlation), float(right), float(zero)
 
 
 def by_level(case: Case) -> tuple[float, float, float, float]:

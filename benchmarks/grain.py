@@ -5,12 +5,13 @@
 For clips of datasets/compare_trmv.yaml; docs/comparison_trmv.md explains the split.
 """
 
-import sys
+from collections.abc import Sequence
 from pathlib import Path
 
 import torch
 from torch import Tensor
 
+from benchmarks.command import make_parser, run
 from nte.denoiser import Session
 from nte.evaluation.metrics import regions_of
 from nte.evaluation.targets import displayed, read_truth
@@ -57,10 +58,12 @@ def errors(clip: Clip, spec: str) -> Tensor:
     return torch.cat([(squares / pixels).sqrt(), torch.tensor([fresh / pixels])])
 
 
-def main(folders: list[str]) -> None:
+def main(arguments: Sequence[str]) -> None:
+    """Print a row for each clip and kind of vectors."""
+    parser = make_parser(__doc__)
+    parser.add_argument("clips", nargs="+", type=Path, metavar="CLIP")
     rows = []
-    for folder in folders:
-        clip = Clip(Path(folder))
+    for clip in map(Clip, parser.parse_args(arguments).clips):
         for title, spec in VECTORS.items():
             rows.append([clip.folder.name, title, *(f"{value:.4f}" for value in errors(clip, spec).tolist())])
     heads = ["clip", "vectors", "RMSE", "kept by 7×7", "removed by 7×7", "without history"]
@@ -68,4 +71,4 @@ def main(folders: list[str]) -> None:
 
 
 if __name__ == "__main__":
-    main(sys.argv[1:])
+    run(main)

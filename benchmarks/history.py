@@ -4,11 +4,12 @@ Without FIGURE, prints the last value of each figure. With FIGURE, prints every 
 it, per machine.
 """
 
-import argparse
 from collections.abc import Sequence
 from pathlib import Path
 
+from benchmarks.command import make_parser, run
 from benchmarks.record import RESULTS, Figure, read
+from nte.errors import NteError
 from nte.text_table import aligned
 
 
@@ -32,19 +33,19 @@ def history(figures: Sequence[Figure], wanted: str | None) -> str:
     return aligned(columns)
 
 
-def main(arguments: Sequence[str] | None = None, folder: Path = RESULTS) -> int:
-    """Print the table; return 2 if no figure has that name."""
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+def main(arguments: Sequence[str], folder: Path = RESULTS) -> None:
+    """Print the table. Raises NteError if no figure has that name."""
+    parser = make_parser(__doc__)
     parser.add_argument("figure", nargs="?", help="part of a figure's name")
     wanted = parser.parse_args(arguments).figure
     figures = read(folder)
     if not any(wanted is None or wanted.lower() in figure.name.lower() for figure in figures):
         known = ", ".join(sorted({figure.name for figure in figures}))
-        print(f"no figure is called {wanted!r}: there is {known}" if known else "no figure is kept yet: run make bench")
-        return 2
+        raise NteError(
+            f"no figure is called {wanted!r}: there is {known}" if known else "no figure is kept yet: run make bench"
+        )
     print(history(figures, wanted))
-    return 0
 
 
 if __name__ == "__main__":
-    raise SystemExit(main())
+    run(main)

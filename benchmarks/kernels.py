@@ -5,16 +5,16 @@ Then the time in ONNX Runtime of weights by a softmax, and of positive weights w
 python -m benchmarks.kernels [--batch 4] [--size 96]
 """
 
-import argparse
 import tempfile
 import time
 import warnings
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 
 import onnxruntime
 import torch
 from torch import Tensor, nn
 
+from benchmarks.command import count, make_parser, run
 from benchmarks.record import record
 from nte.models.kernels import _sum_of_taps, apply_kernels, average
 from nte.models.prediction import weights
@@ -71,12 +71,12 @@ def milliseconds_in_onnx_runtime(module: nn.Module, image: Tensor, values: Tenso
     return 1000 * min(times)
 
 
-def main() -> None:
+def main(arguments: Sequence[str]) -> None:
     """Print the times of both."""
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("--batch", type=int, default=4)
-    parser.add_argument("--size", type=int, default=96)
-    options = parser.parse_args()
+    parser = make_parser(__doc__)
+    parser.add_argument("--batch", type=count, default=4)
+    parser.add_argument("--size", type=count, default=96)
+    options = parser.parse_args(arguments)
     image = torch.rand(options.batch, 3, options.size, options.size, requires_grad=True)
     kernels = torch.rand(options.batch, 25, options.size, options.size, requires_grad=True)
     for name, apply in (("slices", by_slices), ("own", apply_kernels)):
@@ -92,4 +92,4 @@ def main() -> None:
 
 
 if __name__ == "__main__":
-    main()
+    run(main)

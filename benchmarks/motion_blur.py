@@ -9,10 +9,10 @@ Returns 1 if the filter's FLIP is not below both post-processes' in `crossing`. 
 is computed.
 """
 
-import argparse
 import json
 import sys
 import time
+from collections.abc import Sequence
 from dataclasses import asdict, dataclass
 from pathlib import Path
 
@@ -22,6 +22,7 @@ import torch
 from omegaconf import OmegaConf
 from torch import Tensor
 
+from benchmarks.command import count, make_parser, run
 from benchmarks.record import record
 from nte.color import display
 from nte.denoiser import Session
@@ -213,14 +214,14 @@ def table(scores: list[Score]) -> str:
     return aligned([*columns, ["ms/frame", *(f"{ms:.0f}" for ms in spent)]])
 
 
-def main(arguments: list[str]) -> int:
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+def main(arguments: Sequence[str]) -> int:
+    parser = make_parser(__doc__)
     parser.add_argument("folder", type=Path, nargs="?")
     parser.add_argument("--split", default="test")
-    parser.add_argument("--frames", type=int, default=60)
+    parser.add_argument("--frames", type=count, default=60)
     parser.add_argument("--rows", nargs="*", default=list(ROWS), metavar="NAME", help=", ".join(ROWS))
     parser.add_argument("--times", action="store_true")
-    parser.add_argument("--size", type=int, default=512, help="of the image for --times")
+    parser.add_argument("--size", type=count, default=512, help="of the image for --times")
     parser.add_argument("--json", type=Path)
     parser.add_argument("--pictures", type=Path)
     given = parser.parse_args(arguments)
@@ -246,4 +247,4 @@ def main(arguments: list[str]) -> int:
 
 
 if __name__ == "__main__":
-    sys.exit(main(sys.argv[1:]))
+    run(main)

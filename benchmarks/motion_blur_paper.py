@@ -7,11 +7,11 @@ as under a moving camera. Each scene is drawn at several sizes, with everything 
 windows and thresholds are in pixels of a 1920×1080 image. Prints FLIP of the third frame.
 """
 
-import argparse
-import sys
+from collections.abc import Sequence
 
 import torch
 
+from benchmarks.command import count, make_parser, run
 from nte.color import display
 from nte.denoiser import Session
 from nte.evaluation.metrics import flip_map
@@ -42,9 +42,9 @@ def scaled(bar: Bar, scale: int) -> Bar:
     return Bar(**{**bar.__dict__, **sizes, "stripes": scale * bar.stripes})
 
 
-def main(arguments: list[str]) -> int:
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("--scales", type=int, nargs="+", default=[1, 2])
+def main(arguments: Sequence[str]) -> int:
+    parser = make_parser(__doc__)
+    parser.add_argument("--scales", type=count, nargs="+", default=[1, 2])
     given = parser.parse_args(arguments)
     columns = [["step", "noisy", *STEPS]]
     for name, scene in SCENES.items():
@@ -66,4 +66,4 @@ def main(arguments: list[str]) -> int:
 
 
 if __name__ == "__main__":
-    sys.exit(main(sys.argv[1:]))
+    run(main)

@@ -5,13 +5,13 @@ datasets/asvgf.yaml are). `noisy` adds Gaussian noise of σ 0.3 to every compone
 those of a random pixel among the 3×3 around it.
 """
 
-import sys
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from pathlib import Path
 
 import numpy as np
 import torch
 
+from benchmarks.command import make_parser, run
 from nte.color import display, psnr
 from nte.frames.clip import Clip, find_clips
 from nte.frames.frame import Frame
@@ -53,8 +53,11 @@ def mean_psnr(spec: str, clip: Clip, guides: str) -> float:
     return float(np.mean(found))
 
 
-def main(folders: list[Path]) -> None:
+def main(arguments: Sequence[str]) -> None:
     """Print a row for each setting and a column for each kind of guides."""
+    parser = make_parser(__doc__)
+    parser.add_argument("folders", nargs="+", type=Path, metavar="CLIP_OR_FOLDER")
+    folders = parser.parse_args(arguments).folders
     clips = [Clip(folder) for folder in find_clips(folders)]
     columns = [["settings", *SPECS]]
     for guides in GUIDES:
@@ -65,4 +68,4 @@ def main(folders: list[Path]) -> None:
 
 
 if __name__ == "__main__":
-    main([Path(name) for name in sys.argv[1:]])
+    run(main)

@@ -6,14 +6,14 @@ several counts. Returns 1 if a frame costs more than 1.3 times a frame at rest p
 acceleration structure.
 """
 
-import sys
 import tempfile
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from pathlib import Path
 
 import trimesh
 
+from benchmarks.command import count, make_parser, run
 from benchmarks.record import record
 from nte.render.components.frame import noisy
 from nte.render.engine.xml.stage import XmlStage
@@ -69,7 +69,7 @@ def colour(stage: XmlStage, index: int) -> None:
         radiance(moment, 1, index)
 
 
-def main(parts: int, levels: int) -> int:
+def measure(parts: int, levels: int) -> int:
     """Print the table. Return 0 if all is within what the project promises, else 1."""
     stages: dict[str, XmlStage] = {}
     frames: dict[str, Callable[[XmlStage, int], object]] = {
@@ -104,5 +104,14 @@ def main(parts: int, levels: int) -> int:
     return int(slow)
 
 
+def main(arguments: Sequence[str]) -> int:
+    """Measure a scene of so many parts."""
+    parser = make_parser(__doc__)
+    parser.add_argument("parts", nargs="?", type=count, default=400, metavar="PARTS")
+    parser.add_argument("levels", nargs="?", type=count, default=3, metavar="LEVELS")
+    given = parser.parse_args(arguments)
+    return measure(given.parts, given.levels)
+
+
 if __name__ == "__main__":
-    sys.exit(main(*(int(x) for x in [*sys.argv[1:], *("400", "3")[len(sys.argv) - 1 :]])))
+    run(main)

@@ -8,11 +8,14 @@ import os
 import tempfile
 import threading
 import time
+from collections.abc import Sequence
 from multiprocessing import get_context
 from pathlib import Path
 
 import numpy as np
 
+from benchmarks.command import count, make_parser, run
+from nte.cli.parsing import parse_size
 from nte.frames.clip import Clip, frame_path, write_clip_info, write_frame
 from nte.training.config import DataConfig
 from nte.training.data import TrainingBatches
@@ -100,16 +103,17 @@ def timed(steps: TrainingBatches, step: int, dropped: Path | None) -> float:
     return time.perf_counter() - start
 
 
-def main() -> None:
+def main(arguments: Sequence[str]) -> None:
     """Write clips, and measure each way in a process of its own."""
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("--size", default="1280x720")
+    parser = make_parser(__doc__)
+    parser.add_argument("--size", type=parse_size, default=(720, 1280), metavar="WIDTHxHEIGHT")
     for name, value in (("clips", 2), ("frames", 6), ("crop", 256), ("batch", 4)):
-        parser.add_argument(f"--{name}", type=int, default=value)
-    options = parser.parse_args()
-    width, height = map(int, options.size.split("x"))
+        parser.add_argument(f"--{name}", type=count, default=value)
+    options = parser.parse_args(arguments)
+    if options.crop > min(options.size):
+        parser.error(f"--crop {options.crop}: expected at most {min(options.size)}, as --size has")
     with tempfile.TemporaryDirectory(dir=".") as name:
-        write_clips(Path(name), (height, width), options.clips, options.frames)
+        write_clips(Path(name), options.size, options.clips, options.frames)
         for where in ("memory", "files"):
             process = get_context("spawn").Process(target=measure, args=(Path(name), options, where))
             process.start()
@@ -117,4 +121,4 @@ def main() -> None:
 
 
 if __name__ == "__main__":
-    main()
+    run(main)

@@ -6,11 +6,10 @@ Returns 1 if in a situation that the project promises the margin's interval incl
 number is computed.
 """
 
-import argparse
 import json
 import sys
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import asdict, dataclass, field
 from pathlib import Path
 from typing import Any
@@ -19,6 +18,7 @@ import numpy as np
 import torch
 from torch import Tensor
 
+from benchmarks.command import count, make_parser, run
 from benchmarks.fetched import Fetched, draw, fetch, fill, is_planar
 from nte.color import demodulate
 from nte.evaluation.bootstrap import bootstrap_interval
@@ -247,13 +247,13 @@ def table(rows: list[Row]) -> str:
     return aligned([[title, *map(text, rows)] for title, text in columns.items()])
 
 
-def main(arguments: list[str]) -> int:
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+def main(arguments: Sequence[str]) -> int:
+    parser = make_parser(__doc__)
     parser.add_argument("situations", nargs="*", metavar="SITUATION", help=", ".join(SITUATIONS))
-    parser.add_argument("--clips", type=int, default=8)
-    parser.add_argument("--size", type=int, default=128)
-    parser.add_argument("--spp", type=int, default=256, help="of the clean frames")
-    parser.add_argument("--samples", type=int, default=64, help="of the vectors")
+    parser.add_argument("--clips", type=count, default=8)
+    parser.add_argument("--size", type=count, default=128)
+    parser.add_argument("--spp", type=count, default=256, help="of the clean frames")
+    parser.add_argument("--samples", type=count, default=64, help="of the vectors")
     parser.add_argument("--split", choices=("test", "train"), default="test", help="train: to try things out")
     parser.add_argument("--json", type=Path)
     parser.add_argument("--pictures", type=Path)
@@ -285,4 +285,4 @@ def main(arguments: list[str]) -> int:
 
 
 if __name__ == "__main__":
-    sys.exit(main(sys.argv[1:]))
+    run(main)

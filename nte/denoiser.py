@@ -68,6 +68,21 @@ class Denoiser(Protocol):
         return ""
 
 
+def require_denoiser(found: object, where: str) -> None:
+    """Raise NteError for an object that is no denoiser, such as one whose class does not inherit from Denoiser.
+
+    where: what the caller knows it by, which begins the message.
+    """
+    if isinstance(found, type):
+        raise NteError(f"{where}: the class {found.__name__} is given: expected an object, {found.__name__}()")
+    missing = [name for name in (*Denoiser.__annotations__, "settings") if not hasattr(found, name)]
+    if getattr(type(found), "step", Denoiser.step) is Denoiser.step:
+        missing.append("step")
+    if missing:
+        what = f"{type(found).__name__} has no '{missing[0]}'"
+        raise NteError(f"{where}: {what}: expected a class that inherits from nte.Denoiser, with needs and step")
+
+
 class Sanitised(NamedTuple):
     """The state of a denoiser whose step is wrapped by `sanitised`."""
 

@@ -4,6 +4,7 @@ Work is a list of units, such as the clips of a recipe. A unit depends on nothin
 whole or absent, so nothing has to be locked: a unit whose worker dies is done again by another one.
 """
 
+import os
 from collections.abc import Callable, Iterator, Mapping
 from concurrent.futures import CancelledError, ProcessPoolExecutor, as_completed
 from concurrent.futures.process import BrokenProcessPool
@@ -65,7 +66,7 @@ def in_processes(
     pool = ProcessPoolExecutor(jobs, mp_context=context, initializer=_begin_worker, initargs=(kind, jobs))
     try:
         with ending_workers():
-            futures = {pool.submit(work, unit): name for name, unit in units.items()}
+            futures = {pool.submit(_do_here, work, unit): name for name, unit in units.items()}
             for future in as_completed(futures):
                 done(futures[future], future.result())
     except BrokenProcessPool as error:
@@ -79,6 +80,14 @@ def in_processes(
 def _begin_worker(kind: Kind, jobs: int) -> None:
     end_when_told()
     kind.share_cores(jobs)
+
+
+def _do_here(work: Callable[[Unit], Result], unit: Unit) -> Result:
+    """Do one unit, in a process of the pool."""
+    try:
+        return work(unit)
+    except SystemExit:  # told to end: the pool would take it for the unit's fault, and go on with the next one
+        os._exit(1)
 
 
 @dataclass(frozen=True)

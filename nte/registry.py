@@ -67,7 +67,7 @@ def load_denoiser(spec: str | Path, device: str = "cpu") -> Denoiser:
             raise NteError(f"'{spec}' is no run folder: config.yaml is missing")
         known = ", ".join([*NAMES, COMPOSITE])
         raise NteError(f"'{spec}' is no denoiser: expected a run folder, an .onnx file, or one of {known}")
-    kind: type[Filter[Options]] = _import(*NAMES[name], spec)
+    kind = _filter(name, spec)
     given = _parse(spec, text)
     if given.get("target") == EACH:
         _refuse_missing_target(kind.options_type, spec)
@@ -80,7 +80,7 @@ def _of_light(light: str, inner: str, spec: str, device: str) -> Denoiser:
     name, _, options = inner.partition(":")
     try:
         if name in NAMES and not isfile(Path(inner) / "config.yaml") and "target" not in _parse(inner, options):
-            kind: type[Filter[Options]] = _import(*NAMES[name], inner)
+            kind = _filter(name, inner)
             inner = f"{name}:target={light},{options}" if "target" in kind.options_type.names() else inner
         denoiser = load_denoiser(inner, device)
     except NteError as error:
@@ -98,6 +98,14 @@ def _refuse_missing_target(options: type[Options], spec: str) -> None:
             f"'{spec}': {options.name} has no target {', '.join(missing)}, which {EACH} need: expected a target out of "
             f"{', '.join(offered)}"
         )
+
+
+def _filter(name: str, spec: str) -> type[Filter[Options]]:
+    """The class in the row of a name."""
+    found = _import(*NAMES[name], spec)
+    if not (isinstance(found, type) and issubclass(found, Filter) and hasattr(found, "options_type")):
+        raise NteError(f"'{spec}': {':'.join(NAMES[name][:2])} is no Filter: expected a subclass with options_type")
+    return found
 
 
 def _make(kind: type[Filter[Options]], given: Mapping[str, str], spec: str, device: str) -> Denoiser:

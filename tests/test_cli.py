@@ -111,7 +111,10 @@ def test_a_clip_that_cannot_be_used_is_named(told: Told, command: str, clip: str
         ("train tiny.yaml seed=one", "command line: 'seed': Value 'one'"),
         ("train tiny.yaml data.clips=[nowhere]", "nowhere: does not exist"),
         ("train tiny.yaml data.clips=[gap]", "gap/frame_0001.exr: missing"),
-        ("train tiny.yaml data.frames=9", "clip: 4 frames, but data.frames 9 + data.holdout 1 are asked for"),
+        (
+            "train tiny.yaml data.frames=9",
+            "clip: 4 frames: expected at least data.frames 9 + data.holdout 1, those kept",
+        ),
         ("train tiny.yaml data.crop=64", "clip: 40x24 is smaller than data.crop 64"),
         ("train tiny.yaml runs=file", "cannot be made a folder"),
         ("train tiny.yaml data.clips=[truncated] --device cpu", "truncated/frame_0001.exr: the OpenEXR file is trunc"),

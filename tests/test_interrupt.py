@@ -10,6 +10,7 @@ import pytest
 
 from nte.files import write_whole
 from nte.interrupt import InterruptFlag, end_when_told, ending_workers
+from nte.jobs import Kind, in_processes
 
 
 def write_slowly(path: Path) -> None:
@@ -62,3 +63,30 @@ def test_workers_end_at_once_and_leave_nothing_half_written(tmp_path: Path) -> N
         interrupted()
     assert time.monotonic() - start < 50
     assert [path.name for path in tmp_path.iterdir()] == ["begun"]
+
+
+def write_or_be_done(path: Path) -> None:
+    if path.name != "first":
+        write_slowly(path)
+
+
+@pytest.mark.slow
+def test_workers_do_not_go_on_with_what_waits(tmp_path: Path) -> None:
+    """A pool hands out more units than it has processes: those must not begin when the work is interrupted."""
+    start = time.monotonic()
+
+    def done(name: str, _: None) -> None:
+        while not (tmp_path / "begun").exists():
+            assert time.monotonic() - start < 50
+            time.sleep(0.05)
+        raise KeyboardInterrupt
+
+    units = {name: tmp_path / name for name in ("first", "second", "third", "fourth", "fifth")}
+    with pytest.raises(KeyboardInterrupt):
+        in_processes(Kind("write", share_nothing, dict), write_or_be_done, units, 1, done)
+    assert time.monotonic() - start < 50
+    assert [path.name for path in tmp_path.iterdir()] == ["begun"]
+
+
+def share_nothing(jobs: int) -> None:
+    """Do nothing."""

@@ -175,6 +175,29 @@ def test_a_new_filter_is_a_class_and_a_row(monkeypatch: pytest.MonkeyPatch) -> N
         load_denoiser("dimer")
 
 
+class Stranger:
+    """Has what a denoiser needs, but inherits nothing."""
+
+    needs = ("color",)
+
+    def step(self, frame: Frame, state: Any, extras: tuple[str, ...] = ()) -> tuple[Result, Any]:
+        return Result(frame["color"]), ()
+
+
+class Plain(Stranger, Denoiser):
+    """A denoiser that no options can be typed for."""
+
+
+@pytest.mark.parametrize("kind", [Stranger, Plain])
+@pytest.mark.parametrize(
+    "spec", ["stranger", "stranger:target=glossy", "composite:visibility=noisy,glossy=stranger,indirect=noisy"]
+)
+def test_a_row_that_names_no_filter_is_one_line(monkeypatch: pytest.MonkeyPatch, kind: type, spec: str) -> None:
+    monkeypatch.setitem(NAMES, "stranger", (__name__, kind.__name__, ""))
+    with pytest.raises(NteError, match=f"test_registry:{kind.__name__} is no Filter: expected a subclass with options"):
+        load_denoiser(spec)
+
+
 def test_options_of_another_filter_are_refused() -> None:
     with pytest.raises(NteError, match="Taa takes TaaOptions, not SvgfOptions"):
         Taa(SvgfOptions())  # type: ignore[arg-type]

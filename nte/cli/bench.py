@@ -2,11 +2,10 @@
 
 import argparse
 import json
-import re
 from contextlib import nullcontext
 from pathlib import Path
 
-from nte.cli.parsing import DENOISER, Commands, add_device, add_force, command
+from nte.cli.parsing import DENOISER, Commands, add_device, add_force, command, parse_size
 from nte.errors import NteError
 
 
@@ -15,23 +14,14 @@ def add(commands: Commands) -> None:
     text = "time and memory of denoisers, which alternate frame by frame, each in a process of its own"
     parser = command(commands, "bench", _bench, text, "eval")
     parser.add_argument("specs", nargs="+", metavar="SPEC", help=DENOISER)
-    parser.add_argument(
-        "--size", nargs="+", type=_size, default=[], metavar="WIDTHxHEIGHT", help="(default: 1280x720, or the clip's)"
-    )
+    size = "(default: 1280x720, or the clip's)"
+    parser.add_argument("--size", nargs="+", type=parse_size, default=[], metavar="WIDTHxHEIGHT", help=size)
     parser.add_argument("--frames", type=int, default=10, help="timed frames, after a warm-up (default: 10)")
     parser.add_argument("--clip", type=Path, help="frames to run on, scaled (default: synthetic ones)")
     parser.add_argument("--steps", action="store_true", help="also the time in each named step of a denoiser")
     parser.add_argument("--json", type=Path, metavar="FILE", help="write the rows there")
     add_device(parser)
     add_force(parser)
-
-
-def _size(text: str) -> tuple[int, int]:
-    """Parse WIDTHxHEIGHT to (height, width)."""
-    match = re.fullmatch(r"([1-9]\d*)x([1-9]\d*)", text)
-    if not match:
-        raise argparse.ArgumentTypeError(f"'{text}' is no size: expected WIDTHxHEIGHT, such as 1280x720")
-    return int(match[2]), int(match[1])
 
 
 def _bench(options: argparse.Namespace) -> None:

@@ -1,6 +1,7 @@
 """Common parts of the subcommands' parsers."""
 
 import argparse
+import re
 from collections.abc import Callable
 from typing import NoReturn, Protocol
 
@@ -54,6 +55,14 @@ def add_jobs(parser: argparse.ArgumentParser, unit: str) -> None:
     where.add_argument(
         "--scheduler", metavar="tcp://HOST:PORT", help=f"work on a Dask cluster that sees the folders: {unit} a worker"
     )
+
+
+def parse_size(text: str) -> tuple[int, int]:
+    """Parse WIDTHxHEIGHT to (height, width); raises argparse's error for anything else."""
+    match = re.fullmatch(r"([1-9]\d*)x([1-9]\d*)", text)
+    if not match:
+        raise argparse.ArgumentTypeError(f"'{text}' is no size: expected WIDTHxHEIGHT, such as 1280x720")
+    return int(match[2]), int(match[1])
 
 
 def _count(text: str) -> int:

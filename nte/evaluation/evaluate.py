@@ -3,7 +3,7 @@
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from pathlib import Path
 
-from nte.denoiser import Denoiser
+from nte.denoiser import Denoiser, require_denoiser
 from nte.errors import NteError
 from nte.evaluation.report.page import write_report
 from nte.evaluation.results import Evaluation, gathered
@@ -57,7 +57,7 @@ def evaluate(
     loaded = _loaded(denoisers, device)
     for label, clip in opened.items():
         require_scorable(label, clip, loaded, first)
-    prepare_folder(out, force)
+    _require_free(out, force)
     with only_writer(out):
         units = {
             label: ClipUnit(label, clip.folder, tuple(loaded), first, None if lights is None else tuple(lights), device)
@@ -79,6 +79,8 @@ def _loaded(denoisers: Iterable[str] | Mapping[str, Denoiser], device: str) -> d
         raise NteError(f"denoisers is '{denoisers}': expected a list of them")
     if isinstance(denoisers, Mapping):
         loaded = dict(denoisers)
+        for name, denoiser in loaded.items():
+            require_denoiser(denoiser, name)
     else:
         loaded = {spec: load_denoiser(spec, device) for spec in dict.fromkeys(denoisers)}
     if not loaded:
@@ -127,13 +129,9 @@ def _elsewhere(
     return scores
 
 
-def prepare_folder(out: Path, force: bool) -> None:
-    """Make the folder for results. Raises NteError if it is a file or, without `force`, holds something already."""
+def _require_free(out: Path, force: bool) -> None:
+    """Raise NteError if the folder for results is a file or, without `force`, holds something already."""
     if out.exists() and not out.is_dir():
         raise NteError(f"{out}: is a file: expected a folder for the results")
     if not force and out.is_dir() and any(out.iterdir()):
         raise already_there(out, "folder", f"replace its {' and '.join(OURS)}")
-    try:
-        out.mkdir(parents=True, exist_ok=True)
-    except OSError as error:
-        raise NteError(f"{out}: cannot be made: {error.strerror}") from error

@@ -15,11 +15,10 @@ import OpenEXR
 
 from nte.errors import NteError
 from nte.files import make_folder, write_whole
-from nte.frames.exr_header import Header, unbelievable, window_size
+from nte.frames.exr_header import MAGIC, Header, unbelievable, window_size
 
 HALF_MAX = 65504.0
 HALF_TINY = 2.0**-14  # smallest normal half float; smaller ones have fewer digits
-_MAGIC = b"\x76\x2f\x31\x01"
 _quiet_lock = threading.Lock()
 _libc = ctypes.CDLL(None) if os.name == "posix" else ctypes.cdll.msvcrt
 
@@ -77,10 +76,10 @@ def load_exr(path: Path, size: tuple[int, int] | None = None) -> tuple[OpenEXR.F
         raise NteError(f"{path}: the name is not UTF-8, which the OpenEXR library needs: rename it")
     try:
         with path.open("rb") as opened:
-            magic = opened.read(4)
+            magic = opened.read(len(MAGIC))
     except OSError as error:
         raise NteError(f"{path}: cannot be read: {error.strerror}") from error
-    if magic != _MAGIC:
+    if magic != MAGIC:
         what = f"not an OpenEXR file (it starts with {magic!r})" if magic else "the file is empty"
         raise NteError(f"{path}: {what}: expected a .exr frame")
     try:

@@ -7,6 +7,7 @@ from typing import Any, TypeAlias
 
 import OpenEXR
 
+MAGIC = b"\x76\x2f\x31\x01"  # the first bytes of every OpenEXR file
 # OpenEXR compression → (scan lines in a chunk, largest number of pixel bytes that one byte of the file can encode).
 # Deflate reaches 1032, run lengths 64; the others encode a constant image in a few bits per block.
 _CHUNKS = {
@@ -48,7 +49,6 @@ def window_size(corners: Iterable[tuple[int, int]]) -> tuple[int, int]:
     return int(bottom) - int(top) + 1, int(right) - int(left) + 1
 
 
-_MAGIC = 20000630
 _OTHER_LAYOUTS = 0x1A00  # flags of tiled, deep and multi-part files
 _MOST = 1 << 16  # bytes of a header that are read
 
@@ -63,8 +63,8 @@ def missing_end(path: Path) -> str | None:
     with path.open("rb") as file:
         head = file.read(_MOST)
         try:
-            magic, version = struct.unpack_from("<II", head)
-            if magic != _MAGIC:
+            magic, version = struct.unpack_from("<4sI", head)
+            if magic != MAGIC:
                 return "not an OpenEXR file"
             if version & _OTHER_LAYOUTS:
                 return None

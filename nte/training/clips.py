@@ -102,8 +102,8 @@ def require_clip(clip: Clip, channels: Sequence[str], config: DataConfig) -> Non
     if "color" not in clip.channels and "exposure" not in clip.info:
         raise NteError(f"{clip.folder}: no channel 'color' to measure the exposure of: set 'exposure' in its clip.json")
     if len(clip) < config.frames + config.holdout:
-        wanted = f"data.frames {config.frames} + data.holdout {config.holdout}"
-        raise NteError(f"{clip.folder}: {len(clip)} frames, but {wanted} are asked for")
+        wanted = f"data.frames {config.frames} + data.holdout {config.holdout}, those kept for validation"
+        raise NteError(f"{clip.folder}: {len(clip)} frames: expected at least {wanted}: lower one, or render more")
     if config.crop > min(clip.height, clip.width):
         raise NteError(f"{clip.folder}: {clip.width}x{clip.height} is smaller than data.crop {config.crop}")
 

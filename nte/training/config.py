@@ -22,7 +22,7 @@ class DataConfig:
 
     # Clip folders, or folders that hold clips; {folder: …, share: 0.2} gives one a share of the sequences.
     clips: list[Any] = field(default_factory=lambda: MISSING)
-    frames: int = 9  # length of a sequence
+    frames: int = 9  # length of a sequence; a clip has at least frames + holdout
     crop: int = 0  # side of a square crop, in pixels; 0 takes whole frames
     batch: int = 1  # sequences per step, in each process
     warmup: int = 0  # first frames of a sequence that are denoised but not counted in the loss

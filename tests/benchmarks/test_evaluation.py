@@ -12,8 +12,7 @@ def test_a_denoiser_costs_more_than_the_noisy_input(
 ) -> None:
     given = iter([5.0, 0.25, 0.75])  # imports, the noisy input, the denoiser
     monkeypatch.setattr(evaluation, "seconds", lambda clip, spec: next(given))
-    monkeypatch.setattr("sys.argv", ["evaluation", str(noisy_disc), "taa"])
-    evaluation.main()
+    evaluation.main([str(noisy_disc), "taa"])
     assert [line.split() for line in capsys.readouterr().out.splitlines()] == [
         ["s/frame", "own"], ["noisy:target=color", "0.250", "–"], ["taa", "0.750", "0.500"],
     ]  # fmt: skip

@@ -7,6 +7,7 @@ import pytest
 
 from benchmarks import history
 from benchmarks.record import read, record
+from nte.errors import NteError
 
 
 def test_runs_are_appended_and_read_in_the_order_of_time(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -31,14 +32,14 @@ def test_the_history_has_every_run_and_the_overview_the_last(
     for place, value in (("a", 1.0), ("b", 8.0), ("a", 2.0)):
         monkeypatch.setattr("benchmarks.record.machine", lambda place=place: place)
         record("kernels", {"forward": value, "backward": 10 * value}, "ms", tmp_path)
-    assert history.main(["Forward"], tmp_path) == 0
+    history.main(["Forward"], tmp_path)
     rows = [line.split() for line in capsys.readouterr().out.splitlines()[1:]]
     assert [(row[1], row[2], row[-1]) for row in rows] == [
         ("forward", "1", "a"),
         ("forward", "2", "a"),
         ("forward", "8", "b"),
     ]
-    assert history.main([], tmp_path) == 0
+    history.main([], tmp_path)
     rows = [line.split() for line in capsys.readouterr().out.splitlines()[1:]]
     assert [(row[1], row[2]) for row in rows] == [
         ("backward", "20"),
@@ -48,9 +49,9 @@ def test_the_history_has_every_run_and_the_overview_the_last(
     ]
 
 
-def test_what_is_not_there_is_said(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    assert history.main([], tmp_path) == 2
-    assert "no figure is kept yet" in capsys.readouterr().out
+def test_what_is_not_there_is_said(tmp_path: Path) -> None:
+    with pytest.raises(NteError, match="no figure is kept yet"):
+        history.main([], tmp_path)
     record("kernels", {"forward": 1.0}, "ms", tmp_path)
-    assert history.main(["sideways"], tmp_path) == 2
-    assert "no figure is called 'sideways': there is kernels: forward" in capsys.readouterr().out
+    with pytest.raises(NteError, match="no figure is called 'sideways': there is kernels: forward"):
+        history.main(["sideways"], tmp_path)

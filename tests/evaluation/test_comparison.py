@@ -245,6 +245,17 @@ def test_nothing_is_overwritten_without_force(config: Path, data: Path, tmp_path
     assert (tmp_path / "out" / "summary.json").read_text() != before
 
 
+def test_a_key_that_results_do_not_know_yet_has_its_default(config: Path, data: Path, tmp_path: Path) -> None:
+    compare(config, data, tmp_path / "out")
+    mark = tmp_path / "out" / "comparison.yaml"
+    assert "pictures: 8" in mark.read_text()
+    mark.write_text(mark.read_text().replace("  pictures: 8\n", ""))
+    compare(config, data, tmp_path / "out")
+    mark.write_text(mark.read_text() + "polish: 1\n")
+    with pytest.raises(NteError, match="out: holds another comparison"):
+        compare(config, data, tmp_path / "out")
+
+
 @pytest.mark.parametrize(
     ("text", "message"),
     [

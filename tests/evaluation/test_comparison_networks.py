@@ -181,6 +181,7 @@ def test_two_processes_train_and_evaluate_what_one_does(compare: Callable[..., d
         ("seeds: [1, 2]", "seeds: []", "networks.wide: 'seeds' is empty: expected at least one"),
         ("seeds: [5]", "seeds: []", r"networks.thin \| one: 'seeds' is empty"),
         ("seeds: [1, 2]", "seeds: [1, 2, 1]", "networks.wide: the seed 1 is given twice: expected each once"),
+        ("seeds: [1, 2]", "seeds: [1, -2]", "networks.wide: the seed -2: expected 0 to 4294967295"),
         ("thin | one", "thin/one", "the title 'thin/one' cannot name a run's folder"),
         ("tiny.yaml, overrides: [network.width=3]", "gone.yaml", r"networks.wide: .*gone\.yaml: cannot be read"),
         ("network.width=3", "network.wide=3", "networks.wide: .*'network.wide': unknown key, did you mean width?"),

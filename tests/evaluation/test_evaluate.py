@@ -276,7 +276,7 @@ def test_a_scheduler_that_is_not_there_is_one_line(clip: Path, tmp_path: Path, m
     with pytest.raises(NteError, match=r"no Dask scheduler answers at tcp://127\.0\.0\.1:1: start one") as caught:
         evaluate([clip], ["noisy"], tmp_path / "out", scheduler="tcp://127.0.0.1:1")
     assert "\n" not in str(caught.value)
-    assert not list((tmp_path / "out").iterdir())
+    assert not (tmp_path / "out").exists()
 
 
 def test_objects_cannot_be_evaluated_elsewhere(clip: Path, tmp_path: Path) -> None:
@@ -284,6 +284,39 @@ def test_objects_cannot_be_evaluated_elsewhere(clip: Path, tmp_path: Path) -> No
         evaluate([clip], {"one": Noisy()}, tmp_path / "out", jobs=2)
     with pytest.raises(NteError, match="--jobs 0: expected a number of processes, 1 or more"):
         evaluate([clip], ["noisy"], tmp_path / "out", jobs=0)
+    assert not (tmp_path / "out").exists()
+
+
+class Stranger:
+    """Has what a denoiser needs, but inherits nothing."""
+
+    needs = ("color",)
+
+    def step(self, frame: Frame, state: object, extras: tuple[str, ...] = ()) -> tuple[Result, None]:
+        return Result(frame["color"]), None
+
+
+class Stepless(Denoiser):
+    needs = ("color",)
+
+
+class Needless(Denoiser):
+    def step(self, frame: Frame, state: object, extras: tuple[str, ...] = ()) -> tuple[Result, None]:
+        return Result(frame["color"]), None
+
+
+@pytest.mark.parametrize(
+    ("given", "said"),
+    [
+        (Stranger(), "Stranger has no 'optional': expected a class that inherits from nte.Denoiser"),
+        (Stepless(), "Stepless has no 'step': expected a class that inherits from nte.Denoiser, with needs and step"),  # type: ignore[abstract]
+        (Needless(), "Needless has no 'needs'"),  # type: ignore[abstract]
+        (Noisy, r"the class Noisy is given: expected an object, Noisy\(\)"),
+    ],
+)
+def test_what_is_no_denoiser_is_one_line(clip: Path, tmp_path: Path, given: object, said: str) -> None:
+    with pytest.raises(NteError, match=f"mine: {said}"):
+        evaluate([clip], {"mine": given}, tmp_path / "out")  # type: ignore[dict-item]
     assert not (tmp_path / "out").exists()
 
 

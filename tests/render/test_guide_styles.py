@@ -5,13 +5,11 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from nte.errors import NteError
 from nte.frames.clip import Clip
 from nte.render.engine.mesh_stage import MeshStage
 from nte.render.passes.gbuffer import surface
 from nte.render.passes.rays import trace_surfaces
 from nte.render.recipes.clips import render_recipe
-from nte.render.recipes.recipe import read_recipe
 from nte.render.world.scene import Material, SceneObject
 from nte.render.world.transforms import rotation, still, translation
 from tests.render.test_gbuffer import board, flat, staged
@@ -106,19 +104,3 @@ def test_clips_say_that_their_guides_alias(tmp_path: Path):
     assert (albedo["random"] != albedo["centred"]).any()
     for name in ("color", "depth", "motion"):
         np.testing.assert_array_equal(clips["random"].frame(1)[name], clips["averaged"].frame(1)[name])
-
-
-@pytest.mark.parametrize(
-    ("group", "said"),
-    [
-        ("guides: aliased", "guides is 'aliased': expected one of averaged, centred, random"),
-        ("mirrors: grey", "mirrors is 'grey': expected one of colour, black, white"),
-        ("guides: random, components: true", "guides is 'random': expected 'averaged' with components"),
-        ("mirrors: black, shutter: 0.5", "mirrors is 'black': expected 'colour' with a shutter"),
-    ],
-)
-def test_styles_that_do_not_exist_are_refused(tmp_path: Path, group: str, said: str):
-    path = tmp_path / "r.yaml"
-    path.write_text(f"name: r\ntrain:\n  - {{scene: jumble, clips: 1, reference_spp: 64, {group}}}\n")
-    with pytest.raises(NteError, match=said):
-        read_recipe(path)

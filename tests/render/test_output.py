@@ -1,5 +1,6 @@
 """Whose folder it is: resuming, refusing, and never deleting what is not ours."""
 
+from collections.abc import Callable
 from pathlib import Path
 
 import pytest
@@ -53,6 +54,47 @@ def test_another_recipe_is_refused_unless_forced(tmp_path: Path):
     left = sorted(p.relative_to(tmp_path).as_posix() for p in tmp_path.rglob("*") if p.is_file())
     assert left == ["recipe.yaml", "train/mine.exr", "train/rooms_000/notes.txt"]
     assert "second" in (tmp_path / "recipe.yaml").read_text()
+
+
+def stored(out: Path, change: Callable[[str], str]) -> Path:
+    """Claim a folder, and change the recipe that is stored there."""
+    claim(out, FIRST, force=False)
+    copy = out / "recipe.yaml"
+    copy.write_text(change(copy.read_text()))
+    (out / "train" / "rooms_000").mkdir(parents=True)
+    (out / "train" / "rooms_000" / "clip.json").write_text("x")
+    return copy
+
+
+def test_a_key_that_the_stored_recipe_lacks_has_its_default(tmp_path: Path):
+    """Clips that were rendered before the key existed are kept; only another value makes it another recipe."""
+    copy = stored(tmp_path, lambda text: text.replace("  mirrors: colour\n", ""))
+    assert "mirrors" not in (before := copy.read_text())
+    claim(tmp_path, FIRST, force=False)
+    assert copy.read_text() == before
+    with pytest.raises(NteError, match="holds clips of another recipe"):
+        claim(tmp_path, Recipe("first", 1, [Group(clips=1, mirrors="black")], []), force=False)
+
+
+@pytest.mark.parametrize(
+    ("change", "said"),
+    [
+        (lambda text: text.replace("mirrors: colour", "polish: 1"), "cannot read .*recipe.yaml: 'polish': unknown key"),
+        (lambda text: "name: [", "cannot read .*not readable as YAML"),
+        (lambda text: text.replace("by nte", "by nte 0."), "another version of nte"),
+        (lambda text: text.replace("# Rendered", "# scene.yaml: 0123456789abcdef\n# Rendered"), "another recipe"),
+    ],
+)
+def test_a_recipe_of_another_version_is_refused_unless_forced(tmp_path: Path, change: Callable[[str], str], said: str):
+    copy = stored(tmp_path, change)
+    with pytest.raises(NteError, match=f"{said}.*: choose another folder, or --force") as caught:
+        claim(tmp_path, FIRST, force=False)
+    assert "\n" not in str(caught.value)
+    assert (tmp_path / "train" / "rooms_000" / "clip.json").is_file()
+    claim(tmp_path, FIRST, force=True)
+    assert not (tmp_path / "train" / "rooms_000").exists()
+    claim(tmp_path, FIRST, force=False)
+    assert "mirrors: colour" in copy.read_text()
 
 
 @pytest.mark.parametrize("place", ["train", "train/rooms_000", "train/rooms_000/frame_0000.exr", "recipe.yaml"])

@@ -12,6 +12,7 @@ from nte.errors import NteError
 from nte.motion.warp import fetch_nearest, pixel_centres, warp
 from nte.render.engine.xml.stage import XmlStage
 from nte.render.recipes.clips import render_recipe
+from nte.render.recipes.thumbnails import thumbnails
 from nte.render.world.keyframes import Key, object_track, read_animation
 from tests.render.shots import guides_at, radiance_at
 
@@ -369,3 +370,14 @@ def test_what_is_not_used_is_not_loaded(tmp_path: Path, name: str) -> None:
     assert not made.media
     assert made.camera.fov == pytest.approx(WIDE if more else 40, abs=1e-3)
     assert radiance_at(made, 0, 4, 1).mean() > 0.1
+
+
+def test_a_strip_of_pictures_has_the_name_of_the_scene(folder: Path, tmp_path: Path) -> None:
+    recipe = tmp_path / "recipes" / "own.yaml"
+    recipe.parent.mkdir()
+    recipe.write_text(
+        f"name: own\ntrain: [{{scene: {folder}/moves.yaml, clips: 1, frames: 2, parameters: {{start: 1}}}}]"
+    )
+    (made,) = thumbnails(recipe, tmp_path / "out", size=8, spp=1)
+    assert made == tmp_path / "out" / "moves-start-1.png"
+    assert Image.open(made).size == (32, 8)

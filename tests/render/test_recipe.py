@@ -42,6 +42,29 @@ def test_faulty_recipes_are_refused_in_one_line(tmp_path: Path, text: str, said:
     assert "\n" not in str(caught.value)
 
 
+@pytest.mark.parametrize(
+    ("keys", "said"),
+    [
+        ("shutter: 1.5", r"shutter is 1.5: expected the open share of the frame, in \[0, 1\]"),
+        ("shutter: -0.1", "expected the open share"),
+        ("shutter: .nan", "expected the open share"),
+        ("shutter: 1, components: true", "components is true: expected false with a shutter"),
+        ("shutter: 1, spp: 4", "spp is 4: expected 1"),
+        ("shutter: 1, reference_spp: 100", "reference_spp is 100: expected a multiple of 128"),
+        ("unshadowed: true, scene: cloud", "the medium of 'cloud' has no surface: expected false"),
+        ("components: true, unshadowed: true", "unshadowed is true: expected false with components"),
+        ("guides: aliased", "guides is 'aliased': expected one of averaged, centred, random"),
+        ("mirrors: grey", "mirrors is 'grey': expected one of colour, black, white"),
+        ("guides: random, components: true", "guides is 'random': expected 'averaged' with components"),
+        ("mirrors: black, shutter: 0.5", "mirrors is 'black': expected 'colour' with a shutter"),
+    ],
+)
+def test_faulty_groups_are_one_line(tmp_path: Path, keys: str, said: str):
+    with pytest.raises(NteError, match=said) as caught:
+        read_recipe(written(tmp_path, f"name: a\ntrain: [{{clips: 1, {keys}}}]"))
+    assert "\n" not in str(caught.value)
+
+
 def test_missing_recipe(tmp_path: Path):
     with pytest.raises(NteError, match=r"none\.yaml"):
         read_recipe(tmp_path / "none.yaml")

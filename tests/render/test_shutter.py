@@ -18,7 +18,6 @@ from nte.render.passes.radiance import radiance
 from nte.render.passes.shutter import SUBFRAMES, _hits, _strata, _times, _trace, blurred, centre_motion
 from nte.render.passes.unshadowed import unshadowed_integrator
 from nte.render.recipes.clips import render_recipe
-from nte.render.recipes.recipe import read_recipe
 from nte.render.scenes.families import FAMILIES
 from nte.render.world.seeds import derive_generator
 from nte.render.world.transforms import look_at, moving, rotation, still, translation
@@ -255,27 +254,6 @@ def test_the_same_bytes_after_an_interruption(clips: Path, recipe: Path, tmp_pat
     other.write_text("name: other\ntest: [{clips: 0}]")
     render_recipe(other, out, force=True, progress=False)
     assert [path.name for path in out.rglob("*") if path.is_file()] == ["recipe.yaml"]
-
-
-@pytest.mark.parametrize(
-    ("keys", "said"),
-    [
-        ("shutter: 1.5", r"shutter is 1.5: expected the open share of the frame, in \[0, 1\]"),
-        ("shutter: -0.1", "expected the open share"),
-        ("shutter: .nan", "expected the open share"),
-        ("shutter: 1, components: true", "components is true: expected false with a shutter"),
-        ("shutter: 1, spp: 4", "spp is 4: expected 1"),
-        ("shutter: 1, reference_spp: 100", "reference_spp is 100: expected a multiple of 128"),
-        ("unshadowed: true, scene: cloud", "the medium of 'cloud' has no surface: expected false"),
-        ("components: true, unshadowed: true", "unshadowed is true: expected false with components"),
-    ],
-)
-def test_faulty_groups_are_one_line(tmp_path: Path, keys: str, said: str):
-    path = tmp_path / "r.yaml"
-    path.write_text(f"name: a\ntrain: [{{clips: 1, {keys}}}]")
-    with pytest.raises(NteError, match=said) as caught:
-        read_recipe(path)
-    assert "\n" not in str(caught.value)
 
 
 @pytest.mark.parametrize("key", ["shutter", "unshadowed", "components"])

@@ -232,7 +232,7 @@ def test_a_damaged_frame_met_by_a_worker_is_still_one_line(tmp_path: Path) -> No
 
 def test_what_cannot_be_trained_on(clips: list[Clip], tmp_path: Path) -> None:
     for choices, message in (
-        ({"frames": 6}, r"c0: 6 frames, but data.frames 6 \+ data.holdout 1 are asked for"),
+        ({"frames": 6}, r"c0: 6 frames: expected at least data.frames 6 \+ data.holdout 1, those kept for validation"),
         ({"crop": 13}, r"c0: 16x12 is smaller than data.crop 13"),
         ({"crop": 0, "augment": True}, r"c0: 16x12 .* data.crop"),
     ):

@@ -4,6 +4,7 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, NamedTuple
 
+from nte.config import load_config
 from nte.errors import NteError
 from nte.evaluation.comparison.kept import keep, read_kept, unit_digest
 from nte.evaluation.comparison.numbers import Method
@@ -138,14 +139,21 @@ def _claim(out: Path, comparison: Comparison, force: bool) -> None:
     """Make `out` the folder of this comparison. Raises NteError if it holds anything else, unless `force`."""
     refuse_links(out)
     text, mark = comparison.evaluated(), out / MARK
-    found = mark.read_text(encoding="utf-8") if mark.is_file() else None
-    if found != text and not force and any(out.iterdir()):
-        what = "holds another comparison" if found is not None else "exists and is not empty"
+    if not force and any(out.iterdir()) and _held(mark) != text:
+        what = "holds another comparison" if mark.is_file() else "exists and is not empty"
         raise NteError(f"{out}: {what}: choose another folder, or replace what is there with --force")
     if force:
         for path in out.glob("*/clips/**/*.npz"):
             remove(path)
     write_whole(mark, lambda temporary: temporary.write_text(text, encoding="utf-8"))
+
+
+def _held(mark: Path) -> str:
+    """The comparison that a folder holds, as `evaluated` says it now: keys that are new since have their defaults."""
+    try:
+        return load_config(Comparison, mark).evaluated()
+    except NteError:
+        return ""
 
 
 def _evaluate(

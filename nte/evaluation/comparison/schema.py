@@ -172,6 +172,8 @@ def _check_network(comparison: Comparison, title: str) -> None:
     seeds, where = comparison.seeds_of(title), f"networks.{title}"
     if not seeds:
         raise NteError(f"{where}: 'seeds' is empty: expected at least one, here or for all networks")
+    if outside := [seed for seed in seeds if not 0 <= seed < 2**32]:
+        raise NteError(f"{where}: the seed {outside[0]}: expected 0 to {2**32 - 1}")
     if twice := [seed for seed in seeds if seeds.count(seed) > 1]:
         raise NteError(f"{where}: the seed {twice[0]} is given twice: expected each once")
     if not is_folder_name(f"{title}_seed{max(seeds)}"):

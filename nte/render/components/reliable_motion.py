@@ -112,16 +112,16 @@ def footprint(moment: Moment, image: Floats) -> Floats:
     """
     time = moment.time
     pixel = pixel_positions(moment, image, time)
-    usable = np.asarray(np.isfinite(pixel).all(1))
-    if not usable.any():
+    ahead = np.asarray(np.isfinite(pixel).all(1))
+    if not ahead.any():
         return np.full((len(image), 3), np.nan)
-    seen = trace_film(moment, pixel[usable])
-    of_seen = image[usable], seen.point, seen.normal, seen.roughness[:, None]
+    seen = trace_film(moment, pixel[ahead])
+    of_seen = image[ahead], seen.point, seen.normal, seen.roughness[:, None]
     place, point, normal, roughness = (_line(values) for values in of_seen)
     view, projection = _camera(moment, time)
     bend, size = _bend(curvatures_at(moment, seen.hits, time)), (moment.height, moment.width)
     found = reflection_covariance(place, point, normal, roughness, view, projection, bend, size)
-    return _spread(usable, _only(seen.hit, _to_rows(found)))
+    return _spread(ahead, _only(seen.hit, _to_rows(found)))
 
 
 def _motion(stage: Timeless, hits: Hits, before: Floats, time: float) -> Floats:

@@ -3,8 +3,9 @@
 import re
 from pathlib import Path
 
+from nte.config import load_config, to_yaml
 from nte.errors import NteError
-from nte.files import refuse_links, sweep, write_whole
+from nte.files import make_folder, refuse_links, sweep, write_whole
 from nte.frames.clip import frame_path, read_frame
 from nte.render.recipes.recipe import SHARP, SPLITS, ClipPlan, Recipe, recipe_text
 
@@ -21,21 +22,30 @@ def claim(out: Path, recipe: Recipe, force: bool, folder: Path = Path()) -> None
     text, copy = recipe_text(recipe, folder), out / "recipe.yaml"
     if out.exists() and not out.is_dir():
         raise NteError(f"{out}: is a file: expected a folder for the clips")
-    found = copy.read_text(encoding="utf-8") if copy.is_file() else None
     sweep(out)
     refuse_links(out)
-    if found != text:
-        if not force and out.exists() and any(not _BEGUN.fullmatch(path.name) for path in out.iterdir()):
-            what = "holds clips of another recipe, or of another version of nte" if found else "is not empty"
-            raise NteError(f"{out}: {what}: choose another folder, or --force")
-        if found is not None:
-            _remove_clips(out)
+    what = _difference(copy, text) if copy.is_file() else "is not empty"
+    if not what:
+        return
+    if not force and out.exists() and any(not _BEGUN.fullmatch(path.name) for path in out.iterdir()):
+        raise NteError(f"{out}: {what}: choose another folder, or --force")
+    if copy.is_file():
+        _remove_clips(out)
+    make_folder(out)
+    write_whole(copy, lambda temporary: temporary.write_text(text, encoding="utf-8"))
+
+
+def _difference(copy: Path, text: str) -> str:
+    """Say how the recipe that a folder's clips were rendered from differs from `text`; "" if both give the same clips.
+
+    A key that did not exist yet when the clips were rendered has its default.
+    """
+    comments = [line for line in copy.read_text(encoding="utf-8", errors="replace").splitlines() if line[:1] == "#"]
     try:
-        out.mkdir(parents=True, exist_ok=True)
-    except OSError as error:
-        raise NteError(f"{out}: cannot be made: {error.strerror}") from error
-    if found != text:
-        write_whole(copy, lambda temporary: temporary.write_text(text, encoding="utf-8") and None)
+        before = "\n".join([*comments, to_yaml(load_config(Recipe, copy))])
+    except NteError as error:
+        return f"holds clips of a recipe that this version of nte cannot read ({error})"
+    return "" if before == text else "holds clips of another recipe, or of another version of nte"
 
 
 def is_whole(path: Path, channels: tuple[str, ...], plan: ClipPlan) -> bool:

@@ -86,7 +86,7 @@ class ClipPlan:
 
         A sharp twin has the name, and so the randomness, of its blurred clip.
         """
-        return f"{self.split}/{_scene_name(self.group)}_{self.number:03d}"
+        return f"{self.split}/{scene_name(self.group)}_{self.number:03d}"
 
     @property
     def folder(self) -> str:
@@ -155,10 +155,10 @@ def plan(recipe: Recipe, folder: Path = Path()) -> list[ClipPlan]:
             animation = (folder / group.scene).absolute() if is_own(group) else None
             for _ in range(group.clips):
                 start = frames[animation] + group.parameters.get(START, 0) if animation else 0
-                number = count[_scene_name(group)]
+                number = count[scene_name(group)]
                 unit = ClipPlan(recipe.name, recipe.seed, split, number, group, animation=animation, start=start)
                 plans += [unit, replace(unit, sharp=True)] if unit.blurred else [unit]
-                count[_scene_name(group)] += 1
+                count[scene_name(group)] += 1
                 if animation:
                     frames[animation] += group.frames
     return plans
@@ -169,7 +169,8 @@ def is_own(group: Group) -> bool:
     return Path(group.scene).suffix in (".yaml", ".yml")
 
 
-def _scene_name(group: Group) -> str:
+def scene_name(group: Group) -> str:
+    """Return what clips are called by: the name of the family, or of the file of somebody's own scene."""
     return Path(group.scene).stem if is_own(group) else group.scene
 
 

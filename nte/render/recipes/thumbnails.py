@@ -12,7 +12,7 @@ from PIL import Image
 from nte.color import display
 from nte.errors import NteError
 from nte.render.passes.radiance import radiance
-from nte.render.recipes.recipe import ClipPlan, make_stage, plan, read_recipe
+from nte.render.recipes.recipe import ClipPlan, Group, make_stage, plan, read_recipe, scene_name
 from nte.render.world.scene import Pixels
 
 PICTURES = 4  # pictures in a strip, spread evenly over the clip
@@ -20,14 +20,14 @@ COLOURS = 255  # a palette keeps a strip under 40 kB, however noisy it is
 
 
 def thumbnails(recipe: Path, out: Path, size: int = 96, spp: int = 144) -> list[Path]:
-    """Write a PNG for the first training clip of every family and set of parameters in the recipe; return the paths.
+    """Write a PNG for the first training clip of every scene and set of parameters in the recipe; return the paths.
 
     size: pixels of one picture. spp: samples per pixel.
     """
     first: dict[str, ClipPlan] = {}
     for unit in plan(read_recipe(recipe), recipe.parent):
         if unit.split == "train":
-            first.setdefault(strip_name(unit.group.scene, unit.group.parameters), unit)
+            first.setdefault(strip_name(unit.group), unit)
     out.mkdir(parents=True, exist_ok=True)
     paths = []
     for name, unit in first.items():
@@ -38,9 +38,9 @@ def thumbnails(recipe: Path, out: Path, size: int = 96, spp: int = 144) -> list[
     return paths
 
 
-def strip_name(scene: str, parameters: dict[str, object]) -> str:
+def strip_name(group: Group) -> str:
     """Return the name of the file that shows a group of clips: fence, or fence-lights-3."""
-    return "-".join([scene, *(f"{key}-{value}".lower() for key, value in parameters.items())])
+    return "-".join([scene_name(group), *(f"{key}-{value}".lower() for key, value in group.parameters.items())])
 
 
 def strip(unit: ClipPlan, size: int, spp: int) -> Pixels:
