@@ -1,14 +1,8 @@
 """Reader and writer of one OpenEXR file as a table of layered channel names."""
 
-import ctypes
-import os
-import sys
-import threading
-from collections.abc import Iterable, Iterator, Mapping, Sequence
-from contextlib import contextmanager, redirect_stderr, redirect_stdout
-from functools import cache
+from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
-from typing import Any, NamedTuple, TextIO, cast
+from typing import NamedTuple
 
 import numpy as np
 import numpy.typing as npt
@@ -17,11 +11,11 @@ import OpenEXR
 from nte.errors import NteError
 from nte.files import make_folder, write_whole
 from nte.frames.exr_header import Header, unbelievable, window_size
+from nte.frames.quiet import quiet
 
 HALF_MAX = 65504.0
 HALF_TINY = 2.0**-14  # smallest normal half float; smaller ones have fewer digits
 _MAGIC = b"\x76\x2f\x31\x01"
-_quiet_lock = threading.Lock()
 
 
 def read_exr(path: Path, size: tuple[int, int] | None = None) -> dict[str, npt.NDArray[np.float32]]:
@@ -202,49 +196,3 @@ def _to_display_window(header: dict[str, object], pixels: npt.NDArray[np.generic
             source[0][1] : source[1][1], source[0][0] : source[1][0]
         ]
     return placed
-
-
-class _OtherThreads:
-    """A stream that drops what the thread that made it prints, and hands on what others do."""
-
-    def __init__(self, stream: TextIO) -> None:
-        self._stream, self._silenced = stream, threading.get_ident()
-
-    def write(self, text: str) -> int:
-        return len(text) if threading.get_ident() == self._silenced else self._stream.write(text)
-
-    def __getattr__(self, name: str) -> Any:
-        return getattr(self._stream, name)
-
-
-@contextmanager
-def quiet() -> Iterator[None]:
-    """Silence messages that a C library prints about a damaged file: the NteError that follows says enough.
-
-    Drops what this thread prints through Python, which the OpenEXR library does as well, and what any thread prints
-    through C's stderr, as long as the block runs. What other threads print through Python is shown, such as the steps
-    of a training whose clips this thread reads. One thread at a time; the others wait.
-    """
-    with _quiet_lock:
-        stderr, nowhere = _c_stderr()
-        before, stderr.value = stderr.value, nowhere
-        try:
-            out, err = (cast(TextIO, _OtherThreads(stream)) for stream in (sys.stdout, sys.stderr))
-            with redirect_stdout(out), redirect_stderr(err):
-                yield
-        finally:
-            stderr.value = before
-
-
-@cache
-def _c_stderr() -> tuple[ctypes.c_void_p, int | None]:
-    """The variable from which C code takes its stderr, and a stream for it that leads nowhere.
-
-    Where C has no such variable, or a constant one (Windows, musl), it is one of our own: there messages are seen.
-    """
-    name = "__stderrp" if sys.platform == "darwin" else "stderr"
-    if sys.platform != "darwin" and not (sys.platform == "linux" and os.confstr("CS_GNU_LIBC_VERSION")):
-        return ctypes.c_void_p(), None
-    libc = ctypes.CDLL(None)
-    libc.fopen.restype = ctypes.c_void_p
-    return ctypes.c_void_p.in_dll(libc, name), libc.fopen(os.devnull.encode(), b"w")

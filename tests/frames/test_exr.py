@@ -2,8 +2,6 @@
 
 import os
 import struct
-import sys
-import threading
 from pathlib import Path
 
 import numpy as np
@@ -15,7 +13,7 @@ from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 
 from nte.errors import NteError
-from nte.frames.exr import quiet, read_exr, read_layers, read_parts, split_views, write_exr
+from nte.frames.exr import read_exr, read_layers, read_parts, split_views, write_exr
 
 Planes = dict[str, npt.NDArray[np.float32]]
 
@@ -212,30 +210,6 @@ def test_a_file_cut_anywhere_is_refused_without_a_word_from_the_library(
         with pytest.raises(NteError, match=r"cut\.exr: the OpenEXR file is truncated"):
             read_exr(path)
     assert capfd.readouterr() == ("", "")
-
-
-def test_only_the_thread_that_reads_is_silenced(capfd: pytest.CaptureFixture[str]) -> None:
-    # A training prints its steps while another thread reads its clips.
-    inside, printed, bar = threading.Event(), threading.Event(), sys.stderr
-
-    def reads() -> None:
-        with quiet():
-            inside.set()
-            printed.wait(60)
-            print("Warning: the library's")
-
-    reader = threading.Thread(target=reads)
-    reader.start()
-    assert inside.wait(60)
-    print("step 1: loss 0.5", flush=True)
-    print("warning: of ours", file=sys.stderr, flush=True)
-    print("a bar", file=bar, flush=True)  # that has begun before
-    os.write(1, b"a program's\n")
-    printed.set()
-    reader.join()
-    assert capfd.readouterr() == ("step 1: loss 0.5\na program's\n", "warning: of ours\na bar\n")
-    print("afterwards")
-    assert capfd.readouterr() == ("afterwards\n", "")
 
 
 def test_text_of_another_encoding_is_called_so(tmp_path: Path) -> None:
