@@ -3,6 +3,7 @@
 import os
 import sys
 import threading
+from concurrent.futures import ThreadPoolExecutor
 
 import pytest
 
@@ -35,8 +36,6 @@ def test_only_the_thread_that_reads_is_silenced(capfd: pytest.CaptureFixture[str
 
 def test_a_process_without_stdout_can_be_silenced(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(sys, "stdout", None)
-    with quiet():
-        thread = threading.Thread(target=print, args=("nobody hears this",), kwargs={"flush": True})
-        thread.start()
-        thread.join()
+    with quiet(), ThreadPoolExecutor(1) as thread:
+        thread.submit(print, "nobody hears this", flush=True).result()
     assert sys.stdout is None
