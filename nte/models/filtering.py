@@ -89,7 +89,8 @@ class Mixing(nn.Module):
         assert mixing is not None
         half = combined(filtered.scales, kernels, self.downsample).clamp(min=0, max=self.most)
         height, width = half.shape[-2:]
-        weights = mixing.unflatten(1, (TAPS, 1, 4))
+        # A traced graph keeps shape[0] free, but len() fixed.
+        weights = mixing.view(mixing.shape[0], TAPS, 1, 4, height, width)
         around = F.pad(half, [1] * 4, mode="replicate")
         total = weights[:, :-1].sum(1)
         mixed = weights[:, -2] * _blocks(light)
@@ -106,7 +107,8 @@ class Mixing(nn.Module):
 
 def _blocks(image: Tensor) -> Tensor:
     """Gather 2×2 pixels: (N, C, H, W) → (N, C, 4, H/2, W/2)."""
-    return F.pixel_unshuffle(image, 2).unflatten(1, (-1, 4))
+    batch, components, height, width = image.shape
+    return F.pixel_unshuffle(image, 2).view(batch, components, 4, height // 2, width // 2)
 
 
 def _unblocked(blocks: Tensor) -> Tensor:
