@@ -100,12 +100,7 @@ def load_train_config(path: Path, overrides: list[str]) -> TrainConfig:
 
     Raises NteError, naming the file and the key, for a value that is not allowed.
     """
-    config = read_train_config(path, overrides)
-    try:
-        _check(config)
-    except NteError as error:
-        raise NteError(f"{path}: {error}") from error
-    return config
+    return load_config(TrainConfig, path, overrides, _of_its_network, _check)
 
 
 def read_train_config(path: Path, overrides: Sequence[str] = ()) -> TrainConfig:
