@@ -1,7 +1,8 @@
 """Loader of YAML files with a typed schema: unknown keys, wrong types and resolvers are one-line errors."""
 
 import re
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager
 from dataclasses import fields, is_dataclass
 from difflib import get_close_matches
 from pathlib import Path
@@ -23,6 +24,7 @@ def load_config(
     path: Path,
     overrides: Sequence[str] = (),
     choose: Callable[[Callable[[str], Any]], Schema] | None = None,
+    check: Callable[[Schema], object] = lambda made: None,
 ) -> Schema:
     """Load an instance of the dataclass `schema` from a YAML file and `key=value` overrides.
 
@@ -32,7 +34,8 @@ def load_config(
     choose: makes the instance with the defaults, for schemas in which one key decides which others exist. It is called
     with a function from a dotted key to the value that the file or the overrides give it, or None. ${name} may refer to
     another key; resolvers such as ${oc.env:…} are refused, so that a configuration means the same on every machine.
-    Raises NteError, naming the file and the key, for anything that does not fit.
+    check: raises NteError, naming the key, for values that are not allowed. Raises NteError, naming the file and the
+    key, for anything that does not fit.
     """
     for override in overrides:
         if "=" not in override:
@@ -61,7 +64,18 @@ def load_config(
         key = getattr(error, "full_key", None)
         where = f"'{key}': " if key else ""
         raise NteError(f"{source}: {where}{problem_with(error)}") from error
+    with _naming(path):
+        check(made)
     return made
+
+
+@contextmanager
+def _naming(source: object) -> Iterator[None]:
+    """Put the source before the message of an NteError that the block raises."""
+    try:
+        yield
+    except NteError as error:
+        raise NteError(f"{source}: {error}") from error
 
 
 def _chosen(
@@ -72,10 +86,8 @@ def _chosen(
     def said(key: str) -> Any:
         return OmegaConf.select(typed, key, default=OmegaConf.select(loaded, key))
 
-    try:
+    with _naming(source):
         return choose(said)
-    except NteError as error:
-        raise NteError(f"{source}: {error}") from error
 
 
 def problem_with(error: Exception) -> str:

@@ -1,6 +1,6 @@
 """Configurations: what is typed is taken, and everything else is refused by file and key in one line."""
 
-from dataclasses import asdict
+from dataclasses import asdict, dataclass
 from pathlib import Path
 
 import pytest
@@ -26,6 +26,25 @@ def written(folder: Path, text: str | bytes = GOOD) -> Path:
     path = folder / "c.yaml"
     path.write_bytes(text if isinstance(text, bytes) else text.encode())
     return path
+
+
+@dataclass
+class Size:
+    width: int = 1
+
+
+def require_width(size: Size) -> None:
+    if size.width < 1:
+        raise NteError(f"'width' is {size.width}, expected at least 1")
+
+
+def test_a_value_that_the_schema_s_own_check_refuses_is_told_with_the_file(tmp_path: Path) -> None:
+    path = written(tmp_path, "width: 0\n")
+    assert load_config(Size, path).width == 0
+    assert load_config(Size, path, ["width=3"], check=require_width) == Size(3)
+    with pytest.raises(NteError) as error:
+        load_config(Size, path, check=require_width)
+    assert str(error.value) == f"{path}: 'width' is 0, expected at least 1"
 
 
 def test_file_then_overrides_over_the_defaults(tmp_path: Path) -> None:

@@ -8,7 +8,8 @@ import numpy as np
 from nte.errors import NteError, needs_extra
 from nte.files import make_folder, write_whole
 from nte.frames.clip import Pixels
-from nte.frames.exr import quiet, read_exr, write_exr
+from nte.frames.exr import read_exr, write_exr
+from nte.frames.quiet import quiet
 from nte.frames.srgb import decode_srgb, encode_srgb
 
 SUFFIXES = (".exr", ".png", ".tif", ".tiff")

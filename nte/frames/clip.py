@@ -202,8 +202,9 @@ class Clip:
     def _previous_forward_motion(self, index: int) -> Pixels:
         if index == 0:
             return np.full((2, self.height, self.width), np.nan, np.float32)
-        if self._last_forward and self._last_forward[0] == index - 1:
-            return self._last_forward[1]
+        last = self._last_forward  # once: another thread may read frames of the same clip
+        if last and last[0] == index - 1:
+            return last[1]
         path = frame_path(self.folder, index - 1)
         return self._pick(self._read(path), "forward_motion", path)
 

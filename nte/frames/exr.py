@@ -1,11 +1,6 @@
 """Reader and writer of one OpenEXR file as a table of layered channel names."""
 
-import ctypes
-import os
-import threading
-from collections.abc import Iterable, Iterator, Mapping, Sequence
-from contextlib import contextmanager, redirect_stderr, redirect_stdout
-from io import StringIO
+from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
 from typing import NamedTuple
 
@@ -16,11 +11,10 @@ import OpenEXR
 from nte.errors import NteError
 from nte.files import make_folder, write_whole
 from nte.frames.exr_header import MAGIC, Header, unbelievable, window_size
+from nte.frames.quiet import quiet
 
 HALF_MAX = 65504.0
 HALF_TINY = 2.0**-14  # smallest normal half float; smaller ones have fewer digits
-_quiet_lock = threading.Lock()
-_libc = ctypes.CDLL(None) if os.name == "posix" else ctypes.cdll.msvcrt
 
 
 def read_exr(path: Path, size: tuple[int, int] | None = None) -> dict[str, npt.NDArray[np.float32]]:
@@ -201,24 +195,3 @@ def _to_display_window(header: dict[str, object], pixels: npt.NDArray[np.generic
             source[0][1] : source[1][1], source[0][0] : source[1][0]
         ]
     return placed
-
-
-@contextmanager
-def quiet() -> Iterator[None]:
-    """Silence messages that the OpenEXR library prints about a damaged file: the NteError that follows says enough.
-
-    Redirects the process's stdout and stderr within the block; one thread at a time.
-    """
-    with _quiet_lock, open(os.devnull, "wb") as nowhere:
-        saved = {fd: os.dup(fd) for fd in (1, 2)}
-        _libc.fflush(None)
-        try:
-            for fd in saved:
-                os.dup2(nowhere.fileno(), fd)
-            with redirect_stdout(StringIO()), redirect_stderr(StringIO()):  # the library prints through Python as well
-                yield
-        finally:
-            _libc.fflush(None)  # else text in a pipe's buffer would come out later
-            for fd, copy in saved.items():
-                os.dup2(copy, fd)
-                os.close(copy)

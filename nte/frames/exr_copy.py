@@ -10,8 +10,9 @@ import OpenEXR
 from nte.errors import NteError
 from nte.files import make_folder, write_whole
 from nte.frames.clip import half_keeps
-from nte.frames.exr import load_exr, merge_parts, quiet
+from nte.frames.exr import load_exr, merge_parts
 from nte.frames.exr_header import Header, window_size
+from nte.frames.quiet import quiet
 
 # Lossless compressions: the channels that stay are decoded and encoded again, and must not change.
 _LOSSLESS = {

@@ -8,6 +8,7 @@ import torch.nn.functional as F
 from torch import Tensor, nn
 
 from nte.errors import NteError
+from nte.models.kernels import Downsample
 from nte.models.trainable import NetworkConfig
 from nte.models.unet import UNet, check_levels
 
@@ -39,6 +40,11 @@ class KernelConfig(NetworkConfig):
         check_levels(self.channels)
         if self.scales < 1 or max(0, self.scales - self.front.bit_length()) >= len(self.channels):
             raise NteError(f"network.scales is {self.scales}: network.channels has {len(self.channels)} levels")
+
+    @property
+    def pooling(self) -> Downsample:
+        """What `downsample` says, of the type that the steps take."""
+        return "max" if self.downsample == "max" else "mean"
 
     @property
     def multiple(self) -> int:

@@ -3,7 +3,7 @@
 Zeng et al., «Neural Temporal Denoising for Indirect Illumination», Eqs. 2 and 3.
 """
 
-from typing import Literal, NamedTuple
+from typing import NamedTuple
 
 import torch
 from torch import Tensor, nn
@@ -12,8 +12,8 @@ from nte.color import per_sequence
 from nte.frames.usable import usable_depth, usable_vector
 from nte.motion.geometric import dual_motion, traditional_motion
 from nte.motion.warp import warp
+from nte.recurrence import FORWARD, Recurrent
 
-Motion = Literal["dual", "traditional"]
 LONGEST = 32.0  # frames; a longer history counts as this long, so that moments follow a scene that changes
 
 
@@ -29,12 +29,16 @@ class Reprojected(NamedTuple):
 class Reprojection(nn.Module):
     """The step that fetches carried images along traditional or dual motion vectors.
 
-    Costs one bilinear fetch (4 products per component), and for dual vectors two fetches of the nearest pixel.
+    vectors: channels that it uses if there, besides motion. recurrent: what it carries for itself, as a network
+    declares it. Costs one bilinear fetch (4 products per component), and for dual vectors two fetches of the nearest
+    pixel.
     """
 
-    def __init__(self, motion: Motion) -> None:
+    def __init__(self, dual: bool) -> None:
         super().__init__()
-        self.dual = motion == "dual"
+        self.dual = dual
+        self.vectors: tuple[str, ...] = (FORWARD,) if dual else ()
+        self.recurrent = {"previous_depth": Recurrent("depth", 1)} if dual else {}
 
     def forward(
         self, motion: Tensor, forward_motion: Tensor | None, depth: Tensor, previous_depth: Tensor | None,

@@ -68,19 +68,18 @@ class SeparatedDenoiser(TrainableDenoiser):
 
     def __init__(self, config: SeparatedConfig) -> None:
         super().__init__(config)
-        dual = config.motion == "dual"
+        self.reading = LightsReader(tuple(config.inputs), config.demodulate)
+        self.reprojection = Reprojection(config.motion == "dual")
+        vectors = self.reprojection.vectors
         self.needs: tuple[str, ...] = tuple(dict.fromkeys([*COMPONENTS, *GUIDES, "emission", "motion", *config.inputs]))
-        self.optional: tuple[str, ...] = (*((FORWARD,) if dual else ()), *(() if "color" in self.needs else ("color",)))
+        self.optional: tuple[str, ...] = (*vectors, *(() if "color" in self.needs else ("color",)))
         self.recurrent = {f"{name}_history": Recurrent(f"next_{name}", width_of(name)) for name in COMPONENTS}
         self.carried = tuple(self.recurrent)
-        self.recurrent |= {"previous_depth": Recurrent("depth", 1)} if dual else {}
-        vectors = (FORWARD,) if dual else ()
+        self.recurrent |= self.reprojection.recurrent
         self.inputs = (*self.needs, *vectors, "reset", "exposure", "depth_scale", *self.recurrent)
-        self.reading = LightsReader(tuple(config.inputs), config.demodulate)
-        self.reprojection = Reprojection("dual" if dual else "traditional")
         self.prediction = LightsPrediction(self.reading.width + sum(WIDTHS), config)
         self.kernels = LightsKernels()
-        self.blending = LightsBlending("max" if config.downsample == "max" else "mean")
+        self.blending = LightsBlending(config.pooling)
         self.apply(xavier)
 
     def forward(self, *tensors: Tensor) -> tuple[Tensor, ...]:

@@ -78,26 +78,25 @@ class TemporalDenoiser(TrainableDenoiser):
     def __init__(self, config: TemporalConfig) -> None:
         super().__init__(config)
         self.reading = Reader(config.target, tuple(config.inputs), config.demodulate)
-        dual, components = config.motion == "dual", self.reading.components
+        self.reprojection = Reprojection(config.motion == "dual")
+        components, vectors = self.reading.components, self.reprojection.vectors
         self.target = config.target
         self.needs: tuple[str, ...] = tuple(dict.fromkeys([*self.reading.needs, "motion"]))
-        self.optional: tuple[str, ...] = (*((FORWARD,) if dual else ()), *self.reading.measured)
+        self.optional: tuple[str, ...] = (*vectors, *self.reading.measured)
         self.extras = ("disoccluded", "valid", *(("alpha",) if config.temporal else ()))
         remembers = config.temporal or config.feed_warped
         self.carried = ({"history": components} if remembers else {}) | config.carries
         self.recurrent = {name: Recurrent(f"next_{name}", width) for name, width in self.carried.items()}
-        self.recurrent |= {"previous_depth": Recurrent("depth", 1)} if dual else {}
-        vectors = (FORWARD,) if dual else ()
+        self.recurrent |= self.reprojection.recurrent
         self.inputs = (*self.needs, *vectors, "reset", *self.reading.scalars, *self.recurrent)
 
         width = self.reading.width + components * config.feed_warped + 2 * config.feed_masks
         width += 2 * config.moments + config.history_length + config.feature_history
-        self.reprojection = Reprojection("dual" if dual else "traditional")
         self.prediction = Prediction(width, config)
         self.kernels = KernelApplication()
         most = None if self.reading.is_radiance else 1.0
         blend = Mixing if config.finest == "mixing" else Blending
-        self.blending = blend("max" if config.downsample == "max" else "mean", most)
+        self.blending = blend(config.pooling, most)
         self.apply(xavier)
 
     def forward(self, *tensors: Tensor) -> tuple[Tensor, ...]:

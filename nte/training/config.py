@@ -34,7 +34,7 @@ class DataConfig:
     radiance: float = 0.0  # radiance times 2^±radiance, with the exposure that this gives
     exposure: float = 0.0  # exposure times 2^±exposure: sequences brighter or darker than their exposure assumes
     average: int = 1  # largest number of noise seeds whose mean is a sequence, so with so many samples per pixel
-    workers: int = 0  # loading processes; 0 loads between steps, which is best if everything fits the cache
+    workers: int = 0  # processes that load batches ahead; 0: a thread does, which is best if everything fits the cache
     cache_gb: float = 4.0  # GiB: decoded clips are kept in memory if all of them fit, once per worker; else in files
     cache_dir: str = ""  # folder of these files, kept and shared between runs; empty: in the run folder, until it ends
     scatter: float = 0.0  # share of sequences whose previous_forward_motion is made from motion, as in most engines
@@ -100,12 +100,7 @@ def load_train_config(path: Path, overrides: list[str]) -> TrainConfig:
 
     Raises NteError, naming the file and the key, for a value that is not allowed.
     """
-    config = read_train_config(path, overrides)
-    try:
-        _check(config)
-    except NteError as error:
-        raise NteError(f"{path}: {error}") from error
-    return config
+    return load_config(TrainConfig, path, overrides, _of_its_network, _check)
 
 
 def read_train_config(path: Path, overrides: Sequence[str] = ()) -> TrainConfig:

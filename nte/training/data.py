@@ -1,7 +1,11 @@
 """Training batches from clips. A batch depends on (seed, its number) alone, so a run can be resumed."""
 
 import warnings
+from collections import deque
 from collections.abc import Generator, Sequence
+from concurrent.futures import Future, ThreadPoolExecutor
+from contextlib import closing
+from itertools import islice
 from pathlib import Path
 from typing import NamedTuple
 
@@ -19,6 +23,8 @@ from nte.training.batch import Batch, collate
 from nte.training.clips import BrokenClipWarning, require_clip, require_whole_frames, too_many
 from nte.training.config import DataConfig
 from nte.training.tiles import SCATTERED, BrokenClipError, ClipStore
+
+AHEAD = 2  # batches that each worker process, or the thread, loads before they are asked for
 
 
 class Sample(NamedTuple):
@@ -144,20 +150,43 @@ class TrainingBatches(Dataset[Batch | NteError]):
 
 
 def training_loader(batches: TrainingBatches, first: int, last: int) -> Generator[Batch]:
-    """Yield the batches [first, last), in order, from the configured number of worker processes.
+    """Yield the batches [first, last), in order, which the configured worker processes, or else a thread, load ahead.
 
-    Closing the generator ends the processes. Raises NteError for a faulty file.
+    A batch that is loaded and never yielded leaves no trace: a run continues from the number of batches that it has
+    trained on. Closing the generator ends the processes or the thread, after the batch that it is loading. Raises
+    NteError for a faulty file, when its batch is due.
     """
-    workers = batches.config.workers
-    loader = DataLoader(
-        batches, batch_size=None, sampler=range(first, last), num_workers=workers,
-        prefetch_factor=2 if workers else None, persistent_workers=False,
+    load = _from_processes if batches.config.workers else _from_thread
+    with closing(load(batches, range(first, last))) as loaded:
+        for batch in loaded:
+            if isinstance(batch, NteError):
+                raise batch
+            yield batch
+
+
+def _from_processes(batches: TrainingBatches, numbers: range) -> Generator[Batch | NteError]:
+    yield from DataLoader(
+        batches, batch_size=None, sampler=numbers, num_workers=batches.config.workers, prefetch_factor=AHEAD,
         generator=torch.Generator(),  # its own, or each start would draw a number from the global generator
     )  # fmt: skip
-    for batch in loader:  # a generator that is closed ends its worker processes
-        if isinstance(batch, NteError):
-            raise batch
-        yield batch
+
+
+def _from_thread(batches: TrainingBatches, numbers: range) -> Generator[Batch | NteError]:
+    """Load in one thread: decoding releases Python's lock, and a clip that two threads want would be decoded twice."""
+    left = iter(numbers)
+    with ThreadPoolExecutor(1, "training batches") as thread:
+
+        def begun(count: int) -> list[Future[Batch | NteError]]:
+            return [thread.submit(batches.__getitem__, number) for number in islice(left, count)]
+
+        loading = deque(begun(AHEAD))
+        try:
+            while loading:
+                batch = loading.popleft().result()  # raises what the thread has raised
+                loading += begun(1)
+                yield batch
+        finally:
+            thread.shutdown(cancel_futures=True)
 
 
 def _crop(size: int, crop: int, rng: np.random.Generator) -> slice:

@@ -3,9 +3,8 @@
 from collections.abc import Sequence
 from contextlib import closing, nullcontext
 from pathlib import Path
-from typing import NoReturn, cast
+from typing import TYPE_CHECKING, NoReturn, cast
 
-from lightning_fabric import Fabric
 from torch.optim.swa_utils import AveragedModel, get_ema_multi_avg_fn
 from torch.utils.tensorboard import SummaryWriter
 from tqdm import tqdm
@@ -26,6 +25,9 @@ from nte.training.schedule import Schedule
 from nte.training.state import TrainingState
 from nte.training.step import DivergedError, Stepper, make_loss, make_optimiser
 from nte.training.validation import validate
+
+if TYPE_CHECKING:
+    from lightning_fabric import Fabric
 
 
 def train(
@@ -70,7 +72,7 @@ def train(
 
 
 def _run(
-    config: TrainConfig, fabric: Fabric, denoiser: TrainableDenoiser, material: Material, schedule: Schedule,
+    config: TrainConfig, fabric: "Fabric", denoiser: TrainableDenoiser, material: Material, schedule: Schedule,
     run: RunFolder, said: str,
 ) -> None:  # fmt: skip
     """Train, from the run's checkpoint if there is one. said: about the weights that a new run begins with."""

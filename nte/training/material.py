@@ -3,12 +3,11 @@
 import os
 from collections.abc import Sequence
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import torch
-from lightning_fabric import Fabric
 
-from nte.errors import NteError
+from nte.errors import NteError, needs_extra
 from nte.frames.channels import reference_of, way_to
 from nte.frames.clip import Clip
 from nte.models.trainable import TrainableDenoiser
@@ -19,6 +18,9 @@ from nte.training.losses import HIDDEN
 from nte.training.target import Target
 from nte.training.validation import ValidationSet, spread
 
+if TYPE_CHECKING:  # its import takes twice as long as that of PyTorch
+    from lightning_fabric import Fabric
+
 
 class Material(NamedTuple):
     """What a run learns from, and what it is judged by."""
@@ -27,7 +29,7 @@ class Material(NamedTuple):
     validation: ValidationSet
 
 
-def open_material(config: TrainConfig, denoiser: TrainableDenoiser, fabric: Fabric, cache: Path) -> Material:
+def open_material(config: TrainConfig, denoiser: TrainableDenoiser, fabric: "Fabric", cache: Path) -> Material:
     """Open the clips of a run, and check that they fit its network and its losses.
 
     cache: folder for decoded clips that memory cannot hold. Raises NteError if they do not fit.
@@ -76,11 +78,15 @@ def _seen(denoiser: TrainableDenoiser, channels: Sequence[str]) -> list[str]:
     return [name for name in channels if name in denoiser.inputs]
 
 
-def launch(device: str, seed: int) -> Fabric:
+def launch(device: str, seed: int) -> "Fabric":
     """Start one process on one device; under torchrun one of its processes, on the device of its local rank.
 
     Raises NteError for a device that does not exist.
     """
+    try:
+        from lightning_fabric import Fabric
+    except ImportError as error:
+        raise needs_extra("train", "training", error) from error
     kind, _, index = device.partition(":")
     processes = int(os.environ.get("LOCAL_WORLD_SIZE", 1)) if "TORCHELASTIC_RUN_ID" in os.environ else 0
     devices: Any = processes or ([int(index)] if index.isdigit() else 1)

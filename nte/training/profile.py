@@ -4,6 +4,7 @@ The steps are those of a configuration, with its network and clips; nothing is w
 """
 
 import time
+from contextlib import closing
 from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import NamedTuple
@@ -86,13 +87,13 @@ def profile_training(config: TrainConfig, device: str = "auto") -> Profile:
             meter.read()
             return spent
 
-        stages()
-        seconds = min((stages() for _ in range(STEPS)), key=lambda spent: sum(spent.values()))
-        with FlopCounterMode(display=False) as counter:
+        with closing(loader):
             stages()
-        with profile(activities=[ProfilerActivity.CPU]) as profiler:
-            slowed = stages()["forward"] / seconds["forward"]  # by the profiler
-        loader.close()
+            seconds = min((stages() for _ in range(STEPS)), key=lambda spent: sum(spent.values()))
+            with FlopCounterMode(display=False) as counter:
+                stages()
+            with profile(activities=[ProfilerActivity.CPU]) as profiler:
+                slowed = stages()["forward"] / seconds["forward"]  # by the profiler
     named: dict[str, float] = {}
     for event in sorted(profiler.events(), key=lambda event: event.time_range.start):
         if event.is_user_annotation and "#" not in event.name:  # PyTorch's own have a #

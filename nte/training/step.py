@@ -2,9 +2,9 @@
 
 import math
 from collections.abc import Iterator
+from typing import TYPE_CHECKING
 
 import torch
-from lightning_fabric import Fabric
 from torch import Tensor, nn
 from torch.optim import Optimizer
 
@@ -15,6 +15,9 @@ from nte.training.config import OptimiserConfig, TrainConfig
 from nte.training.losses import Past, SequenceLoss, Unrolled, windows
 from nte.training.meter import Meter
 from nte.training.schedule import Settings
+
+if TYPE_CHECKING:
+    from lightning_fabric import Fabric
 
 
 class DivergedError(NteError):
@@ -28,7 +31,7 @@ class Stepper:
     """
 
     def __init__(
-        self, fabric: Fabric, model: nn.Module, optimiser: Optimizer, config: TrainConfig, meter: Meter
+        self, fabric: "Fabric", model: nn.Module, optimiser: Optimizer, config: TrainConfig, meter: Meter
     ) -> None:
         self.fabric, self.model, self.optimiser, self.meter = fabric, model, optimiser, meter
         self.config = config

@@ -108,6 +108,33 @@ def test_previous_forward_motion_is_the_forward_motion_of_the_frame_before(tmp_p
     assert Clip(write_clip(tmp_path / "without", without)).channels == ("color",)
 
 
+@pytest.mark.parametrize("moment", [1, 2])
+def test_a_clip_that_two_threads_read_mixes_up_no_frames(tmp_path: Path, moment: int) -> None:
+    # A training's thread decodes a clip while its held-out frames are validated.
+    frames = small_frames(4)
+    for i, frame in enumerate(frames):
+        frame["forward_motion"] += i
+
+    class Shared(Clip):
+        """A clip of which another thread reads frame 3 after the first or second look at the last one that was read."""
+
+        @property
+        def _last_forward(self) -> object:
+            kept, self.looks = self.kept, self.looks + 1
+            if self.looks == moment:
+                self.kept = 3, frames[3]["forward_motion"]
+            return kept
+
+        @_last_forward.setter
+        def _last_forward(self, last: object) -> None:
+            self.kept = last
+
+    clip = Shared(write_clip(tmp_path / "c", frames))
+    for i in range(1, 4):
+        clip.kept, clip.looks = (i - 1, frames[i - 1]["forward_motion"]), 0
+        np.testing.assert_array_equal(clip.frame(i)["previous_forward_motion"][0], frames[i - 1]["forward_motion"])
+
+
 def test_the_reference_is_the_mean_of_its_halves(tmp_path: Path) -> None:
     halves = {"reference_a": np.full((3, 2, 2), 1, np.float32), "reference_b": np.full((3, 2, 2), 4, np.float32)}
     clip = Clip(write_clip(tmp_path / "c", [{"color": np.ones((3, 2, 2), np.float32)} | halves]))

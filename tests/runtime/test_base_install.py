@@ -81,7 +81,7 @@ def test_what_needs_an_extra_says_which_in_one_line(noisy_disc: Path, tmp_path: 
 def test_a_function_that_needs_an_extra_says_which() -> None:
     for name, package, extra in (
         ("check", "torch", "eval"),
-        ("train", "lightning_fabric", "train"),
+        ("train", "torch", "train"),
         ("dual_motion", "torch", "eval"),
     ):
         done = python(WITHOUT + f"import nte; assert '{name}' in dir(nte); nte.{name}")

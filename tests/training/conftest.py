@@ -1,5 +1,7 @@
-"""A finished run that many tests look at."""
+"""A finished run that many tests look at, and what every training must leave behind: no thread."""
 
+import threading
+from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
@@ -7,6 +9,18 @@ import pytest
 from nte.training.loop import train
 from tests.shared import made_once
 from tests.training.runs import tiny_config
+
+
+def loading_threads() -> list[threading.Thread]:
+    """The threads of this process that load batches."""
+    return [thread for thread in threading.enumerate() if thread.name.startswith("training batches")]
+
+
+@pytest.fixture(autouse=True)
+def no_thread_is_left() -> Iterator[None]:
+    """However a training ends: after its last step, by Ctrl-C, a divergence or a faulty clip."""
+    yield
+    assert not loading_threads()
 
 
 @pytest.fixture(scope="session")

@@ -62,7 +62,7 @@ def start(path: Path, *overrides: str, launcher: tuple[str, ...] = ("train.py",)
 
 # Forks processes that have imported all that a training needs, and have done nothing yet: the imports take seconds.
 WARM = multiprocessing.get_context("forkserver")
-WARM.set_forkserver_preload(["nte.training.loop", __name__])
+WARM.set_forkserver_preload(["nte.training.loop", "lightning_fabric", __name__])
 
 
 class Forked:

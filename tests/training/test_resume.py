@@ -65,9 +65,12 @@ def test_killed_at_random_moments_and_again_while_resuming(undisturbed: Path, tm
     assert not list(run.glob(".*"))
 
 
-def test_ctrl_c_stops_after_the_step_and_can_be_resumed(undisturbed: Path, tmp_path: Path, noisy_disc: Path) -> None:
+@pytest.mark.parametrize("loading", ["data.workers=0", "data.workers=2"])
+def test_ctrl_c_stops_after_the_step_and_can_be_resumed(
+    undisturbed: Path, tmp_path: Path, noisy_disc: Path, loading: str
+) -> None:
     path, run = config_file(tmp_path, noisy_disc), tmp_path / "runs" / "tiny"
-    process = start(path, LONG, "data.workers=2", launcher=("-m", "nte", "train"))
+    process = start(path, LONG, loading, launcher=("-m", "nte", "train"))
     wait_for_step(process, 3)
     os.killpg(process.pid, signal.SIGINT)
     output, errors = process.communicate(timeout=300)
@@ -76,7 +79,7 @@ def test_ctrl_c_stops_after_the_step_and_can_be_resumed(undisturbed: Path, tmp_p
     done = checkpoint(run)["step"]
     assert f"stopped after step {done} of 80; continue with resume=true" in output
     assert [line["step"] for line in metrics(run) if "loss" in line] == list(range(1, int(str(done)) + 1))
-    finish(path, "data.workers=2")
+    finish(path, loading)
     assert_same_run(run, undisturbed)
 
 

@@ -2,6 +2,8 @@
 
 import json
 import re
+import subprocess
+import sys
 from pathlib import Path
 from typing import Any
 
@@ -182,6 +184,20 @@ def test_what_is_no_run_and_what_cannot_be_written(tmp_path: Path, noisy_disc: P
     (tmp_path / "runs").write_text("a file in the way")
     with pytest.raises(NteError, match=r"runs.*: cannot be made a folder"):
         train(tiny_config(tmp_path, noisy_disc), device="cpu")
+
+
+@pytest.mark.slow
+def test_a_wrong_configuration_is_told_before_what_takes_seconds_is_imported(tmp_path: Path) -> None:
+    (tmp_path / "c.yaml").write_text("sead: 1\n")
+    code = (
+        "import sys, nte\n"
+        "try: nte.train(sys.argv[1])\n"
+        "except nte.NteError as error: print(error)\n"
+        "print(sys.modules.keys() & {'torch', 'lightning_fabric', 'torchmetrics', 'torch._dynamo'})"
+    )
+    said = subprocess.run([sys.executable, "-c", code, tmp_path / "c.yaml"], capture_output=True, text=True).stdout
+    assert "'sead'" in said.splitlines()[0]
+    assert said.splitlines()[1] == "{'torch'}"
 
 
 def test_bad_pixels_of_the_reference_are_left_out(tmp_path: Path, noisy_disc: Path) -> None:

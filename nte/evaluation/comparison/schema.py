@@ -122,11 +122,7 @@ def read_comparison(path: Path) -> Comparison:
 
     Raises NteError, naming the file and the key, for a comparison that is not valid.
     """
-    comparison = load_config(Comparison, path)
-    try:
-        _check(comparison)
-    except NteError as error:
-        raise NteError(f"{path}: {error}") from error
+    comparison = load_config(Comparison, path, check=_check)
     comparison.recipes = {folder: str(path.parent / recipe) for folder, recipe in comparison.recipes.items()}
     for network in comparison.networks.values():
         network.config = str(path.parent / network.config)

@@ -1,0 +1,41 @@
+"""A library is silenced, and nobody else."""
+
+import os
+import sys
+import threading
+from concurrent.futures import ThreadPoolExecutor
+
+import pytest
+
+from nte.frames.quiet import quiet
+
+
+def test_only_the_thread_that_reads_is_silenced(capfd: pytest.CaptureFixture[str]) -> None:
+    # A training prints its steps while another thread reads its clips.
+    inside, printed, bar = threading.Event(), threading.Event(), sys.stderr
+
+    def reads() -> None:
+        with quiet():
+            inside.set()
+            printed.wait(60)
+            print("Warning: the library's")
+
+    reader = threading.Thread(target=reads)
+    reader.start()
+    assert inside.wait(60)
+    print("step 1: loss 0.5", flush=True)
+    print("warning: of ours", file=sys.stderr, flush=True)
+    print("a bar", file=bar, flush=True)  # that has begun before
+    os.write(1, b"a program's\n")
+    printed.set()
+    reader.join()
+    assert capfd.readouterr() == ("step 1: loss 0.5\na program's\n", "warning: of ours\na bar\n")
+    print("afterwards")
+    assert capfd.readouterr() == ("afterwards\n", "")
+
+
+def test_a_process_without_stdout_can_be_silenced(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(sys, "stdout", None)
+    with quiet(), ThreadPoolExecutor(1) as thread:
+        thread.submit(print, "nobody hears this", flush=True).result()
+    assert sys.stdout is None
