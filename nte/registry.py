@@ -55,12 +55,11 @@ def load_denoiser(spec: str | Path, device: str = "cpu") -> Denoiser:
     if path.suffix == ".onnx":
         from nte.runtime.session import OnnxDenoiser
 
-        return OnnxDenoiser(path, [onnx_provider(device)])
+        return complete(OnnxDenoiser(path, [onnx_provider(device)]))
     if isfile(path / "config.yaml") or path.suffix == ".safetensors":
         load = _import("nte.training.run", "load_run", "train", spec)
         require_device(device)
-        loaded: Denoiser = load(path, device=device)
-        return loaded
+        return complete(load(path, device=device), device)
     name, _, text = spec.partition(":")
     if name not in NAMES:
         if isdir(path):
@@ -73,6 +72,21 @@ def load_denoiser(spec: str | Path, device: str = "cpu") -> Denoiser:
         _refuse_missing_target(kind.options_type, spec)
         return Composition({c: _make(kind, {**given, "target": c}, spec, device) for c in COMPONENTS})
     return _make(kind, given, spec, device)
+
+
+def complete(denoiser: Denoiser, device: str = "cpu") -> Denoiser:
+    """Put a network that builds on another denoiser's image on top of that one; any other network stays as it is.
+
+    Raises NteError for a `prior` that is no denoiser by name, or denoises something else.
+    """
+    spec = getattr(denoiser, "prior", "")
+    if not spec:
+        return denoiser
+    if spec.partition(":")[0] not in NAMES:  # a model's file must not name other files to be loaded
+        raise NteError(f"prior '{spec}': expected a denoiser by name, one of {', '.join(NAMES)}")
+    from nte.filters.prior import OnTop
+
+    return OnTop(denoiser, load_denoiser(spec, device))
 
 
 def _of_light(light: str, inner: str, spec: str, device: str) -> Denoiser:
