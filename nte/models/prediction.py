@@ -117,10 +117,8 @@ class KernelHeads(nn.Module):
             if self.mixing and scale == 0:
                 predicted.append(ScaleKernels(None, None, None, weights(values)))
                 continue
-            weighed, blended = (
-                int(scale > bool(self.mixing) or (scale == 0 and self.temporal)),
-                scale == 0 and self.temporal,
-            )
+            blended = scale == 0 and self.temporal
+            weighed = int(blended or scale > bool(self.mixing))
             spatial, temporal = values[:, weighed : weighed + self.taps], values[:, weighed + self.taps :]
             alpha = values[:, :1].sigmoid() if weighed else None
             predicted.append(ScaleKernels(weights(spatial), alpha, weights(temporal) if blended else None))

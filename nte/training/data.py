@@ -136,9 +136,8 @@ class TrainingBatches(Dataset[Batch | NteError]):
         """One sample's channels (F, C, H, W), cropped and augmented, and its scalars (1,)."""
         # A denoiser's image of a mean is not the mean of its images.
         groups = [sample.seeds] if self.store.prior else [(seed,) for seed in sample.seeds]
-        parts = [
-            self.store.get(sample.clip, *group).crop(sample.frames, sample.rows, sample.columns) for group in groups
-        ]
+        part = sample.frames, sample.rows, sample.columns
+        parts = [self.store.get(sample.clip, *group).crop(*part) for group in groups]
         images = parts[0]
         if len(parts) > 1:
             noisy = [name for name in images if name != SCATTERED and CHANNELS[name].noisy]
