@@ -1,6 +1,6 @@
 """The merge of a burst's files into one picture, for `nte merge-burst`."""
 
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -58,22 +58,24 @@ def merge_files(
     base = _tensor(read_picture(first)) if raw is None else _tensor(raw.values[None])
     if min(base.shape[-2:]) < _SMALLEST:
         raise NteError(f"{first}: is {_size(base)}: expected at least {_SMALLEST} pixels along each side")
+    clips = first.suffix.lower() != ".exr"
+    unit = 1.0 if clips else _unit(base)
+    base = base / unit
     neighbour = others[min(reference - 1, len(others) - 1)]
-    second = _read(neighbour, base, first, raw) if noise is None or (raw and not keep_defects) else base
-    if noise is None:
-        noise = fit_noise(base, second, mosaic)
-    defects = find_defects(base, second, noise, mosaic) if raw and not keep_defects else None
 
-    def frames() -> Iterator[Tensor]:
-        return (_read(path, base, first, raw) for path in others)
+    def read(path: Path) -> Tensor:
+        return _read(path, base, first, raw) / unit
 
-    clips = first.suffix.lower() != ".exr"  # a linear picture has no white level
-    merged = merge_burst(base, frames(), noise, mosaic, radii, reach, clips, defects)
+    second = read(neighbour) if noise is None or (raw and not keep_defects) else base
+    fitted = fit_noise(base, second, mosaic, clips) if noise is None else noise.scaled(1 / unit)
+    defects = find_defects(base, second, fitted, mosaic) if raw and not keep_defects else None
+    merged = merge_burst(base, map(read, others), fitted, mosaic, radii, reach, clips, defects)
+    merged = merged._replace(image=merged.image * unit)
     pixels = merged.image[0].numpy()
     stops = brightness + (raw.brightness if raw else 0.0)
     picture = pixels if pictures else develop(first, pixels[0])
     write_picture(out, picture * np.float32(2.0**stops), bits)
-    return Summary(noise, merged, others, 0 if defects is None else int(defects.sum()))
+    return Summary(fitted.scaled(unit), merged, others, 0 if defects is None else int(defects.sum()))
 
 
 def _check(files: Sequence[Path], out: Path, reference: int, force: bool) -> bool:
@@ -115,6 +117,11 @@ def _read(path: Path, base: Tensor, first: Path, camera: Raw | None) -> Tensor:
     if frame.shape != base.shape:
         raise NteError(f"{path}: is {_size(frame)}, {first} is {_size(base)}: expected one size")
     return frame
+
+
+def _unit(picture: Tensor) -> float:
+    """The mean of a linear picture, which has no white level: least variances and differences are shares of this."""
+    return float(picture.abs().double().mean()) or 1.0
 
 
 def _tensor(pixels: np.ndarray) -> Tensor:

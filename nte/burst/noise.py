@@ -37,13 +37,19 @@ class NoiseModel:
         if not (0 <= self.a < float("inf") and 0 <= self.b < float("inf") and self.a + self.b > 0):
             raise NteError(f"noise model a = {self.a}, b = {self.b}: expected two numbers of at least 0, not both 0")
 
+    def scaled(self, factor: float) -> "NoiseModel":
+        """Return the model of the noise in signals that are multiplied by a factor above 0."""
+        return NoiseModel(self.a * factor, self.b * factor * factor)
+
     def variance(self, signal: Tensor) -> Tensor:
         """Compute the variance σ² of signals of any shape; negative signals count as 0."""
         return (self.a * signal.clamp(min=0) + self.b).clamp(min=_FLOOR)
 
 
-def fit_noise(first: Tensor, second: Tensor, mosaic: Mosaic | None) -> NoiseModel:
+def fit_noise(first: Tensor, second: Tensor, mosaic: Mosaic | None, clips: bool = True) -> NoiseModel:
     """Fit the model to two frames of a burst, mosaics (1, 1, H, W) or images (1, C, H, W); they need not be aligned.
+
+    clips: true if values end at 1, so that noise is cut off near there.
 
     Four neighbouring pixels of one colour (p q / r s) give (p − q − r + s)/2, which has the noise's variance and no
     trace of a linear gradient. One frame selects the flat tiles, and the other measures the variance there: a tile
@@ -53,7 +59,8 @@ def fit_noise(first: Tensor, second: Tensor, mosaic: Mosaic | None) -> NoiseMode
     """
     tiles = _tiles(first, mosaic), _tiles(second, mosaic)
     both = (tiles[0], tiles[1]), (tiles[1], tiles[0])
-    usable = [(select[:, 2] < _SATURATED) & (measure[:, 2] < _SATURATED) for select, measure in both]
+    most = _SATURATED if clips else float("inf")
+    usable = [(select[:, 2] < most) & (measure[:, 2] < most) for select, measure in both]
     flat = [_quietest(select) & use for (select, _), use in zip(both, usable, strict=True)]
     for _ in range(_ROUNDS):
         found = torch.cat([measure[part] for (_, measure), part in zip(both, flat, strict=True)]).double()

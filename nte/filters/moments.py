@@ -13,6 +13,7 @@ from nte.color import luminance
 from nte.filters.atrous import Edge, atrous_step
 
 WINDOW = (1.0, 1.0, 1.0, 1.0)  # kernel of 7×7 pixels of equal weight
+ROUNDING = 1e-4  # as a share of a length: a mean of whole lengths, fetched between pixels, is less by so much at most
 TILE, HALO = 32, 3  # px: side of a tile, and the margin that the window needs around it
 
 
@@ -67,7 +68,7 @@ def estimated_variance(moments: Tensor, length: Tensor, young: float, edge: Edge
     The spatial estimate costs as much as an à-trous level, but only in those tiles of 32×32 that need it.
     """
     variance = variance_of(moments)
-    fresh = length < young
+    fresh = length < young * (1 - ROUNDING)  # or rounding would decide in every pixel in which history begins to count
     tiles = F.max_pool2d(fresh.float(), TILE, ceil_mode=True)[:, 0] > 0
     if not tiles.any():
         return variance

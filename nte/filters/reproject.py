@@ -17,7 +17,9 @@ from nte.motion.camera import points_from_depth
 from nte.motion.geometric import infinite_sky
 from nte.motion.warp import pixel_centres
 
-DEPTH_FLOOR, DEPTH_LIMIT = 0.01, 10.0  # |Δz| / (fwidth(z) + floor) ≤ limit, in scene units
+# |Δz| / (fwidth(z) + floor · z) ≤ limit. Falcor's floor of 0.01 scene units is this at a depth of 5; with it, surfaces
+# that face the same way would share history in scenes of small units, and lose it in scenes of large ones.
+DEPTH_FLOOR, DEPTH_LIMIT = 0.002, 10.0
 NORMAL_FLOOR, NORMAL_LIMIT = 0.01, 16.0  # ‖Δn‖ / (fwidth(n) + floor) ≤ limit
 LEAST_WEIGHT = 0.01  # least sum of the bilinear weights that pass; below it, 3×3 pixels are searched
 
@@ -107,7 +109,7 @@ def reproject(
 
     A tap passes if it lies inside the image and looks alike, and misses match only misses:
 
-        |Δz| ≤ 10 (fwidth(z) + depth_floor)  and  ‖Δn‖ ≤ 16 (fwidth(n) + 0.01)
+        |Δz| ≤ 10 (fwidth(z) + depth_floor · z)  and  ‖Δn‖ ≤ 16 (fwidth(n) + 0.01)
 
     Where the bilinear weights of the passing taps sum to less than 0.01, the result is the mean of the passing pixels
     in the 3×3 around the position; where none passes, `valid` is false. expected_depth (N, 1, H, W): from
@@ -115,7 +117,8 @@ def reproject(
     the current depth.
     """
     batch, _, height, width = values.shape
-    limits = DEPTH_LIMIT * (now.depth_width + depth_floor), (NORMAL_LIMIT * (now.normal_width + NORMAL_FLOOR)).square()
+    floor = depth_floor * now.depth.where(now.depth < float("inf"), 0.0)
+    limits = DEPTH_LIMIT * (now.depth_width + floor), (NORMAL_LIMIT * (now.normal_width + NORMAL_FLOOR)).square()
     here = [now.depth, now.depth if expected_depth is None else expected_depth, now.normal, *limits]
     own = _flat(torch.cat([_finite(t) for t in here], 1))
     taken = _flat(torch.cat([_finite(before.depth), before.normal, values], 1))

@@ -28,7 +28,7 @@ from nte.filters.moments import (
     told_by_others,
     with_square,
 )
-from nte.filters.reproject import Fetched, Geometry, geometry_of, previous_depth, reproject
+from nte.filters.reproject import DEPTH_FLOOR, Fetched, Geometry, geometry_of, previous_depth, reproject
 from nte.frames.channels import TEXTURES
 from nte.frames.frame import Frame
 from nte.frames.usable import mask_of
@@ -67,7 +67,7 @@ class SvgfOptions(Options, name="svgf"):
     the history; 1 in the paper, 2 in Falcor, 0 for the accumulated light. sigma_l, sigma_z, sigma_n: of the
     edge-stopping weights of luminance, depth and normal. young: history length in frames below which the variance is
     estimated in space. albedo_floor: least divisor of demodulation. depth_floor: tolerance of depths in reprojection,
-    in scene units.
+    as a share of the depth.
     """
 
     target: Target = "color"
@@ -81,7 +81,7 @@ class SvgfOptions(Options, name="svgf"):
     sigma_n: Positive = 128.0
     young: NotNegative = 4.0
     albedo_floor: Positive = 1e-3
-    depth_floor: Positive = 0.01
+    depth_floor: Positive = DEPTH_FLOOR
 
     def __post_init__(self) -> None:
         super().__post_init__()

@@ -18,6 +18,7 @@ from nte.frames.frame import About, Frame
 
 FORMAT = "nte-clip/1"
 Pixels = npt.NDArray[np.float32]
+_OF_ONE_SAMPLE = ("indirect_radiance", "indirect_direction", "time", "shutter_motion", "shutter_depth")
 
 
 def frame_path(folder: Path, index: int, seed: int = 0) -> Path:
@@ -164,7 +165,10 @@ class Clip:
     def frame(self, index: int, channels: Iterable[str] | None = None, seeds: Sequence[int] = (0,)) -> Frame:
         """Read frame `index` with the named channels (None: all it has) as arrays (1, C, H, W) float32.
 
-        Noisy channels are the mean over `seeds`, so k seeds give k times the samples per pixel.
+        Noisy channels are the mean over `seeds`, so k seeds give k times the samples per pixel. Where a NaN says that a
+        seed has no value, as that of a shadow's vector in an unshadowed pixel, the mean is over the other seeds.
+        Channels that describe one sample together (a direction and the light from there; a time, with motion and depth
+        then) have no mean, and are those of the first of the seeds.
         previous_forward_motion comes from the file of the previous frame; it is NaN (unknown) on frame 0.
         Raises NteError, naming the file, for a channel that is missing or a size that differs from clip.json.
         """
@@ -182,7 +186,7 @@ class Clip:
                 arrays[name] = previous_forward
             elif name in noisy and others:
                 sources = [*([stored] if 0 in seeds else []), *others]
-                arrays[name] = np.mean([self._pick(s, name, path) for s in sources], 0, dtype=np.float32)
+                arrays[name] = _mean_of_seeds(name, [self._pick(s, name, path) for s in sources])
             else:
                 arrays[name] = self._pick(stored, name, path)
         return Frame({name: a[None] for name, a in arrays.items()}, index=index, **self._about(index))
@@ -213,6 +217,18 @@ class Clip:
             camera = self.info["cameras"][index]
             about |= {k: np.array([camera[k]], np.float32) for k in ("view", "projection")}
         return about
+
+
+def _mean_of_seeds(name: str, seeds: Sequence[Pixels]) -> Pixels:
+    """The mean (C, H, W) of a noisy channel over its seeds; see `Clip.frame`."""
+    if name in _OF_ONE_SAMPLE:
+        return seeds[0]
+    if not CHANNELS[name].nan_means:
+        return np.asarray(np.mean(seeds, 0, dtype=np.float32))
+    known = ~np.isnan(seeds)
+    count = known.sum(0, dtype=np.float32)
+    total = np.where(known, seeds, 0).sum(0, dtype=np.float32)
+    return np.where(count > 0, total / count.clip(min=1), np.float32(np.nan))
 
 
 def _read_info(folder: Path) -> dict[str, Any]:

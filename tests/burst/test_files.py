@@ -10,6 +10,7 @@ import pytest
 import torch
 from PIL import Image
 
+from nte.burst.files import merge_files
 from nte.burst.pictures import read_picture, write_picture
 from nte.burst.raw import develop, read_raw
 from nte.cli import main
@@ -149,6 +150,25 @@ def test_pictures_are_merged_at_full_resolution(suffix: str, tmp_path: Path) -> 
     assert main(["merge-burst", *map(str, paths), "--out", str(out), "--reference", "2"]) == 0
     merged, alone = (torch.from_numpy(read_picture(path)) for path in (out, paths[1]))
     assert psnr(merged, clean[1][0]) > psnr(alone, clean[1][0]) + 4.5
+
+
+@pytest.mark.parametrize("given", [False, True])
+@pytest.mark.parametrize("unit", [1e-7, 1 / 64, 64.0])
+def test_the_unit_of_a_linear_picture_does_not_matter(unit: float, given: bool, tmp_path: Path) -> None:
+    """A .exr has no white level: radiance may have any unit, and what moves leaves no ghost in any of them."""
+    clean = [scene((96, 128), shift, (40.0 + 9 * i, 50.0)) for i, shift in enumerate(SHIFTS)]
+    found = {}
+    for factor in (1.0, unit):
+        paths = [tmp_path / f"{i}.exr" for i in range(len(SHIFTS))]
+        for i, (path, image) in enumerate(zip(paths, clean, strict=True)):
+            write_picture(path, factor * sense(image, None, NOISE, i)[0].numpy())
+        out = tmp_path / "out.exr"
+        done = merge_files(paths, out, noise=NOISE.scaled(factor) if given else None, force=True)
+        found[factor] = read_picture(out) / factor
+        model = done.noise.scaled(1 / factor)
+        assert model.variance(torch.tensor(0.4)) == pytest.approx(float(NOISE.variance(torch.tensor(0.4))), rel=0.25)
+    np.testing.assert_allclose(found[unit], found[1.0], atol=2e-4)
+    assert psnr(torch.from_numpy(found[unit]), clean[0][0]) > 30
 
 
 def test_of_a_camera_that_stood_still_it_is_told_what_cannot_be_known(

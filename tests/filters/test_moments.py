@@ -44,6 +44,15 @@ def test_young_pixels_take_the_variance_of_their_surroundings(size: tuple[int, i
         assert float(found[n, 0, y, x]) == pytest.approx(expected, rel=1e-4, abs=1e-5)
 
 
+def test_rounding_does_not_make_a_length_young() -> None:
+    """A mean of lengths 4, weighted between four pixels, comes out as 3.9999998 or as 4."""
+    moments, kind = with_square(torch.rand(1, 1, 5, 6)), torch.ones(1, 1, 5, 6)
+    exact, rounded, less = (estimated_variance(moments, n * kind, 4, same_kind, [kind]) for n in (4, 4 - 1e-6, 3.99))
+    assert torch.equal(exact, variance_of(moments))
+    assert torch.equal(rounded, exact)
+    assert (less > exact).all()
+
+
 def test_only_tiles_with_young_pixels_are_computed() -> None:
     seen = 0
 

@@ -35,7 +35,8 @@ def slow(values: Tensor, motion: Tensor, allowed: Tensor, now: Geometry, before:
         zs = [float(s.depth[n, 0, j, i]) for s, j, i in ((now, y, x), (before, v, u))]
         apart = 0 if zs[0] == zs[1] else abs(zs[0] - zs[1])
         turned = float((now.normal[n, :, y, x] - before.normal[n, :, v, u]).norm())
-        return apart <= 10 * 0.01 and turned <= 16 * 0.01
+        floor = 0.002 * zs[0] if zs[0] < math.inf else 0
+        return apart <= 10 * floor and turned <= 16 * 0.01
 
     for n in range(batch):
         for y in range(height):
@@ -154,6 +155,25 @@ def test_a_camera_that_moves_forward_keeps_the_history_of_what_it_looks_at() -> 
     assert reproject(depth, motion, allowed, now, before, expected).valid.all()
     # What moves along with the camera keeps its depth, whatever the camera alone would say.
     assert reproject(depth, motion, allowed, now, now, expected).valid.all()
+
+
+@pytest.mark.parametrize("unit", [1e-3, 1.0, 1e3])
+def test_the_unit_of_length_does_not_matter(unit: float) -> None:
+    """A wall, a parallel plate before it, and sky; the plate has moved by two pixels and by 1 % of its depth."""
+    plate = torch.zeros(1, 1, 9, 16, dtype=torch.bool)
+    plate[..., 2:7, 5:10] = True
+    depth = torch.where(plate, 4.0, 5.0)
+    depth[..., 14:] = 0
+    normal = (depth > 0) * torch.tensor([0.0, 0, 1]).view(1, 3, 1, 1)
+    now = geometry_of(depth * unit, normal)
+    before = geometry_of(torch.where(plate.roll(2, 3), 4.04, torch.where(depth > 0, 5.0, 0.0)) * unit, normal)
+    motion = torch.where(plate, 2.0, 0.0) * torch.tensor([1.0, 0]).view(1, 2, 1, 1)
+    values = torch.where(plate.roll(2, 3), 1.0, 0.0)
+    found = reproject(values, motion, torch.ones_like(plate), now, before)
+    assert torch.equal(found.values > 0, plate)
+    hidden = plate.roll(2, 3) & ~plate
+    beside = F.max_pool2d(1 - values, 3, stride=1, padding=1) > 0  # there the search finds the wall
+    assert torch.equal(found.valid, ~hidden | beside)
 
 
 def test_widths_are_slopes_and_a_silhouette_is_none() -> None:

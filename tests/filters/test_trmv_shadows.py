@@ -13,7 +13,15 @@ from nte.filters.trmv import Trmv
 from nte.filters.trmv.inputs import RADIUS, GBuffer, prepare
 from nte.filters.trmv.options import TrmvOptions
 from nte.filters.trmv.samples import believable
-from nte.filters.trmv.shadows import FALLOFF, deviation_for, geometric_normal, planarity, shadow_reprojection, splat
+from nte.filters.trmv.shadows import (
+    FALLOFF,
+    deviation_for,
+    geometric_normal,
+    planarity,
+    shadow_reprojection,
+    splat,
+    squared_footprint,
+)
 from nte.frames.frame import Frame
 from nte.motion.geometric import Reprojection, traditional_motion
 from tests.filters.trmv_frames import plane
@@ -27,12 +35,18 @@ def test_vectors_are_the_mean_of_shadowed_samples_and_visibility_of_all() -> Non
     visibility[..., 4, 4], visibility[..., 4, 5], visibility[..., 0, 0] = 0, 0, 0
     motion[..., 4, 4], motion[..., 4, 5] = 2.0, 4.0  # the third blocked sample has no valid vector
     found = splat(visibility, frame["direct"], motion, edges)
-    expected = joint_bilateral(visibility, edges, RADIUS, deviation_for(9))
+    expected = joint_bilateral(visibility, edges, RADIUS, deviation_for((9, 9)))
     torch.testing.assert_close(found.visibility, expected)
     assert found.shadowed.all()
     assert found.motion[0, 0, 4, 0] < 3 < found.motion[0, 0, 4, 8]
     assert torch.equal(found.motion[:, 0], found.motion[:, 1])
     torch.testing.assert_close(found.motion[0, 0, :, 4], found.motion[0, 0, 4, 4].expand(9))
+
+
+def test_an_upright_image_is_filtered_as_one_that_lies() -> None:
+    """A camera that is turned by 90° sees penumbrae of the same width."""
+    assert deviation_for((360, 640)) == deviation_for((640, 360)) == pytest.approx(7.5 * 360 / 640)
+    assert deviation_for((720, 1280)) == 7.5
 
 
 def test_where_there_is_no_direct_light_nothing_is_said_and_nothing_is_heard() -> None:
@@ -83,6 +97,13 @@ def test_trust_is_whole_within_a_pixels_footprint_and_nothing_before_the_sky() -
     flat, bumpy = surface(torch.zeros(12)), surface(height)
     assert planarity(flat, bumpy._replace(position=bumpy.position), vectors(20), vectors(0))[0, 0, 0, 2] == 1
     assert planarity(flat, flat._replace(depth=torch.zeros(1, 1, 1, 12)), vectors(0), vectors(6)).max() == 0
+
+
+def test_the_sky_is_no_neighbour_of_a_surface_at_the_worlds_origin() -> None:
+    position = torch.zeros(1, 3, 1, 5)
+    position[0, 0, 0, :3] = torch.tensor([-1.9, -0.9, 0.1])
+    hit = torch.tensor([True, True, True, False, False]).view(1, 1, 1, 5)
+    assert squared_footprint(position, hit).flatten().tolist() == pytest.approx([1, 1, 1, torch.inf, torch.inf])
 
 
 def test_a_hidden_receiver_is_taken_where_it_is_now() -> None:

@@ -130,6 +130,33 @@ def test_k_seeds_are_averaged_in_the_noisy_channels_alone(tmp_path: Path) -> Non
         np.testing.assert_array_equal(frame["albedo"], clip.frame(0)["albedo"])
 
 
+def test_the_mean_of_seeds_is_over_those_that_have_a_value_and_a_direction_keeps_its_light(tmp_path: Path) -> None:
+    """A penumbra is shadowed in some seeds, and each seed's gradient samples lie in other pixels."""
+    nan = np.nan
+    vectors = [[[3, nan, nan, 1]], [[5, 7, nan, 1]], [[1, nan, nan, nan]]]
+    directions = [[[1, 0, 0, 0]], [[0, 1, 0, 0]], [[0, 0, 1, 0]]]
+
+    def seed(i: int) -> dict[str, np.ndarray]:
+        one = np.float32([directions[i]])
+        return {
+            "color": np.full((3, 1, 4), i, np.float32),
+            "shadow_motion": np.float32(vectors[i]).repeat(2, 0)[:, None],
+            "indirect_direction": one.repeat(3, 0),
+            "indirect_radiance": 4 * one.repeat(3, 0),
+        }
+
+    folder = write_clip(tmp_path / "c", [seed(0)], seeds=3)
+    for i in (1, 2):
+        write_frame(frame_path(folder, 0, i), seed(i))
+    frame = Clip(folder).frame(0, seeds=(0, 1, 2))
+    assert (frame["color"] == 1).all()
+    np.testing.assert_array_equal(frame["shadow_motion"][0], np.float32([[[3, 7, nan, 1]]] * 2))
+    frame = Clip(folder).frame(0, seeds=(1, 2))
+    np.testing.assert_array_equal(frame["shadow_motion"][0], np.float32([[[3, 7, nan, 1]]] * 2))
+    np.testing.assert_array_equal(frame["indirect_direction"][0, 0, 0], [0, 1, 0, 0])
+    np.testing.assert_array_equal(frame["indirect_radiance"][0, 0, 0], [0, 4, 0, 0])
+
+
 def test_layers_of_others_are_ignored_and_half_a_channel_is_named(tmp_path: Path) -> None:
     plane = np.ones((2, 2), np.float32)
     write_exr(tmp_path / "a.exr", {"color.R": plane, "color.G": plane, "color.B": plane, "mist.V": plane})

@@ -5,8 +5,9 @@ from hypothesis import given
 from hypothesis import strategies as st
 from torch import Tensor
 
-from nte.motion.geometric import scatter_forward_motion
+from nte.motion.geometric import dual_motion, scatter_forward_motion
 from nte.motion.warp import fetch_nearest, pixel_centres, warp
+from nte.training.augment import Augmentation
 
 SIZES = st.tuples(st.integers(1, 9), st.integers(1, 9))
 SHIFTS = st.tuples(st.integers(-10, 10), st.integers(-10, 10))
@@ -81,3 +82,27 @@ def test_a_permutation_scattered_and_scattered_again_is_itself(size: tuple[int, 
     motion = torch.cat([order % width, order.div(width, rounding_mode="floor")], 1) + 0.5 - pixel_centres(order)
     depth = torch.ones(1, 1, *size)
     torch.testing.assert_close(scatter_forward_motion(scatter_forward_motion(motion, depth), depth), motion)
+
+
+@given(SIZES, SEEDS, st.tuples(st.booleans(), st.booleans(), st.booleans()))
+def test_mirrored_and_transposed_vectors_have_mirrored_and_transposed_duals(
+    size: tuple[int, int], seed: int, symmetry: tuple[bool, bool, bool]
+):
+    """The surfaces have different depths: of equally near ones the last wins, which a mirror turns into the first."""
+    motion, forward = 2 * randn(1, 2, *size, seed=seed), 2 * randn(1, 2, *size, seed=seed + 1)
+    forward[randn(1, 1, *size, seed=seed + 2).expand_as(forward) > 1] = torch.nan
+    depth, before = (randn(1, 1, *size, seed=seed + k).abs() + 0.01 for k in (3, 4))
+    change = Augmentation(*symmetry)
+
+    def turned(vectors: Tensor, scalar: Tensor) -> tuple[Tensor, Tensor]:
+        found = change({"motion": vectors, "depth": scalar.float()})
+        return found["motion"], found["depth"]
+
+    (other, other_depth), (other_forward, other_before) = turned(motion, depth), turned(forward, before)
+    expected = dual_motion(motion, forward, depth, before)
+    found = dual_motion(other, other_forward, other_depth, other_before)
+    vectors, disoccluded = turned(expected.motion, expected.disoccluded)
+    torch.testing.assert_close(found.motion, vectors, atol=1e-5, rtol=0)
+    assert torch.equal(found.disoccluded, disoccluded > 0)
+    scattered, _ = turned(scatter_forward_motion(motion, depth), depth)
+    torch.testing.assert_close(scatter_forward_motion(other, other_depth), scattered, atol=1e-5, rtol=0, equal_nan=True)

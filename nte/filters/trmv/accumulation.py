@@ -17,7 +17,7 @@ from nte.motion.geometric import Reprojection
 NEIGHBOURHOOD = 5  # px across, of the clamp's neighbourhood
 WIDEST = 5.0  # px, largest deviation of the clean-up filter
 _APART = 4  # px between the pixels of the clamp's neighbourhood, where a filter of varying width is wide
-_EPSILON = 1e-3
+_EPSILON = 1e-3  # of Eq. 8, in units of the frame's mean light, so that it means the same in scenes of any unit
 _NOTHING = 1e6  # variance of a pixel without information, so that it weighs nothing as history
 
 
@@ -73,7 +73,7 @@ def accumulate(
         weight = weigh(variance, valid, options, trust, known)
         # Not lerp alone: invalid history must not leave any trace, not even rounding errors.
         image = torch.where(valid, torch.lerp(clamped, current, weight.used), current)
-        deviation = clean_up_deviation(weight, past, clamped, valid, options)
+        deviation = clean_up_deviation(weight, past, clamped, valid, options, level_of(current))
         blended = Blended(image, blended_variance(weight, variance, known), weight.used, deviation)
     return finish(name, blended, vectors, inputs, options)
 
@@ -140,14 +140,27 @@ def spacing(reach: float) -> int:
     return max(1, round(reach))
 
 
-def clean_up_deviation(weight: Weight, history: Tensor, clamped: Tensor, valid: Tensor, options: TrmvOptions) -> Tensor:
+def level_of(light: Tensor) -> Tensor:
+    """Compute the mean luminance (N, 1, 1, 1) of light (N, 3, H, W); a share (N, 1, H, W), such as visibility, gives 1.
+
+    It is never 0.
+    """
+    if light.shape[1] == 1:
+        return torch.ones_like(light[:, :, :1, :1])
+    return brightness(light).mean((2, 3), keepdim=True).clamp(min=1e-30)
+
+
+def clean_up_deviation(
+    weight: Weight, history: Tensor, clamped: Tensor, valid: Tensor, options: TrmvOptions, level: Tensor
+) -> Tensor:
     """Compute min(w_A + w_C, 5), (N, 1, H, W), px, of Eqs. 7 and 8 from the luminance of history and clamped history.
 
-    Without history α^V is 1, so w_A is (1 − α)²: 0.81 px for the default α.
+    level (N, 1, 1, 1): of the frame's light, from `level_of`. Without history α^V is 1, so w_A is (1 − α)²: 0.81 px for
+    the default α.
     """
     doubt = (weight.used - weight.default).square()
     before, after = (brightness(image) for image in (history, clamped))
-    lost = (after - before).abs() / (before + _EPSILON)
+    lost = (after - before).abs() / (before + _EPSILON * level)
     return torch.where(valid, (doubt + lost).clamp(max=WIDEST), _first(options))
 
 

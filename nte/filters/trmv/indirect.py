@@ -74,7 +74,7 @@ class Cones:
             before = inputs.before.normal
             variance, may = accumulation.fetch_convergence(history, fetcher, inputs.frame.reset)
             weight = accumulation.weigh(variance, may, options, trust)
-            deviation = torch.empty_like(weight.used)
+            deviation, level = torch.empty_like(weight.used), accumulation.level_of(inputs.frame["indirect_radiance"])
             beside = _margins(current, accumulation.NEIGHBOURHOOD // 2 * accumulation.spacing(REACH))
 
             def blend(first: int) -> None:
@@ -91,7 +91,7 @@ class Cones:
                 light, kept = self._limit(past, torch.cat([above, now, below], 2), inner, options)
                 now.copy_(torch.where(valid, torch.lerp(past, now, cut(weight.used)), now))
                 doubts = Weight(cut(weight.default), cut(weight.used))
-                cut(deviation).copy_(accumulation.clean_up_deviation(doubts, light, kept, valid, options))
+                cut(deviation).copy_(accumulation.clean_up_deviation(doubts, light, kept, valid, options, level))
 
             _by_strips(blend, current)
             return Blended(current, accumulation.blended_variance(weight, variance), weight.used, deviation)

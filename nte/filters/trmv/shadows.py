@@ -1,5 +1,6 @@
 """Shadows: splatted visibility and vectors, and the non-planar heuristic (Zeng et al. 2021, section 4.1)."""
 
+from collections.abc import Sequence
 from typing import NamedTuple
 
 import torch
@@ -16,8 +17,8 @@ from nte.motion.geometric import Reprojection, traditional_motion
 from nte.motion.neighbours import pairs
 from nte.motion.warp import fetch_nearest, pixel_centres
 
-# Deviation, px, of the Gaussian in the 31×31 window: half its radius in images of LINES lines or more, and less in
-# smaller images, where penumbrae are narrower too. At 128 lines 7.5 px would erase the shadow of a slat.
+# Deviation, px, of the Gaussian in the 31×31 window: half its radius in images whose shorter side has LINES pixels or
+# more, and less in smaller images, where penumbrae are narrower too. At 128 pixels 7.5 px would erase a slat's shadow.
 NARROWEST, WIDEST, LINES = 1.5, 7.5, 640
 FALLOFF = 0.1  # rad, of G in Eq. 4
 
@@ -50,7 +51,7 @@ def denoise_shadows(
             if inputs.before is not None:
                 trust = planarity(inputs.gbuffer, inputs.before, inputs.traditional, reprojection)
     used = None if vectors == "none" else reprojection
-    reach = deviation_for(inputs.gbuffer.depth.shape[2])
+    reach = deviation_for(inputs.frame.size)
     return accumulate("shadow", splatted.visibility, history, used, inputs, options, reach, trust)
 
 
@@ -72,7 +73,7 @@ def splat(
         # Weight 1 − V: in the mean of several shadow rays, each blocked ray counts.
         shadow = lit * (1 - visibility) * believed
         parts += [shadow, shadow * motion]
-    reached = joint_bilateral(torch.cat(parts, 1), edges, RADIUS, deviation_for(direct.shape[2]))
+    reached = joint_bilateral(torch.cat(parts, 1), edges, RADIUS, deviation_for(direct.shape[2:]))
     soft = torch.where(could & (reached[:, :1] > TINY), reached[:, 1:2] / reached[:, :1].clamp(min=TINY), 1.0)
     if shadow_motion is None:
         return Splatted(soft, torch.zeros_like(direct[:, :2]), torch.zeros_like(lit, dtype=torch.bool))
@@ -81,9 +82,12 @@ def splat(
     return Splatted(soft, motion, shadowed)
 
 
-def deviation_for(lines: int) -> float:
-    """Compute the Gaussian's deviation, px, for images of this many lines (not in the paper)."""
-    return min(max(NARROWEST, WIDEST * lines / LINES), WIDEST)
+def deviation_for(size: Sequence[int]) -> float:
+    """Compute the Gaussian's deviation, px, for images of this (height, width), whose shorter side counts.
+
+    This is not in the paper.
+    """
+    return min(max(NARROWEST, WIDEST * min(size) / LINES), WIDEST)
 
 
 def shadow_reprojection(splatted: Splatted, traditional: Reprojection) -> Reprojection:
@@ -114,7 +118,7 @@ def planarity(now: GBuffer, before: GBuffer, traditional: Reprojection, vectors:
     sine = ((normal * away).sum(1, keepdim=True) * squared.clamp(min=TINY).rsqrt()).clamp(-1, 1)
     falloff = sine.asin_().mul_(1 / FALLOFF).square_().mul_(-0.5).exp_()
     # Within a pixel's footprint θ has no meaning (not in the paper).
-    falloff = torch.where(squared <= squared_footprint(now.position), 1.0, falloff)
+    falloff = torch.where(squared <= squared_footprint(now.position, now.depth > 0), 1.0, falloff)
     return torch.where(landed[:, 3:] > 0, falloff, 0.0)
 
 
@@ -148,13 +152,17 @@ def _tangent(position: Tensor, hit: Tensor, axis: int) -> Tensor:
     return torch.where(ahead, torch.cat([step, none], axis), torch.cat([none, step], axis))
 
 
-def squared_footprint(position: Tensor) -> Tensor:
-    """Compute the squared world distance (N, 1, H, W) to the nearest of the four neighbouring pixels' points."""
+def squared_footprint(position: Tensor, hit: Tensor) -> Tensor:
+    """Compute the squared world distance (N, 1, H, W) to the nearest of the four neighbouring pixels' points.
+
+    hit (N, 1, H, W), bool: where there is a point; misses, whose position is 0, are infinitely far.
+    """
     nearest = torch.full_like(position[:, :1], float("inf"))
     for axis in (2, 3):
         if position.shape[axis] > 1:
             near, far = pairs(position, axis, 1)
-            step = (far - near).square_().sum(1, keepdim=True)
+            one, other = pairs(hit, axis, 1)
+            step = torch.where(one & other, (far - near).square_().sum(1, keepdim=True), float("inf"))
             for part in pairs(nearest, axis, 1):
                 torch.minimum(part, step, out=part)
     return nearest
