@@ -4,8 +4,23 @@ from typing import NamedTuple
 
 from nte.denoiser import Denoiser, Result, State
 from nte.errors import NteError
+from nte.filters.named import load_filter
 from nte.frames.channels import PRIOR
 from nte.frames.frame import Frame
+
+
+def complete(denoiser: Denoiser, device: str = "cpu") -> Denoiser:
+    """Put a network that builds on another denoiser's image on top of that one; any other denoiser stays as it is.
+
+    Raises NteError for a `prior` that is no denoiser by name, since a model's file must not name other files to be
+    loaded, or that denoises something else.
+    """
+    if not denoiser.prior:
+        return denoiser
+    try:
+        return OnTop(denoiser, load_filter(denoiser.prior, device))
+    except NteError as error:
+        raise NteError(f"prior: {error}") from error
 
 
 class _Both(NamedTuple):
@@ -22,7 +37,7 @@ class OnTop(Denoiser):
 
     def __init__(self, top: Denoiser, below: Denoiser) -> None:
         if top.target != below.target:
-            raise NteError(f"prior: denoises {below.target}, expected a denoiser of {top.target}")
+            raise NteError(f"a denoiser of {below.target}, expected a denoiser of {top.target}")
         self.top, self.below = top, below
         self.target, self.extras, self.components = top.target, top.extras, top.components
         self.needs = tuple(dict.fromkeys(name for name in (*top.needs, *below.needs) if name != PRIOR))

@@ -55,7 +55,6 @@ class TrainableDenoiser(nn.Module, Denoiser):
     Config: ClassVar[type[NetworkConfig]]  # class of the network's settings
     recurrent: Mapping[str, Recurrent] = MappingProxyType({})  # tensors that are carried from frame to frame
     conventions: Mapping[str, str] = MappingProxyType({})  # what a runtime must know beyond the table of channels
-    prior: str = ""  # the denoiser that makes the channel `prior`, as nte.registry.load_denoiser takes it
 
     def __init__(self, config: NetworkConfig) -> None:
         """Raise NteError for settings that make no network."""

@@ -9,10 +9,10 @@ import torch
 from lightning_fabric import Fabric
 
 from nte.errors import NteError
+from nte.filters.prior import complete
 from nte.frames.channels import reference_of, way_to
 from nte.frames.clip import Clip
 from nte.models.trainable import TrainableDenoiser
-from nte.registry import complete
 from nte.training.clips import open_clips, open_weighted, require_clip, tell_missing
 from nte.training.config import TrainConfig
 from nte.training.data import TrainingBatches

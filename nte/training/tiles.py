@@ -21,6 +21,7 @@ from torch import Tensor
 
 from nte.errors import NteError
 from nte.files import make_folder, sweep, temporary_name
+from nte.filters.named import load_filter
 from nte.frames.channels import PRIOR, REFERENCES, width_of
 from nte.frames.clip import Clip, Pixels, frame_path
 from nte.frames.frame import Frame
@@ -28,7 +29,6 @@ from nte.frames.reference import BadReferenceWarning, count_bad_pixels, describe
 from nte.frames.scalars import sequence_scalars
 from nte.motion.geometric import scatter_forward_motion
 from nte.recurrence import FORWARD
-from nte.registry import load_denoiser
 from nte.training.plan import digest_of
 
 TILE = 64  # pixels; a crop of 256 reads 1.6 times its size
@@ -81,7 +81,7 @@ class ClipStore:
         prior: str = "",
     ) -> None:  # fmt: skip
         self.clips, self.folder, self.prior = clips, folder, prior
-        self._below = load_denoiser(prior) if prior else None
+        self._below = load_filter(prior) if prior else None
         self.channels = (*channels, SCATTERED) if scattered else tuple(channels)
         self._open: dict[Key, TiledClip] = {}
         self._scalars: dict[tuple[int, tuple[int, ...]], dict[str, Tensor]] = {}

@@ -9,11 +9,11 @@ import torch
 from torch import Tensor
 
 from nte.color import psnr
+from nte.filters.prior import complete
 from nte.frames.clip import Clip
 from nte.frames.reference import count_bad_pixels
 from nte.frames.scalars import sequence_exposure
 from nte.models.trainable import TrainableDenoiser
-from nte.registry import complete
 from nte.training.distances import masked_mean, usable_reference
 from nte.training.target import Target
 

@@ -13,10 +13,10 @@ from nte.errors import NteError
 from nte.evaluation.benchmark.bench import _psnr, bench
 from nte.evaluation.benchmark.frames import clip_frames, scaled, synthetic_frames
 from nte.evaluation.benchmark.steps import grouped, named_steps
+from nte.filters.prior import complete
 from nte.filters.svgf import Svgf
 from nte.frames.channels import CHANNELS
 from nte.frames.frame import Frame
-from nte.registry import complete
 from nte.runtime.export import export_onnx
 from nte.runtime.session import OnnxDenoiser
 from tests.models.lights import light_network

@@ -8,11 +8,12 @@ import torch
 
 from nte.denoiser import Session
 from nte.errors import NteError
+from nte.filters.prior import complete
 from nte.frames.clip import Clip, frame_path, write_frame
 from nte.frames.frame import Frame
 from nte.models.registry import make_network
 from nte.models.temporal import TemporalConfig
-from nte.registry import complete, load_denoiser
+from nte.registry import load_denoiser
 from nte.runtime.export import export_onnx
 from nte.training.loop import train
 from nte.training.run import load_run
@@ -78,8 +79,8 @@ def test_trains_is_exported_and_brings_its_prior_along(clip: Clip, tmp_path: Pat
 def test_what_cannot_be_a_prior_is_refused() -> None:
     network = light_network("on top")
     for spec, message in (
-        ("elsewhere/model.onnx", "prior 'elsewhere/model.onnx': expected a denoiser by name, one of noisy, "),
-        ("noisy:target=indirect", "prior: denoises indirect, expected a denoiser of color"),
+        ("elsewhere/model.onnx", "prior: 'elsewhere/model.onnx' is no denoiser by name: expected one of noisy, "),
+        ("noisy:target=indirect", "prior: a denoiser of indirect, expected a denoiser of color"),
     ):
         network.prior = spec
         with pytest.raises(NteError, match=message):
