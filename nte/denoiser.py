@@ -52,6 +52,7 @@ class Denoiser(Protocol):
     target: str = "color"  # the channel whose reference the denoiser approximates
     extras: tuple[str, ...] = ()  # names of further outputs that a step returns on request
     components: tuple[str, ...] = ()  # light components that are denoised separately; each is also an extra
+    prior: str = ""  # a denoiser by name, whose image of the frame is the channel `prior` (nte.filters.prior)
     device: str | None = None  # `sanitised` converts frames to PyTorch tensors on this device; None: no conversion
 
     def step(self, frame: Frame, state: State | None, extras: tuple[str, ...] = ()) -> tuple[Result, State]:

@@ -1,31 +1,15 @@
-"""The table of named denoisers, and the function that loads a denoiser from what a user types."""
+"""The loading of any denoiser from what a user types: a filter by name, a composite, a run, an exported model."""
 
-from collections.abc import Mapping
-from importlib import import_module
 from os.path import isdir, isfile  # false of text that is no name of a file, such as options that are longer
 from pathlib import Path
-from typing import Any
 
-from nte.denoiser import Denoiser, Filter
-from nte.errors import NteError, needs_extra
+from nte.denoiser import Denoiser
+from nte.errors import NteError
 from nte.filters.composition import COMPOSITE, EACH, Composition, lights_of
+from nte.filters.named import NAMES, filter_type, load, make, parse, require_device
+from nte.filters.prior import complete
 from nte.frames.channels import COMPONENTS
 from nte.options import Options
-
-# name → (module, class, the extra that installs what it imports); modules are imported on demand
-NAMES: dict[str, tuple[str, str, str]] = {
-    "noisy": ("nte.denoiser", "Noisy", ""),
-    "taa": ("nte.filters.taa", "Taa", "eval"),
-    "svgf": ("nte.filters.svgf", "Svgf", "eval"),
-    "asvgf": ("nte.filters.asvgf", "Asvgf", "eval"),
-    "trmv": ("nte.filters.trmv", "Trmv", "eval"),
-    "align_taa": ("nte.filters.align_taa", "AlignTaa", "eval"),
-    "align_accumulate": ("nte.filters.align_accumulate", "AlignAccumulate", "eval"),
-    "motion_blur": ("nte.filters.motion_blur", "MotionBlur", "eval"),
-    "post_blur": ("nte.filters.post_blur", "PostBlur", "eval"),
-    "mcguire": ("nte.filters.mcguire", "McGuire", "eval"),
-    "oidn": ("nte.filters.oidn", "Oidn", "compare"),
-}
 
 
 def load_denoiser(spec: str | Path, device: str = "cpu") -> Denoiser:
@@ -55,32 +39,31 @@ def load_denoiser(spec: str | Path, device: str = "cpu") -> Denoiser:
     if path.suffix == ".onnx":
         from nte.runtime.session import OnnxDenoiser
 
-        return OnnxDenoiser(path, [onnx_provider(device)])
+        return complete(OnnxDenoiser(path, [onnx_provider(device)]))
     if isfile(path / "config.yaml") or path.suffix == ".safetensors":
-        load = _import("nte.training.run", "load_run", "train", spec)
+        load_run = load("nte.training.run", "load_run", "train", spec)
         require_device(device)
-        loaded: Denoiser = load(path, device=device)
-        return loaded
+        return complete(load_run(path, device=device), device)
     name, _, text = spec.partition(":")
     if name not in NAMES:
         if isdir(path):
             raise NteError(f"'{spec}' is no run folder: config.yaml is missing")
         known = ", ".join([*NAMES, COMPOSITE])
         raise NteError(f"'{spec}' is no denoiser: expected a run folder, an .onnx file, or one of {known}")
-    kind = _filter(name, spec)
-    given = _parse(spec, text)
+    kind = filter_type(spec)
+    given = parse(spec, text)
     if given.get("target") == EACH:
         _refuse_missing_target(kind.options_type, spec)
-        return Composition({c: _make(kind, {**given, "target": c}, spec, device) for c in COMPONENTS})
-    return _make(kind, given, spec, device)
+        return Composition({c: make(kind, {**given, "target": c}, spec, device) for c in COMPONENTS})
+    return make(kind, given, spec, device)
 
 
 def _of_light(light: str, inner: str, spec: str, device: str) -> Denoiser:
     """The denoiser of one light of the composite `spec`; a filter that is told no target gets this one."""
     name, _, options = inner.partition(":")
     try:
-        if name in NAMES and not isfile(Path(inner) / "config.yaml") and "target" not in _parse(inner, options):
-            kind = _filter(name, inner)
+        if name in NAMES and not isfile(Path(inner) / "config.yaml") and "target" not in parse(inner, options):
+            kind = filter_type(inner)
             inner = f"{name}:target={light},{options}" if "target" in kind.options_type.names() else inner
         denoiser = load_denoiser(inner, device)
     except NteError as error:
@@ -100,36 +83,10 @@ def _refuse_missing_target(options: type[Options], spec: str) -> None:
         )
 
 
-def _filter(name: str, spec: str) -> type[Filter[Options]]:
-    """The class in the row of a name."""
-    found = _import(*NAMES[name], spec)
-    if not (isinstance(found, type) and issubclass(found, Filter) and hasattr(found, "options_type")):
-        raise NteError(f"'{spec}': {':'.join(NAMES[name][:2])} is no Filter: expected a subclass with options_type")
-    return found
-
-
-def _make(kind: type[Filter[Options]], given: Mapping[str, str], spec: str, device: str) -> Denoiser:
-    """The filter with the options as they are typed."""
-    options = kind.options_type.parse(given, spec)
-    if kind.uses_device:
-        require_device(device)
-    return kind(options, device=device)
-
-
 def _estimated(spec: str, text: str, denoiser: Denoiser, device: str) -> Denoiser:
-    kind = _import("nte.filters.estimated", "EstimatedMotion", "eval", spec)
-    wrapped: Denoiser = kind(denoiser, kind.options_type.parse(_parse(spec, text), spec), device=device)
+    kind = load("nte.filters.estimated", "EstimatedMotion", "eval", spec)
+    wrapped: Denoiser = kind(denoiser, kind.options_type.parse(parse(spec, text), spec), device=device)
     return wrapped
-
-
-def _import(module: str, attribute: str, extra: str, spec: str) -> Any:
-    """The attribute of a module. Raises NteError, with the extra that installs what is missing, if an import fails."""
-    try:
-        return getattr(import_module(module), attribute)
-    except ImportError as error:
-        if (error.name or "").startswith("nte."):
-            raise  # an error in nte itself, which no installation can fix
-        raise needs_extra(extra, f"'{spec}'", error) from error
 
 
 def onnx_provider(device: str) -> tuple[str, dict[str, str]]:
@@ -141,26 +98,3 @@ def onnx_provider(device: str) -> tuple[str, dict[str, str]]:
     if colon and not (number.isascii() and number.isdigit()):
         raise NteError(f"--device {device}: '{number}' is no number of a device: expected for example {kind}:1")
     return f"{kind.upper()}ExecutionProvider", {"device_id": number} if number and kind != "cpu" else {}
-
-
-def require_device(device: str) -> None:
-    """Raise NteError if PyTorch has no such device."""
-    import torch
-
-    try:
-        torch.empty(0, device=device)
-    except (RuntimeError, AssertionError, NotImplementedError) as error:
-        raise NteError(f"--device {device}: {str(error).splitlines()[0]}") from error
-
-
-def _parse(spec: str, options: str) -> dict[str, str]:
-    """A mapping from key to value, both as they are typed."""
-    typed: dict[str, str] = {}
-    for item in filter(None, options.split(",")):
-        key, equals, value = map(str.strip, item.partition("="))
-        if not equals or not value:
-            raise NteError(f"'{spec}': '{key}' is no option: expected name:key=value,key=value")
-        if key in typed:
-            raise NteError(f"'{spec}': {key} is given twice, as '{typed[key]}' and '{value}': expected it once")
-        typed[key] = value
-    return typed

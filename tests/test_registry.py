@@ -15,6 +15,7 @@ import torch
 from nte.denoiser import Denoiser, Filter, Noisy, Result, Session, sanitised
 from nte.errors import NteError
 from nte.filters.estimated import EstimateOptions
+from nte.filters.named import NAMES
 from nte.filters.svgf import SvgfOptions
 from nte.filters.taa import Taa, TaaOptions
 from nte.filters.trmv.options import TrmvOptions
@@ -22,7 +23,7 @@ from nte.frames.channels import COMPONENTS
 from nte.frames.frame import Frame
 from nte.motion.search import SEARCHES
 from nte.options import Options, Positive
-from nte.registry import NAMES, load_denoiser
+from nte.registry import load_denoiser
 from tests.everything import floor_frame
 
 

@@ -23,7 +23,7 @@ def add(commands: Commands) -> None:
 
 def _estimate(options: argparse.Namespace) -> None:
     from nte.estimation import estimate_clip
-    from nte.registry import require_device
+    from nte.filters.named import require_device
 
     require_device(options.device)
     written = estimate_clip(

@@ -65,6 +65,7 @@ _BEHAVIOUR: dict[Kind, tuple[Augment, Downsample, Shown]] = {
 
 _ROWS = (
     Channel("color", RGB, "half", "radiance", "radiance", noisy=True),
+    Channel("prior", RGB, "derived", "radiance", "radiance", noisy=True),
     Channel("reference", RGB, "float", "radiance", "radiance"),
     Channel("reference_a", RGB, "float", "radiance", "radiance"),
     Channel("reference_b", RGB, "float", "radiance", "radiance"),
@@ -122,6 +123,7 @@ _ROWS = (
 
 CHANNELS: dict[str, Channel] = {row.name: row for row in _ROWS}
 
+PRIOR = "prior"  # made by a denoiser that another one builds on: nte.filters.prior
 GUIDES = ("albedo", "normal")  # channels of the visible surface; `clean_guides` of a frame says if they are noise-free
 COMPONENTS = ("visibility", "glossy", "indirect")  # the noisy parts of `color`; emission and direct have no noise
 # Channels that a denoiser may denoise, and may be scored for.

@@ -7,8 +7,9 @@ import torch.nn.functional as F
 from torch import Tensor, nn
 
 from nte.models.kernels import Downsample, apply_kernels, average, combine_scales
-from nte.models.prediction import TAPS, ScaleKernels
+from nte.models.prediction import ScaleKernels
 
+_AROUND = 9  # pixels of half the resolution
 _LEAST_WEIGHT = 1e-12  # a kernel with less total weight on the pixels that it may read has selected only others
 
 
@@ -16,7 +17,7 @@ class Filtered(NamedTuple):
     """Filtered images, before they are blended."""
 
     scales: list[Tensor]  # (N, C, H/2^k, W/2^k), finest first; without the finest if it mixes
-    light: Tensor  # (N, C, H, W), as it was
+    own: list[Tensor]  # (N, C, H, W): the light as it was, and the prior if there is one
     history: Tensor | None  # (N, C, H, W)
     known: Tensor | None  # (N, 1, H, W) bool: the temporal kernel had a pixel to read
 
@@ -29,21 +30,26 @@ class KernelApplication(nn.Module):
     """
 
     def forward(
-        self, light: Tensor, kernels: list[ScaleKernels], history: Tensor | None, readable: Tensor | None
-    ) -> Filtered:
-        """Filter light and history, both (N, C, H, W). readable (N, 1, H, W): 1 where history may be read, else 0."""
+        self, light: Tensor, kernels: list[ScaleKernels], history: Tensor | None, readable: Tensor | None,
+        prior: Tensor | None = None,
+    ) -> Filtered:  # fmt: skip
+        """Filter light and history, both (N, C, H, W). readable (N, 1, H, W): 1 where history may be read, else 0.
+
+        prior: (N, C, H, W), which is not filtered.
+        """
+        own = [light] if prior is None else [light, prior]
         pyramid = [light]
         for _ in kernels[1:]:
             pyramid.append(F.avg_pool2d(pyramid[-1], 2))
         pairs = zip(pyramid, (scale.spatial for scale in kernels), strict=True)
         scales = [average(image, spatial) for image, spatial in pairs if spatial is not None]
         if history is None or readable is None:
-            return Filtered(scales, light, None, None)
+            return Filtered(scales, own, None, None)
         if kernels[0].mixing is not None:
-            return Filtered(scales, light, history, readable > 0)
+            return Filtered(scales, own, history, readable > 0)
         temporal = kernels[0].temporal
         past = (None, None) if temporal is None else apply_masked(history, readable, temporal)
-        return Filtered(scales, light, *past)
+        return Filtered(scales, own, *past)
 
 
 class Blending(nn.Module):
@@ -71,11 +77,12 @@ class Blending(nn.Module):
 
 
 class Mixing(nn.Module):
-    """The step that makes the image of one of half its resolution, the noisy pixel and its history.
+    """The step that makes the image of one of half its resolution, the noisy pixel, its history, and a prior if any.
 
     Each pixel has TAPS weights: for 3×3 pixels of the combined scales of half the resolution and below, for its own
-    light, and for its history. So the result lies between values that are there, at a third of the time that kernels at
-    full resolution take. Works on 2×2 pixels at once, and costs TAPS·C multiply-adds per pixel.
+    light, and for its history; and one more for a prior. So the result lies between values that are there, at a third
+    of the time that kernels at full resolution take. Works on 2×2 pixels at once, and costs TAPS·C multiply-adds per
+    pixel.
     """
 
     def __init__(self, downsample: Downsample, most: float | None) -> None:
@@ -85,21 +92,23 @@ class Mixing(nn.Module):
 
     def forward(self, filtered: Filtered, kernels: list[ScaleKernels]) -> tuple[Tensor, Tensor | None]:
         """Return the light (N, C, H, W) in [0, most], and the share of what is not history, (N, 1, H, W)."""
-        mixing, light = kernels[0].mixing, filtered.light
+        mixing, own = kernels[0].mixing, filtered.own
         assert mixing is not None
         half = combined(filtered.scales, kernels, self.downsample).clamp(min=0, max=self.most)
         height, width = half.shape[-2:]
         # A traced graph keeps shape[0] free, but len() fixed.
-        weights = mixing.view(mixing.shape[0], TAPS, 1, 4, height, width)
+        weights = mixing.view(mixing.shape[0], -1, 1, 4, height, width)  # around, own, history
         around = F.pad(half, [1] * 4, mode="replicate")
         total = weights[:, :-1].sum(1)
-        mixed = weights[:, -2] * _blocks(light)
-        for tap in range(TAPS - 2):
+        mixed = torch.zeros_like(_blocks(own[0]))
+        for tap in range(_AROUND):
             y, x = divmod(tap, 3)
             mixed = mixed + weights[:, tap] * around[:, :, None, y : y + height, x : x + width]
+        for tap, image in enumerate(own, _AROUND):
+            mixed = mixed + weights[:, tap] * _blocks(image)
         if filtered.history is None or filtered.known is None:
             return _unblocked(mixed / total), None
-        of_history = weights[:, -1] * _blocks(filtered.known.to(light.dtype))
+        of_history = weights[:, -1] * _blocks(filtered.known.to(half.dtype))
         mixed = mixed + of_history * _blocks(filtered.history)
         whole = total + of_history
         return _unblocked(mixed / whole), _unblocked(total / whole)

@@ -4,6 +4,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass, field
 from typing import NamedTuple
 
+import torch
 import torch.nn.functional as F
 from torch import Tensor, nn
 
@@ -13,7 +14,7 @@ from nte.models.trainable import NetworkConfig
 from nte.models.unet import UNet, check_levels
 
 LARGEST = 15.0  # of the logarithm of a weight
-TAPS = 11  # that are mixed: 3×3 pixels of half the resolution, the pixel itself, and its history
+TAPS = 11  # that are mixed: 3×3 pixels of half the resolution, the pixel itself, and its history; a prior is one more
 
 
 @dataclass
@@ -58,7 +59,7 @@ class ScaleKernels(NamedTuple):
     spatial: Tensor | None  # None at the finest scale if it mixes
     alpha: Tensor | None  # weight of this scale in the next finer one; at the finest, of the frame against history
     temporal: Tensor | None  # of the warped history, at the finest scale
-    mixing: Tensor | None = None  # (N, TAPS·4, H/2, W/2), at the finest scale: weights of nte.models.filtering.Mixing
+    mixing: Tensor | None = None  # (N, taps·4, H/2, W/2), at the finest scale: weights of nte.models.filtering.Mixing
 
 
 class Trunk(nn.Module):
@@ -87,8 +88,9 @@ class KernelHeads(nn.Module):
 
     def __init__(
         self, channels: Sequence[int], front: int, scales: int, kernel_size: int, head_size: int, temporal: bool,
-        mixing: bool = False,
+        mixing: int = 0,
     ) -> None:  # fmt: skip
+        """Make the heads. mixing: number of images that the finest scale mixes; 0 gives it kernels."""
         super().__init__()
         self.taps, self.temporal, self.mixing = kernel_size**2, temporal, mixing
         front_levels = front.bit_length() - 1
@@ -98,11 +100,19 @@ class KernelHeads(nn.Module):
         outputs = [1 + self.taps] * scales
         outputs[0] = 1 + 2 * self.taps if temporal else self.taps
         if mixing:  # the first scale with kernels is then the finest that is combined, so it has no α
-            outputs[:2], self.shuffles[0] = [TAPS * front**2, self.taps], 1
+            outputs[:2], self.shuffles[0] = [mixing * front**2, self.taps], 1
         self.heads = nn.ModuleList(
             nn.Conv2d(channels[level], n * shuffle**2, head_size, padding=head_size // 2)
             for level, n, shuffle in zip(self.levels, outputs, self.shuffles, strict=True)
         )
+
+    def prefer(self, tap: int, logarithm: float) -> None:
+        """Begin with a larger weight of one of the mixed images."""
+        bias = self.heads[0].bias
+        assert isinstance(bias, Tensor)
+        pixels = len(bias) // self.mixing
+        with torch.no_grad():
+            bias[tap * pixels : (tap + 1) * pixels] = logarithm
 
     def forward(self, levels: list[Tensor]) -> list[ScaleKernels]:
         """Predict the kernels of every scale, finest first. levels: the trunk's features, finest first."""
@@ -113,7 +123,8 @@ class KernelHeads(nn.Module):
             if self.mixing and scale == 0:
                 predicted.append(ScaleKernels(None, None, None, weights(values)))
                 continue
-            weighed, blended = int(scale > self.mixing or (scale == 0 and self.temporal)), scale == 0 and self.temporal
+            blended = scale == 0 and self.temporal
+            weighed = int(blended or scale > bool(self.mixing))
             spatial, temporal = values[:, weighed : weighed + self.taps], values[:, weighed + self.taps :]
             alpha = values[:, :1].sigmoid() if weighed else None
             predicted.append(ScaleKernels(weights(spatial), alpha, weights(temporal) if blended else None))

@@ -13,7 +13,7 @@ from torch import Tensor, nn
 
 from nte.color import compress, divisor, per_sequence
 from nte.errors import NteError
-from nte.frames.channels import CHANNELS, REFERENCES, TARGETS, TEXTURES, Channel, width_of
+from nte.frames.channels import CHANNELS, PRIOR, REFERENCES, TARGETS, TEXTURES, Channel, width_of
 from nte.frames.usable import (
     ABSOLUTE,
     BRIGHTEST,
@@ -26,7 +26,7 @@ from nte.models.trainable import NetworkConfig
 from nte.recurrence import FORWARD
 
 # Channels that no feature can be made of: what is learned, the future, another frame's pixels, and names of objects.
-_NO_FEATURES = {*REFERENCES, "reference_a", "reference_b", "forward_motion", FORWARD}
+_NO_FEATURES = {*REFERENCES, PRIOR, "reference_a", "reference_b", "forward_motion", FORWARD}
 _NO_FEATURES |= {name for name, row in CHANNELS.items() if row.kind == "id"}
 
 
@@ -66,21 +66,24 @@ class Seen(NamedTuple):
     depth: Tensor  # (N, 1, H, W) usable, scene units; 0 = miss
     texture: Tensor | None  # (N, 3, H, W) by which the light was divided
     scale: Tensor | float  # (N, 1, 1, 1) exposure by which it was multiplied
+    prior: Tensor | None = None  # (N, C, H, W) another denoiser's image, made as usable as the light
 
 
 class Reader(nn.Module):
     """The step that turns a frame's channels into light and features, and filtered light into an image.
 
-    target: the channel that is denoised. inputs: further channels that are seen. The guide is the albedo of the whole
-    surface, but that of its diffuse part for indirect light. Costs some operations per component, without products of
-    components.
+    target: the channel that is denoised. inputs: further channels that are seen. prior: another denoiser's image of the
+    target is seen. The guide is the albedo of the whole surface, but that of its diffuse part for indirect light. Costs
+    some operations per component, without products of components.
     """
 
-    def __init__(self, target: str, inputs: tuple[str, ...] = (), demodulate: bool = False) -> None:
+    def __init__(
+        self, target: str, inputs: tuple[str, ...] = (), demodulate: bool = False, prior: bool = False
+    ) -> None:
         super().__init__()
-        self.target, self.extra, self.demodulate = target, tuple(inputs), demodulate
+        self.target, self.extra, self.demodulate, self.prior = target, tuple(inputs), demodulate, prior
         self.guide = TEXTURES.get(target, "albedo")
-        self.needs = (target, self.guide, "normal", "depth", *self.extra)
+        self.needs = (target, self.guide, "normal", "depth", *self.extra, *([PRIOR] if prior else []))
         self.components = width_of(target)  # of the light
         self.is_radiance = CHANNELS[target].kind == "radiance"
         self.width = sum(map(width_of, self.needs))  # of the features
@@ -103,7 +106,12 @@ class Reader(nn.Module):
         depth = usable_depth(given["depth"])
         features = [self.compressed(light), guide, usable_direction(given["normal"]), _normalised(depth, depth_scale)]
         features += [feature(name, given[name], exposure, depth_scale) for name in self.extra]
-        return Seen(light, torch.cat(features, 1), depth, texture, scale)
+        prior = None
+        if self.prior:
+            prior = usable_light(self.target, given[PRIOR], exposure)
+            prior = prior if texture is None else prior / texture
+            features.append(self.compressed(prior))
+        return Seen(light, torch.cat(features, 1), depth, texture, scale, prior)
 
     def compressed(self, light: Tensor) -> Tensor:
         """Compress light as features have it; a share stays as it is."""

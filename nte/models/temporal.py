@@ -14,12 +14,15 @@ from torch import Tensor, nn
 from nte.color import luminance
 from nte.errors import NteError
 from nte.models.filtering import Blending, KernelApplication, Mixing, padded
-from nte.models.prediction import KernelConfig, KernelHeads, Memory, Trunk
+from nte.models.prediction import TAPS, KernelConfig, KernelHeads, Memory, Trunk
 from nte.models.reading import LightConfig, Reader, Seen
 from nte.models.reprojection import Reprojected, Reprojection, Statistics, accumulate
 from nte.models.trainable import TrainableDenoiser
 from nte.models.unet import xavier
 from nte.recurrence import FORWARD, Recurrent
+
+_PRIOR_TAP = TAPS - 1  # the last before history
+PREFERENCE = 3.0  # of the prior at the start, as the logarithm of its weight: e³ of 31, so that training refines it
 
 
 @dataclass
@@ -33,6 +36,7 @@ class TemporalConfig(LightConfig, KernelConfig):
     moments: bool = False  # mean and deviation over time of the noisy luminance are inputs too (not in the paper)
     history_length: bool = False  # 1 / number of frames in which the surface was seen is an input (not in the paper)
     finest: str = "kernels"  # mixing: a few weights instead of kernels at full resolution (not in the paper)
+    prior: str = ""  # a denoiser, such as oidn:quality=fast, whose image is seen and mixed too (not in the paper)
     feature_history: int = 0  # number of decoder features that are carried, warped and fed (not in the paper)
 
     def check(self) -> None:
@@ -45,6 +49,9 @@ class TemporalConfig(LightConfig, KernelConfig):
         if self.finest == "mixing" and (self.front != 2 or self.scales < 2):
             found = f"network.front is {self.front} and network.scales is {self.scales}"
             raise NteError(f"{found}, expected a front of 2 and at least 2 scales, as network.finest is mixing")
+        if self.prior and (self.finest != "mixing" or self.target == "visibility"):
+            found = f"network.finest is {self.finest} and network.target is {self.target}"
+            raise NteError(f"{found}, expected mixing and a radiance, as network.prior is {self.prior}")
         if self.feature_history < 0:
             raise NteError(f"network.feature_history is {self.feature_history}, expected a number of features from 0")
 
@@ -77,7 +84,8 @@ class TemporalDenoiser(TrainableDenoiser):
 
     def __init__(self, config: TemporalConfig) -> None:
         super().__init__(config)
-        self.reading = Reader(config.target, tuple(config.inputs), config.demodulate)
+        self.reading = Reader(config.target, tuple(config.inputs), config.demodulate, bool(config.prior))
+        self.prior = config.prior
         self.reprojection = Reprojection(config.motion == "dual")
         components, vectors = self.reading.components, self.reprojection.vectors
         self.target = config.target
@@ -98,6 +106,8 @@ class TemporalDenoiser(TrainableDenoiser):
         blend = Mixing if config.finest == "mixing" else Blending
         self.blending = blend(config.pooling, most)
         self.apply(xavier)
+        if config.prior:
+            self.prediction.heads.prefer(_PRIOR_TAP, PREFERENCE)
 
     def forward(self, *tensors: Tensor) -> tuple[Tensor, ...]:
         """Denoise one frame of plain tensors, with all conventions inside: this is the exported graph.
@@ -119,7 +129,8 @@ class TemporalDenoiser(TrainableDenoiser):
         light, readable = padded(seen.light, multiple), padded(past.readable, multiple)
         history = None if past.history is None else padded(past.history, multiple)
         kernels, remembered = self.prediction(features)
-        filtered, alpha = self.blending(self.kernels(light, kernels, history, readable), kernels)
+        prior = None if seen.prior is None else padded(seen.prior, multiple)
+        filtered, alpha = self.blending(self.kernels(light, kernels, history, readable, prior), kernels)
 
         filtered = filtered[..., :height, :width]
         made = {"image": self.reading.image(filtered, seen), "next_history": filtered}
@@ -167,7 +178,7 @@ class Prediction(nn.Module):
         self.trunk = Trunk(inputs, config.channels, config.front)
         self.heads = KernelHeads(
             config.channels, config.front, config.scales, config.kernel_size, config.head_size, config.temporal,
-            config.finest == "mixing",
+            TAPS + bool(config.prior) if config.finest == "mixing" else 0,
         )  # fmt: skip
         remembered = config.feature_history
         self.memory = Memory(config.channels[0], config.front, remembered) if remembered else None

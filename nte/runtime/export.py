@@ -210,6 +210,7 @@ def _description(denoiser: TrainableDenoiser) -> dict[str, object]:
         "needs": [name for name in used if name != FORWARD],  # a graph has no optional input, but FORWARD can be made
         "optional": [*([FORWARD] if FORWARD in used else []), *measured],
         "target": denoiser.target,
+        **({"prior": denoiser.prior} if denoiser.prior else {}),
         # recurrent input ← output or input of the previous frame
         "state": {name: tensor.source for name, tensor in denoiser.recurrent.items()},
         **({"scales": scales} if scales else {}),

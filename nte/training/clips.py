@@ -11,7 +11,7 @@ from pathlib import Path
 from typing import NamedTuple
 
 from nte.errors import NteError
-from nte.frames.channels import way_to
+from nte.frames.channels import PRIOR, way_to
 from nte.frames.clip import Clip, find_clips, frame_path
 from nte.frames.exr_header import missing_end
 from nte.recurrence import FORWARD
@@ -92,9 +92,9 @@ def open_weighted(entries: Sequence[object], require: Callable[[Clip], None]) ->
 def require_clip(clip: Clip, channels: Sequence[str], config: DataConfig) -> None:
     """Raise NteError for a clip that lacks a channel, or that is too short or too small for the configuration.
 
-    `previous_forward_motion` may be missing, as it can be made of motion and depth.
+    `previous_forward_motion` may be missing, as it can be made of motion and depth; so may `prior`, which is made.
     """
-    missing = [name for name in channels if name not in clip.channels and name != FORWARD]
+    missing = [name for name in channels if name not in clip.channels and name not in (FORWARD, PRIOR)]
     if missing:
         have = ", ".join(clip.channels)
         what = f"{clip.folder}: training needs the channel '{missing[0]}'; the clip has {have}"

@@ -52,8 +52,12 @@ class TrainingBatches(Dataset[Batch | NteError]):
     def __init__(
         self, clips: Sequence[Clip], channels: Sequence[str], config: DataConfig, seed: int, rank: int, world: int,
         cache: Path | None = None, optional: Sequence[str] = (), probabilities: Sequence[float] | None = None,
+        prior: str = "",
     ) -> None:  # fmt: skip
-        """Check the clips. cache: folder for decoded clips if memory cannot hold them and config names no folder."""
+        """Check the clips.
+
+        cache: folder for decoded clips if memory cannot hold them and config names no folder. prior: see ClipStore.
+        """
         self.clips, self.config, self.seed, self.rank, self.world = clips, config, seed, rank, world
         self.probabilities = probabilities
         for clip in clips:
@@ -62,7 +66,7 @@ class TrainingBatches(Dataset[Batch | NteError]):
             require_whole_frames(clips, config)
         kept = tuple(dict.fromkeys((*channels, *optional)))
         self.scatter = config.scatter if FORWARD in kept else 0.0
-        self.store = ClipStore(clips, kept, scattered=self.scatter > 0)
+        self.store = ClipStore(clips, kept, scattered=self.scatter > 0, prior=prior)
         fits = self.store.gigabytes() * max(1, config.workers) <= config.cache_gb  # every worker has its own
         if config.cache_dir or not fits:
             self.store.folder = Path(config.cache_dir) if config.cache_dir else cache
@@ -136,9 +140,10 @@ class TrainingBatches(Dataset[Batch | NteError]):
 
     def _sequence(self, sample: Sample) -> dict[str, Tensor]:
         """One sample's channels (F, C, H, W), cropped and augmented, and its scalars (1,)."""
-        parts = [
-            self.store.get(sample.clip, seed).crop(sample.frames, sample.rows, sample.columns) for seed in sample.seeds
-        ]
+        # A denoiser's image of a mean is not the mean of its images.
+        groups = [sample.seeds] if self.store.prior else [(seed,) for seed in sample.seeds]
+        part = sample.frames, sample.rows, sample.columns
+        parts = [self.store.get(sample.clip, *group).crop(*part) for group in groups]
         images = parts[0]
         if len(parts) > 1:
             noisy = [name for name in images if name != SCATTERED and CHANNELS[name].noisy]

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 import torch
 
 from nte.errors import NteError, needs_extra
+from nte.filters.prior import complete
 from nte.frames.channels import reference_of, way_to
 from nte.frames.clip import Clip
 from nte.models.trainable import TrainableDenoiser
@@ -35,15 +36,16 @@ def open_material(config: TrainConfig, denoiser: TrainableDenoiser, fabric: "Fab
     cache: folder for decoded clips that memory cannot hold. Raises NteError if they do not fit.
     """
     shown = denoiser.target, reference_of(denoiser.target)  # beside the network's image
-    scored = tuple(dict.fromkeys((*denoiser.needs, *shown)))
-    needed = _channels(denoiser, config)
+    whole = complete(denoiser)
+    scored = tuple(dict.fromkeys((*whole.needs, *shown)))
+    needed = tuple(dict.fromkeys((*_channels(denoiser, config), *whole.needs)))
     chosen = open_weighted(config.data.clips, lambda clip: require_clip(clip, needed, config.data))
     optional = tuple(name for name in _seen(denoiser, denoiser.optional) if name not in needed)
     if fabric.is_global_zero:
         tell_missing(chosen.clips, optional)
     data = TrainingBatches(
         chosen.clips, needed, config.data, config.seed, fabric.global_rank, fabric.world_size, cache, optional,
-        chosen.probabilities,
+        chosen.probabilities, denoiser.prior,
     )  # fmt: skip
     own = config.data.validation
     judges = open_clips(own, lambda clip: _require_scored(clip, scored)) if own else chosen.clips

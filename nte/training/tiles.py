@@ -1,7 +1,7 @@
 """Decoded clips in tiles, so that a crop reads little more than itself, from memory or from mapped files.
 
-A folder of the cache holds one clip with one noise seed. Its name has a digest of all that it was made from, and it is
-whole or absent, so several processes and several runs can share a cache.
+A folder of the cache holds one clip with one noise seed, or with the mean of several. Its name has a digest of all that
+it was made from, and it is whole or absent, so several processes and several runs can share a cache.
 
 tiles.npy    float32 (rows of tiles, columns of tiles, frames, components, TILE, TILE)
 scalars.npy  float32 (3, 1): SCALARS of the sequence
@@ -21,7 +21,8 @@ from torch import Tensor
 
 from nte.errors import NteError
 from nte.files import make_folder, sweep, temporary_name
-from nte.frames.channels import REFERENCES, width_of
+from nte.filters.named import load_filter
+from nte.frames.channels import PRIOR, REFERENCES, width_of
 from nte.frames.clip import Clip, Pixels, frame_path
 from nte.frames.frame import Frame
 from nte.frames.reference import BadReferenceWarning, count_bad_pixels, describe_bad_pixels
@@ -33,6 +34,7 @@ from nte.training.plan import digest_of
 TILE = 64  # pixels; a crop of 256 reads 1.6 times its size
 FORMAT = "nte-tiles/1"
 SCATTERED = "scattered_forward_motion"
+Key = tuple[int, tuple[int, ...]]  # of a clip, by its index, with noise seeds whose mean is taken
 SCALARS = ("exposure", "depth_scale", "shutter")  # scalars of a frame that belong to its sequence
 
 
@@ -41,7 +43,7 @@ class BrokenClipError(NteError):
 
 
 class TiledClip(NamedTuple):
-    """One clip with one noise seed, decoded."""
+    """One clip with one noise seed, or the mean of several, decoded."""
 
     channels: tuple[str, ...]
     tiles: Pixels  # (rows of tiles, columns of tiles, frames, components, TILE, TILE)
@@ -71,24 +73,27 @@ class ClipStore:
 
     channels: names to keep, where a clip has them; a previous_forward_motion that a clip lacks is made by scattering
     its motion. scattered: keep SCATTERED as well, the previous_forward_motion that scattering makes for every clip.
+    prior: the denoiser whose image is the channel `prior`, if that is to be kept.
     """
 
     def __init__(
-        self, clips: Sequence[Clip], channels: Sequence[str], folder: Path | None = None, scattered: bool = False
-    ) -> None:
-        self.clips, self.folder = clips, folder
+        self, clips: Sequence[Clip], channels: Sequence[str], folder: Path | None = None, scattered: bool = False,
+        prior: str = "",
+    ) -> None:  # fmt: skip
+        self.clips, self.folder, self.prior = clips, folder, prior
+        self._below = load_filter(prior) if prior else None
         self.channels = (*channels, SCATTERED) if scattered else tuple(channels)
-        self._open: dict[tuple[int, int], TiledClip] = {}
+        self._open: dict[Key, TiledClip] = {}
         self._scalars: dict[tuple[int, tuple[int, ...]], dict[str, Tensor]] = {}
         self._told: set[int] = set()
 
-    def get(self, index: int, seed: int) -> TiledClip:
-        """Return clip `index` with noise seed `seed`, decoding it at the first call.
+    def get(self, index: int, *seeds: int) -> TiledClip:
+        """Return clip `index` with a noise seed, or the mean of several, decoding it at the first call.
 
         Raises BrokenClipError for a clip that cannot be read, and NteError for a file of the cache that is damaged or
         cannot be written.
         """
-        key = index, seed
+        key = index, tuple(sorted(seeds))
         if key not in self._open:
             self._open[key] = self._decode(key, np.empty) if self.folder is None else self._mapped(self.folder, key)
         return self._open[key]
@@ -115,14 +120,14 @@ class ClipStore:
 
     def _kept(self, clip: Clip) -> tuple[str, ...]:
         """The channels that are kept of a clip."""
-        made = FORWARD, SCATTERED
+        made = FORWARD, SCATTERED, PRIOR
         return tuple(name for name in self.channels if name in clip.channels or name in made)
 
     def _shape(self, clip: Clip) -> tuple[int, ...]:
         components = sum(map(_width, self._kept(clip)))
         return -(-clip.height // TILE), -(-clip.width // TILE), len(clip), components, TILE, TILE
 
-    def _mapped(self, folder: Path, key: tuple[int, int]) -> TiledClip:
+    def _mapped(self, folder: Path, key: Key) -> TiledClip:
         clip = self.clips[key[0]]
         path = folder / f"{clip.name}_{self._digest(clip, key[1])}"
         if not path.is_dir():
@@ -151,22 +156,26 @@ class ClipStore:
             raise NteError(f"{path}: damaged: it holds {found}, expected {expected}: delete it, it will be made again")
         return TiledClip(self._kept(clip), tiles, scalars)
 
-    def _decode(
-        self, key: tuple[int, int], allocate: Callable[[tuple[int, ...], type[np.float32]], Pixels]
-    ) -> TiledClip:
+    def _decode(self, key: Key, allocate: Callable[[tuple[int, ...], type[np.float32]], Pixels]) -> TiledClip:
         """Read frame after frame into the array that `allocate` makes; only one more frame is in memory at a time."""
-        index, seed = key
+        index, seeds = key
         clip = self.clips[index]
         kept = self._kept(clip)
         tiles = allocate(self._shape(clip), np.float32)
         # Besides the channels that are kept, those that give exposure, depth scale and scattered motion.
-        wanted = dict.fromkeys((*self.channels, "color", "depth", "motion"))
+        below = self._below
+        read = () if below is None else (*below.needs, *below.optional)
+        wanted = dict.fromkeys((*self.channels, "color", "depth", "motion", *read))
         stored = [name for name in wanted if name in clip.channels]
         scalars = np.ones((len(SCALARS), 1), np.float32)
+        state = None
         for i in range(len(clip)):
             try:
-                frame = clip.frame(i, stored, (seed,))
+                frame = clip.frame(i, stored, seeds)
                 self._look(frame, index)
+                if below is not None:
+                    result, state = below.step(frame, state)
+                    frame = frame.with_channels(prior=result.image)
                 if i == 0:
                     scalars[:2] = np.stack(sequence_scalars(frame))
                     scalars[2] = 1 if frame.shutter is None else frame.shutter
@@ -190,14 +199,14 @@ class ClipStore:
                 self._told.add(index)
                 warnings.warn(describe_bad_pixels(bad, name, folder, frame.index), BadReferenceWarning, stacklevel=2)
 
-    def _digest(self, clip: Clip, seed: int) -> str:
+    def _digest(self, clip: Clip, seeds: tuple[int, ...]) -> str:
         """Digest of all that the tiles are made from, so that a clip that is rendered again has other tiles."""
-        paths = [frame_path(clip.folder, i, s) for s in sorted({0, seed}) for i in range(len(clip))]
+        paths = [frame_path(clip.folder, i, s) for s in sorted({0, *seeds}) for i in range(len(clip))]
         try:
             stats = [(path.name, (stat := path.stat()).st_size, stat.st_mtime_ns) for path in paths]
         except OSError as error:
             raise BrokenClipError(f"{error.filename}: cannot be read: {error.strerror}") from error
-        return digest_of(clip, FORMAT, TILE, self._kept(clip), seed, str(clip.folder.resolve()), stats)
+        return digest_of(clip, FORMAT, TILE, self._kept(clip), self.prior, seeds, str(clip.folder.resolve()), stats)
 
 
 def _width(channel: str) -> int:

@@ -9,6 +9,7 @@ import torch
 from torch import Tensor
 
 from nte.color import psnr
+from nte.filters.prior import complete
 from nte.frames.clip import Clip
 from nte.frames.reference import count_bad_pixels
 from nte.frames.scalars import sequence_exposure
@@ -87,14 +88,15 @@ def validate(denoiser: TrainableDenoiser, chosen: ValidationSet) -> Validation:
 def _score(denoiser: TrainableDenoiser, clip: Clip, first: int) -> tuple[list[Tensor], list[Tensor], list[Tensor]]:
     """Log-L1 and PSNR of each frame that counts, and noisy, denoised and reference image of the last frame."""
     target, device = Target(denoiser.target), next(denoiser.parameters()).device
-    wanted = dict.fromkeys((*denoiser.needs, *denoiser.optional, target.reference, target.name, "color"))
+    whole = complete(denoiser, str(device))
+    wanted = dict.fromkeys((*whole.needs, *whole.optional, target.reference, target.name, "color"))
     channels = [name for name in wanted if name in clip.channels]
     errors, decibels = [], []
     pictures: list[Tensor] = []
     state = known = None
     for i in range(len(clip)):
         frame = clip.frame(i, channels).torch(device)
-        result, state = denoiser.step(frame, state)
+        result, state = whole.step(frame, state)
         known = sequence_exposure(frame, known)
         if i < first:
             continue

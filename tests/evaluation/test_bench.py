@@ -13,6 +13,7 @@ from nte.errors import NteError
 from nte.evaluation.benchmark.bench import _psnr, bench
 from nte.evaluation.benchmark.frames import clip_frames, scaled, synthetic_frames
 from nte.evaluation.benchmark.steps import grouped, named_steps
+from nte.filters.prior import complete
 from nte.filters.svgf import Svgf
 from nte.frames.channels import CHANNELS
 from nte.frames.frame import Frame
@@ -80,6 +81,13 @@ def test_the_steps_of_a_network_are_its_modules() -> None:
     assert list(steps) == ["reading", "reprojection", "prediction", "kernels", "blending"]
     assert all(spent > 0 for spent in steps.values())
     assert not any(child._forward_hooks or child._forward_pre_hooks for child in network.children())
+
+
+def test_the_denoiser_below_a_network_is_its_first_step() -> None:
+    whole = complete(light_network("on top"))
+    steps = named_steps(whole, synthetic_frames((32, 32), [*whole.needs, *whole.optional]))
+    assert list(steps) == ["prior", "reading", "reprojection", "prediction", "kernels", "blending"]
+    assert all(spent > 0 for spent in steps.values())
 
 
 @pytest.mark.slow

@@ -22,6 +22,7 @@ NETWORKS = {
     "warped only": ("temporal", {"target": "indirect", "temporal": False}),
     "mixing": ("temporal", {"finest": "mixing", "front": 2, "demodulate": True, **ALL}),
     "mixing share": ("temporal", {"finest": "mixing", "front": 2, "scales": 2, "target": "visibility"}),
+    "on top": ("temporal", {"finest": "mixing", "front": 2, "demodulate": True, "prior": "noisy"}),
     "rae": ("rae", {"target": "indirect", "demodulate": True}),
     "separated": ("separated", {}),
     "rae share": ("rae", {"target": "visibility", "inputs": ["emission"]}),

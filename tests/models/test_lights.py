@@ -176,6 +176,10 @@ def test_statistics_are_means_over_the_frames_in_which_a_surface_was_seen() -> N
             TemporalConfig(finest="mixing", front=2, temporal=False),
             "network.finest is mixing, which has a weight for",
         ),
+        (
+            TemporalConfig(prior="oidn"),
+            "network.finest is kernels and network.target is color, expected mixing and a radiance, as network.prior",
+        ),
         (TemporalConfig(feature_history=-1), "network.feature_history is -1, expected a number of features from 0"),
         (RaeConfig(channels=[]), r"network.channels is \[\], expected at least one width"),
     ],

@@ -10,18 +10,20 @@ from nte.models.prediction import TAPS, ScaleKernels
 HEIGHT, WIDTH = 3, 5  # of half the resolution
 
 
-def mixed(mixing: Tensor, light: Tensor, half: Tensor, history: Tensor, known: Tensor) -> tuple[Tensor, Tensor]:
+def mixed(
+    mixing: Tensor, light: Tensor, half: Tensor, history: Tensor, known: Tensor, *prior: Tensor
+) -> tuple[Tensor, Tensor]:
     kernels = [ScaleKernels(None, None, None, mixing), ScaleKernels(torch.ones(1), None, None)]
-    image, share = Mixing("mean", None)(Filtered([half], light, history, known), kernels)
+    image, share = Mixing("mean", None)(Filtered([half], [light, *prior], history, known), kernels)
     assert share is not None
     return image, share
 
 
-def everything(seed: int = 0) -> tuple[Tensor, Tensor, Tensor, Tensor, Tensor]:
+def everything(seed: int = 0, taps: int = TAPS) -> tuple[Tensor, Tensor, Tensor, Tensor, Tensor]:
     generator = torch.Generator().manual_seed(seed)
     light, history = torch.rand(2, 2, 3, 2 * HEIGHT, 2 * WIDTH, generator=generator)
     return (
-        torch.rand(2, TAPS * 4, HEIGHT, WIDTH, generator=generator) + 0.01,
+        torch.rand(2, taps * 4, HEIGHT, WIDTH, generator=generator) + 0.01,
         light,
         torch.rand(2, 3, HEIGHT, WIDTH, generator=generator),
         history,
@@ -29,9 +31,11 @@ def everything(seed: int = 0) -> tuple[Tensor, Tensor, Tensor, Tensor, Tensor]:
     )
 
 
-def test_equals_a_loop_over_pixels() -> None:
-    mixing, light, half, history, known = everything()
-    image, share = mixed(mixing, light, half, history, known)
+@pytest.mark.parametrize("priors", [0, 1])
+def test_equals_a_loop_over_pixels(priors: int) -> None:
+    mixing, light, half, history, known = everything(taps=TAPS + priors)
+    prior = torch.rand(priors, *light.shape, generator=torch.Generator().manual_seed(5))
+    image, share = mixed(mixing, light, half, history, known, *prior)
     for n in range(2):
         for y in range(2 * HEIGHT):
             for x in range(2 * WIDTH):
@@ -40,8 +44,8 @@ def test_equals_a_loop_over_pixels() -> None:
                 rows = [min(max(y // 2 + dy, 0), HEIGHT - 1) for dy in (-1, 0, 1)]
                 columns = [min(max(x // 2 + dx, 0), WIDTH - 1) for dx in (-1, 0, 1)]
                 taps = [half[n, :, row, column] for row in rows for column in columns]
-                taps += [light[n, :, y, x], history[n, :, y, x]]
-                weights = weights * torch.tensor([1.0] * (TAPS - 1) + [float(known[n, 0, y, x])])
+                taps += [own[n, :, y, x] for own in (light, *prior, history)]
+                weights = weights * torch.tensor([1.0] * (TAPS + priors - 1) + [float(known[n, 0, y, x])])
                 expected = (torch.stack(taps, 1) * weights).sum(1) / weights.sum()
                 torch.testing.assert_close(image[n, :, y, x], expected)
                 torch.testing.assert_close(share[n, 0, y, x], weights[:-1].sum() / weights.sum())

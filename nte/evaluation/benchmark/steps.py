@@ -2,6 +2,7 @@
 
 import json
 import tempfile
+import time
 from collections.abc import Iterator
 from contextlib import ExitStack, contextmanager
 from pathlib import Path
@@ -10,6 +11,7 @@ from typing import TYPE_CHECKING
 from nte.denoiser import Denoiser, State
 from nte.evaluation.benchmark.frames import Source
 from nte.evaluation.metric_table import Row
+from nte.filters.prior import OnTop
 
 WARM_UP = 4  # frames before the timed ones: caches fill, and history grows beyond what filters call young
 
@@ -21,11 +23,14 @@ def named_steps(denoiser: Denoiser, source: Source, frames: int = 2) -> dict[str
     """Measure the milliseconds per frame in each step of a denoiser, in the order in which they first begin.
 
     The steps of a filter are its scopes of torch.profiler.record_function; those of a network are its direct child
-    modules, by their names, in PyTorch and in an exported graph. frames: number of measured frames, after four others.
+    modules, by their names, in PyTorch and in an exported graph. What another denoiser makes of the frame first is the
+    step `prior`. frames: number of measured frames, after four others.
     Only CPU time is profiled.
     """
     from nte.runtime.session import OnnxDenoiser
 
+    if isinstance(denoiser, OnTop):
+        return _of_both(denoiser, source, frames)
     if isinstance(denoiser, OnnxDenoiser):
         return _of_graph(denoiser, source, frames)
     from torch.profiler import ProfilerActivity, profile
@@ -43,6 +48,18 @@ def named_steps(denoiser: Denoiser, source: Source, frames: int = 2) -> dict[str
                 if event.is_user_annotation:
                     spent[event.name] = spent.get(event.name, 0.0) + event.time_range.elapsed_us() / 1e3 / frames
     return spent
+
+
+def _of_both(denoiser: OnTop, source: Source, frames: int) -> dict[str, float]:
+    """The time of the denoiser below, and the steps of the one on top, which gets the images of the first."""
+    state: State | None = None
+    images, ends = [], [time.perf_counter()]
+    for index in range(WARM_UP + frames):
+        result, state = denoiser.below.step(source(index), state)
+        images.append(result.image)
+        ends.append(time.perf_counter())
+    above = named_steps(denoiser.top, lambda index: source(index).with_channels(prior=images[index]), frames)
+    return {"prior": 1e3 * (ends[-1] - ends[WARM_UP]) / frames} | above
 
 
 @contextmanager

@@ -1,0 +1,87 @@
+"""A network on top of another denoiser: what it starts with, and who gives it its prior."""
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+import torch
+
+from nte.denoiser import Session
+from nte.errors import NteError
+from nte.filters.prior import complete
+from nte.frames.clip import Clip, frame_path, write_frame
+from nte.frames.frame import Frame
+from nte.models.registry import make_network
+from nte.models.temporal import TemporalConfig
+from nte.registry import load_denoiser
+from nte.runtime.export import export_onnx
+from nte.training.loop import train
+from nte.training.run import load_run
+from nte.training.tiles import ClipStore
+from tests.models.lights import light_network
+from tests.synthetic import disc_frame, write_clip
+from tests.training.runs import tiny_config
+
+NEEDS = {"color", "albedo", "normal", "depth", "motion"}
+ON_TAA = ("network.finest=mixing", "network.front=2", "network.prior='taa:alpha=0.5'")
+
+
+@pytest.fixture(scope="module")
+def clip(tmp_path_factory: pytest.TempPathFactory) -> Clip:
+    """Four frames of 40×24 with two noise seeds. Only to be read."""
+    rng = np.random.default_rng(3)
+    frames = [disc_frame(i, (24, 40), rng=rng) for i in range(4)]
+    folder = tmp_path_factory.mktemp("clips") / "disc_000"
+    for i, frame in enumerate(frames):
+        noise = rng.exponential(size=frame["color"].shape)
+        write_frame(frame_path(folder, i, 1), {"color": (frame["reference"] * noise).astype(np.float32)})
+    return Clip(write_clip(folder, frames, seeds=2))
+
+
+def test_begins_near_its_prior_and_far_from_the_noise() -> None:
+    network = make_network(TemporalConfig(channels=[8, 8], scales=2, front=2, finest="mixing", prior="noisy"))
+    frame = Frame({name: values[None] for name, values in disc_frame(0, (32, 48)).items()})
+    noisy = frame.with_channels(color=np.zeros_like(frame["color"]), prior=frame["color"])
+    with torch.no_grad():
+        image = network.step(noisy, None)[0].image
+    share = image.mean() / frame["color"].mean()
+    assert 0.4 < share < 0.9
+
+
+def test_a_prior_is_made_as_a_sequence_and_of_the_mean_of_seeds(clip: Clip) -> None:
+    store = ClipStore([clip], ("color", "prior"), prior="taa:alpha=0.5")
+    whole = slice(0, 4), slice(0, 24), slice(0, 40)
+    for seeds in ((0,), (1,), (1, 0)):
+        session = Session(load_denoiser("taa:alpha=0.5"))
+        expected = [session.denoise(clip.frame(i, seeds=seeds))[0] for i in range(4)]
+        np.testing.assert_allclose(store.get(0, *seeds).crop(*whole)["prior"], expected, rtol=1e-6)
+    assert not np.allclose(store.get(0, 0).crop(*whole)["prior"], store.get(0, 0).crop(*whole)["color"])
+
+
+@pytest.mark.slow
+def test_trains_is_exported_and_brings_its_prior_along(clip: Clip, tmp_path: Path) -> None:
+    config = tiny_config(tmp_path, clip.folder, *ON_TAA)
+    train(config, device="cpu")
+    run = tmp_path / "runs" / "tiny"
+    trained, model = load_denoiser(run), tmp_path / "model.onnx"
+    export_onnx(load_run(run), model, progress=lambda line: None)
+    exported = load_denoiser(model)
+    assert {*trained.needs} == {*exported.needs} == NEEDS
+    session, graph = Session(trained), Session(exported)
+    taa, plain = Session(load_denoiser("taa:alpha=0.5")), Session(load_run(run))
+    for frame in clip:
+        ours, theirs = session.denoise(frame), graph.denoise(frame)
+        np.testing.assert_allclose(theirs, ours, rtol=1e-3, atol=1e-4)
+        by_hand = plain.denoise(frame.with_channels(prior=taa.denoise(frame)))
+        np.testing.assert_allclose(ours, by_hand, rtol=1e-5)
+
+
+def test_what_cannot_be_a_prior_is_refused() -> None:
+    network = light_network("on top")
+    for spec, message in (
+        ("elsewhere/model.onnx", "prior: 'elsewhere/model.onnx' is no denoiser by name: expected one of noisy, "),
+        ("noisy:target=indirect", "prior: a denoiser of indirect, expected a denoiser of color"),
+    ):
+        network.prior = spec
+        with pytest.raises(NteError, match=message):
+            complete(network)
