@@ -28,7 +28,7 @@ def test_predicted_weights_are_positive_and_alpha_is_one_too() -> None:
     network = small_network()
     kernels, remembered = network.prediction(torch.randn(2, 13, 16, 24))
     assert remembered is None
-    for scale, (spatial, alpha, temporal) in enumerate(kernels):
+    for scale, (spatial, alpha, temporal, _) in enumerate(kernels):
         size = 2, 1, 16 >> scale, 24 >> scale
         assert alpha.shape == size
         assert ((alpha > 0) & (alpha < 1)).all()
