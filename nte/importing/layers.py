@@ -70,10 +70,26 @@ def places(path: Path, parts: Sequence[Part], source: Source) -> Mapping[str, Pl
 
     Raises NteError as `choose` does.
     """
-    numbered: list[Any] = [
-        (part.name, part.view, {n: (i, n) for n in part.layers}, part.views) for i, part in enumerate(parts)
-    ]
-    return choose(path, [Part(*part) for part in numbered], source)  # type: ignore[return-value]  # looks at no pixels
+    numbered: list[Any] = [part._replace(layers={n: (i, n) for n in part.layers}) for i, part in enumerate(parts)]  # type: ignore[misc]
+    return choose(path, numbered, source)  # type: ignore[return-value]  # looks at no pixels
+
+
+def outside(path: Path, parts: Sequence[Part], source: Source, found: Found) -> npt.NDArray[np.bool_] | None:
+    """Mark the pixels (H, W) of a channel that lie outside the data windows of its layers; None if there are none.
+
+    Nothing is stored there: the layers' zeros are no values, and must not be decoded.
+    """
+    if all(part.outside is None for part in parts):
+        return None
+
+    def mask(part: Part) -> npt.NDArray[np.bool_]:
+        size = next(iter(part.layers.values())).shape
+        return np.zeros(size, np.bool_) if part.outside is None else part.outside
+
+    marked = [part._replace(layers=dict.fromkeys(part.layers, mask(part))) for part in parts if part.layers]
+    masks = choose(path, marked, source)
+    empty = [np.any([masks[name] for name in names], axis=0) for names in found.names]
+    return np.asarray(np.all(empty, axis=0))
 
 
 def prefixes(stored: Stored, name: str, source: Source, ignored: Sequence[str]) -> list[str]:

@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 
 from nte.errors import NteError
-from nte.frames.channels import CHANNELS
+from nte.frames.channels import CHANNELS, VECTORS
 from nte.frames.clip import Pixels
 from nte.frames.exr import Part, read_parts
 from nte.frames.exr_copy import Place
@@ -18,7 +18,7 @@ from nte.importing.channel_map import ChannelMap, Source, find_map, load_channel
 from nte.importing.convert import fill_unknown, to_ours, with_motion
 from nte.importing.files import files_of_pattern, numbered_files
 from nte.importing.ids import Ids
-from nte.importing.layers import Found, Stored, choose, find, find_prefix, missing, partly_there, places, read
+from nte.importing.layers import Found, Stored, choose, find, find_prefix, missing, outside, partly_there, places, read
 from nte.importing.notes import LostValues, OddValues
 from nte.importing.sky import with_sky_motion
 from nte.importing.still import with_still_geometry
@@ -145,6 +145,8 @@ class ForeignSequence:
         if found is None:
             return None
         values = read(stored, name, source, found)
+        if (empty := outside(path, parts, source, found)) is not None:
+            values = np.where(empty, np.nan if name in VECTORS or CHANNELS[name].nan_means else 0, values)
         return self.ids.keep(values) if CHANNELS[name].kind == "id" else values
 
     def _prefix(self, channel: Input, index: int, stored: Stored) -> str:

@@ -305,6 +305,59 @@ def test_large_unknown_regions_move_like_what_is_around_them_and_do_not_take_lon
     assert np.abs(found[0, 195] - motion[0, 195]).max() < 0.2
 
 
+def cut(folder: Path, frames: Sequence[Layers], rows: slice, columns: slice, parts: bool = False) -> Path:
+    """Files that store only a window of the picture; parts: each layer in a part of its own, color without a window."""
+    folder.mkdir(parents=True)
+    for i, layers in enumerate(frames, start=1):
+        height, width = next(iter(layers.values())).shape
+        whole = (np.array([0, 0], np.int32), np.array([width - 1, height - 1], np.int32))
+        low = np.array([columns.start, rows.start], np.int32)
+        window = (low, np.array([columns.stop - 1, rows.stop - 1], np.int32))
+        header = {"type": OpenEXR.scanlineimage, "displayWindow": whole, "dataWindow": window}
+        inside = {n: np.ascontiguousarray(plane[rows, columns], np.float32) for n, plane in layers.items()}
+        written = [OpenEXR.Part(header, inside, "all")]
+        if parts:
+            light = {n: np.ascontiguousarray(layers[n], np.float32) for n in "RGB"}
+            others = {n: plane for n, plane in inside.items() if n not in light}
+            written = [OpenEXR.Part({**header, "dataWindow": whole}, light, "light")]
+            written.append(OpenEXR.Part(header, others, "guides"))
+        with OpenEXR.File(written) as file:
+            file.write(str(folder / f"shot.{i}.exr"))
+    return folder
+
+
+@pytest.mark.parametrize("parts", [False, True])
+def test_what_is_not_stored_is_not_decoded(tmp_path: Path, parts: bool) -> None:
+    """Outside the data window there is no vector, no surface and no light, however values are encoded."""
+    frames = []
+    for f in scene(3):
+        layers = dict(zip("RGB", f["color"], strict=True)) | named("v", "XY", f["motion"] / 128 + 0.5)
+        layers |= named("n", "XYZ", f["normal"] / 2 + 0.5) | named("a", "RGB", 1 - f["albedo"])
+        frames.append(layers | {"d.z": f["depth"][0] - 1, "i.id": f["instance"][0] - 1})
+    rows, columns = slice(6, 40), slice(10, 60)
+    source = cut(tmp_path / "shots", frames, rows, columns, parts)
+    channels = {"color": {"layer": ["R", "G", "B"], "part": "light"} if parts else "."}
+    channels |= {
+        "motion": {"layer": "v", "scale": 128, "offset": -64},
+        "normal": {"layer": "n", "scale": 2, "offset": -1},
+        "albedo": {"layer": "a", "scale": -1, "offset": 1},
+        "depth": {"layer": "d", "offset": 1},
+        "instance": {"layer": "i", "offset": 1},
+    }
+    clip = imported(tmp_path, source, {"channels": channels})
+    inside = np.zeros(SIZE, bool)
+    inside[rows, columns] = True
+    for index, frame in enumerate(scene(3)):
+        found = clip.frame(index)
+        for name in ("normal", "albedo", "depth", "instance"):
+            hit = inside & ((frame["depth"][0] > 0) | (name in ("albedo", "depth")))
+            np.testing.assert_allclose(found[name][0][:, hit], frame[name][:, hit], atol=2e-3, err_msg=name)
+            assert not found[name][0][:, ~inside].any(), name
+        np.testing.assert_allclose(found["motion"][0][:, inside], frame["motion"][:, inside], atol=1e-4)
+        assert np.abs(found["motion"]).max() < 10  # the vectors of neighbours, not those that zeros decode to
+        assert found["color"][0][:, ~inside].any() == parts
+
+
 def test_a_value_that_is_not_said_to_be_unknown_is_kept(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     source = write(tmp_path / "shots", moving(holes(0.0)))
     clip = imported(tmp_path, source, {"channels": COLOR | {"motion": "v", "depth": "z"}})

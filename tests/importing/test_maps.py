@@ -14,6 +14,7 @@ from nte.frames.clip import Clip
 from nte.frames.exr import read_layers, write_exr
 from nte.importing.cameras import camera_of_fov
 from nte.importing.channel_map import MAPS, find_map, load_channel_map
+from nte.importing.recognise import recognise
 from tests.importing.producers import FOV, SIZE, SKY_ROWS, named, rays, rotation, scene, write_layers
 from tests.synthetic import Pixels, smooth_texture
 
@@ -311,6 +312,18 @@ def test_every_map_that_ships_can_be_loaded_and_names_its_source() -> None:
         assert "ocumented" in text
         assert load_channel_map(path).optional
         assert set(yaml.safe_load(text)["channels"]) >= {"color", "albedo", "normal"}
+
+
+def test_maps_are_parsed_once_however_many_files_are_looked_at(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    source, _ = arnold(tmp_path, scene(2))
+    paths = sorted(source.iterdir())
+    assert recognise(paths[0]) == "arnold"
+
+    def parse(path: Path) -> None:
+        raise AssertionError(f"{path} is parsed again")
+
+    monkeypatch.setattr("nte.importing.recognise.load_channel_map", parse)
+    assert recognise(paths[1]) == "arnold"
 
 
 def test_an_unknown_map_lists_what_there_is(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
