@@ -93,8 +93,9 @@ def _edges(image: Tensor) -> Tensor:
 def _correlation(a: Tensor, b: Tensor) -> Tensor:
     """Correlate two images (h, w) at every cyclic displacement (h, w); 0 if one of them is constant."""
     a, b = a - a.mean(), b - b.mean()
-    product = torch.fft.irfft2(torch.fft.rfft2(a) * torch.fft.rfft2(b).conj(), s=a.shape)
-    return product / (a.norm() * b.norm()).clamp(min=1e-30)
+    product: Tensor = torch.fft.irfft2(torch.fft.rfft2(a) * torch.fft.rfft2(b).conj(), s=a.shape)
+    sizes: Tensor = a.norm() * b.norm()
+    return product / sizes.clamp(min=1e-30)
 
 
 def _height(match: Tensor) -> float:

@@ -18,7 +18,11 @@ from nte.importing.channel_map import SKY, Source
 
 Stored = Mapping[str, npt.NDArray[np.generic]]  # full layered name → (H, W), float16, float32 or uint32
 _OWN = "."  # stands for the components that belong to no layer: R, G, B
-_SUFFIXES = {2: ("xy", "rg", "uv"), 3: ("rgb", "xyz")}  # names of a layer's components, in order, by their number
+# number of a layer's components → their names, in order; Nuke writes whole words
+_SUFFIXES: dict[int, tuple[Sequence[str], ...]] = {
+    2: ("xy", "rg", "uv", ("red", "green")),
+    3: ("rgb", "xyz", ("red", "green", "blue")),
+}
 _CHROMA = {"r", "g", "b", "x", "ry", "by"}  # beside any of these, Y is not a grey image
 _DARK = 1e-3  # a surface with a colour below this has no such lobe
 _LISTED = 40  # largest number of a file's channels that an error names
@@ -149,18 +153,20 @@ def read(stored: Stored, name: str, source: Source, found: Found) -> npt.NDArray
     if kind == "depth":  # what cannot be stored: the sky of writers that clamp
         clamped = stored[found.names[0][0]].dtype == np.float16 and np.abs(values) >= HALF_MAX
         values = np.where(clamped, np.inf, values)
-    unknown = [float(value) for value in source.unknown if value != SKY]
     if name in VECTORS:
         values = np.where(np.isfinite(values).all(0), values, np.nan)
+    rounded = np.float16 if stored[found.names[0][0]].dtype == np.float16 else np.float32  # as the file has it
+    with np.errstate(over="ignore"):
+        unknown = [np.float32(rounded(value)) for value in source.unknown if value != SKY]
     for value in unknown:
-        values = np.where((values == np.float32(value)).all(0), np.nan, values)
+        values = np.where((values == value).all(0), np.nan, values)
     if (source.scale, source.offset) == ([1], [0]):
         return values
     with np.errstate(over="ignore"):  # what exceeds float32 becomes infinite: a miss, or a bad pixel
         return np.asarray(values * scale + offset, np.float32)
 
 
-def missing(path: Path, stored: Stored, name: str, source: Source) -> NteError:
+def missing(path: Path, stored: Stored, name: str, source: Source, parts: Sequence[Part]) -> NteError:
     """Make the error for a channel that `find` did not find; it lists what the file has."""
     count = len(CHANNELS[name].components)
     wanted = " ".join(source.layer) if source.layer not in ([], [_OWN]) else "components without a layer"
@@ -170,8 +176,10 @@ def missing(path: Path, stored: Stored, name: str, source: Source) -> NteError:
     hint = ""
     if count == 1 and len(source.layer) == 1 and len(_below(stored, source.layer[0])) > 1:
         hint = ", of which the map may name one by its full name"
-    parts = f"{count} components" if count > 1 else "1 component"
-    return NteError(f"{path}: no {wanted} for '{name}' ({parts}); the file has {listed}{hint}")
+    if not source.view and (views := [view for part in parts for view in part.views]):
+        hint = f"; it has the views {', '.join(views)}: choose one with view=NAME"
+    needed = f"{count} components" if count > 1 else "1 component"
+    return NteError(f"{path}: no {wanted} for '{name}' ({needed}); the file has {listed}{hint}")
 
 
 def _of_layers(stored: Stored, row: Channel, layer: Sequence[str], prefix: str) -> tuple[str, ...]:

@@ -138,7 +138,7 @@ class ForeignSequence:
         prefix = self._prefix(channel, index, stored)
         found = find(stored, name, source, prefix)
         if found is None and (channel.needed or partly_there(stored, source, prefix)):
-            raise missing(path, stored, name, source)
+            raise missing(path, stored, name, source, parts)
         first_path, first = self.first.setdefault(name, (path, found))
         if found != first:
             self._refuse_change(name, (first_path, first), (path, found))

@@ -28,7 +28,7 @@ from nte.importing.channel_map import (
     load_channel_map,
 )
 from nte.importing.exr import import_exr
-from nte.importing.files import files_of_pattern
+from nte.importing.files import files_of_pattern, numbered_files
 from nte.importing.ids import UNNAMED, Ids
 from tests.importing.producers import SIZE, SKY_ROWS, named, rotation, scene, write_layers, write_map
 from tests.synthetic import Pixels
@@ -287,6 +287,15 @@ def test_unknown_vectors_are_those_of_neighbours_at_their_depth(
         np.testing.assert_allclose(found[:, SKY_ROWS:], frame["motion"][:, SKY_ROWS:], atol=1e-5)
 
 
+def test_half_floats_hold_a_rounded_value_for_unknown(tmp_path: Path) -> None:
+    frames = moving(holes(-12345.0))  # -12344 in half floats
+    for layers in frames:
+        layers |= {name: layers[name].astype(np.float16) for name in ("v.x", "v.y")}
+    channels = COLOR | {"motion": {"layer": "v", "unknown": -12345}, "depth": "z"}
+    clip = imported(tmp_path, write(tmp_path / "shots", frames), {"channels": channels})
+    assert np.abs(clip.frame(1)["motion"]).max() < 10
+
+
 def test_large_unknown_regions_move_like_what_is_around_them_and_do_not_take_long(tmp_path: Path) -> None:
     y, x = np.mgrid[:300, :400].astype(np.float32)
     motion = np.stack([3 + 0.01 * x, -2 + 0.01 * y])
@@ -392,6 +401,22 @@ def test_grey_images_and_scalars_stored_as_grey(tmp_path: Path) -> None:
     clip = imported(tmp_path, write(tmp_path / "shots", [layers] * 2), {"channels": {"color": ".", "roughness": "r"}})
     np.testing.assert_allclose(clip.frame(0)["color"][0], np.stack([grey["Y"]] * 3), rtol=1e-3)
     np.testing.assert_allclose(clip.frame(0)["roughness"][0, 0], rough, atol=1e-3)
+
+
+def test_components_named_in_whole_words(tmp_path: Path) -> None:
+    layers = image("R", "G", "B", "kd.red", "kd.green", "kd.blue", "mv.red", "mv.green")
+    about = {"channels": {"color": ".", "albedo": "kd", "motion": "mv"}}
+    found = imported(tmp_path, write(tmp_path / "shots", [layers]), about).frame(0)
+    np.testing.assert_allclose(found["albedo"][0], [layers[f"kd.{c}"] for c in ("red", "green", "blue")], rtol=1e-3)
+    np.testing.assert_array_equal(found["motion"][0], [layers[f"mv.{c}"] for c in ("red", "green")])
+
+
+def test_brackets_in_a_pattern_stand_for_themselves_if_they_are_no_set(tmp_path: Path) -> None:
+    folder = write(tmp_path / "größe [a]", [image("R", "G", "B")] * 2, "shot [v2] ä")
+    write(folder, [image("R", "G", "B")] * 3, "other")
+    assert len(numbered_files(folder / "shot [v2] ä.*.exr", ".exr")) == 2
+    assert len(numbered_files(folder / "shot [[]v2] ä.*.exr", ".exr")) == 2
+    assert len(numbered_files(folder / "[op]ther.*.exr", ".exr")) == 3
 
 
 def test_sums_of_layers(tmp_path: Path) -> None:

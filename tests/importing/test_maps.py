@@ -15,7 +15,17 @@ from nte.frames.exr import read_layers, write_exr
 from nte.importing.cameras import camera_of_fov
 from nte.importing.channel_map import MAPS, find_map, load_channel_map
 from nte.importing.recognise import recognise
-from tests.importing.producers import FOV, SIZE, SKY_ROWS, named, rays, rotation, scene, write_layers
+from tests.importing.producers import (
+    FOV,
+    SIZE,
+    SKY_ROWS,
+    looked_at_from_aside,
+    named,
+    rays,
+    rotation,
+    scene,
+    write_layers,
+)
 from tests.synthetic import Pixels, smooth_texture
 
 Frames = Sequence[dict[str, Pixels]]
@@ -39,8 +49,7 @@ def mitsuba(folder: Path, frames: Frames) -> tuple[Path, list[str]]:
 
 
 def vray(folder: Path, frames: Frames) -> tuple[Path, list[str]]:
-    view = np.eye(4)
-    view[:3, :3] = rotation(0.7)
+    view = looked_at_from_aside(frames)
     cameras = [{"view": view.tolist(), "projection": camera_of_fov(FOV, SIZE).projection.tolist()}] * len(frames)
     (folder / "cameras.json").write_text(json.dumps(cameras))
     written = [
