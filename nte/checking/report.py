@@ -9,7 +9,7 @@ from torch import Tensor
 
 from nte.checking.cells import cell_votes
 from nte.checking.exposure import ExposureTally
-from nte.checking.flips import FlipTally
+from nte.checking.flips import ORIENTATION, FlipTally
 from nte.checking.geometry import GeometryTally
 from nte.checking.guides import GuideTally
 from nte.checking.judge import Judgement, Verdict, judge_votes
@@ -138,7 +138,9 @@ def check(clip: Clip | Path | str) -> CheckReport:
         previous = current
     judgement = _judge_vectors(clip, vectors)
     order = judge_order(vectors.orders) if judgement.verdict == "plausible" else ()
-    findings = [*judge_values(tallies), *exposure.judge(), *flips.judge(), *geometry.judge(), *order, *guides.judge()]
+    light = list(exposure.judge())
+    turned = () if ORIENTATION in (f.expected for f in light) else flips.judge()  # the reference is turned over itself
+    findings = [*judge_values(tallies), *light, *turned, *geometry.judge(), *order, *guides.judge()]
     judgement = _judge(judgement, findings)
     total = Votes()
     for votes in vectors.votes:

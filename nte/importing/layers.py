@@ -1,6 +1,7 @@
 """Search for a channel's layers in a foreign EXR file, and decoding of the stored values."""
 
 import re
+from collections import Counter
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -166,8 +167,19 @@ def read(stored: Stored, name: str, source: Source, found: Found) -> npt.NDArray
         return np.asarray(values * scale + offset, np.float32)
 
 
-def missing(path: Path, stored: Stored, name: str, source: Source, parts: Sequence[Part]) -> NteError:
-    """Make the error for a channel that `find` did not find; it lists what the file has."""
+def step(stored: Stored, source: Source, found: Found) -> float:
+    """Measure the steps in which a channel is stored in half floats: their median, decoded; 0 for other types."""
+    planes = [stored[name] for name in found.names[0] if stored[name].dtype == np.float16]
+    if not planes:
+        return 0.0
+    steps = np.spacing(np.abs(np.stack(planes).clip(-HALF_MAX / 2, HALF_MAX / 2))).astype(np.float64)
+    return float(np.nanmedian(steps) * max(map(abs, source.scale)))
+
+
+def missing(
+    path: Path, stored: Stored, name: str, source: Source, prefix: str = "", parts: Sequence[Part] = ()
+) -> NteError:
+    """Make the error for a channel that `find` did not find; it lists what the file has, its views among it."""
     count = len(CHANNELS[name].components)
     wanted = " ".join(source.layer) if source.layer not in ([], [_OWN]) else "components without a layer"
     have = sorted(stored)
@@ -179,7 +191,8 @@ def missing(path: Path, stored: Stored, name: str, source: Source, parts: Sequen
     if not source.view and (views := [view for part in parts for view in part.views]):
         hint = f"; it has the views {', '.join(views)}: choose one with view=NAME"
     needed = f"{count} components" if count > 1 else "1 component"
-    return NteError(f"{path}: no {wanted} for '{name}' ({needed}); the file has {listed}{hint}")
+    below = f" with the prefix '{prefix}'" if prefix else ""
+    return NteError(f"{path}: no {wanted}{below} for '{name}' ({needed}); the file has {listed}{hint}")
 
 
 def _of_layers(stored: Stored, row: Channel, layer: Sequence[str], prefix: str) -> tuple[str, ...]:
@@ -217,10 +230,14 @@ def _components(stored: Stored, row: Channel, layer: str) -> tuple[str, ...]:
 
 
 def _below(stored: Stored, layer: str) -> dict[str, str]:
-    """Component in lower case → full name, for one layer or for channels without a layer."""
-    if layer == _OWN:
-        return {key.lower(): key for key in stored if "." not in key}
-    return {key[len(layer) + 1 :].lower(): key for key in stored if key.startswith(f"{layer}.")}
+    """Component in lower case → full name, for one layer or for channels without a layer.
+
+    A component that is there in both cases (R and r) is left out: nobody knows which one is meant.
+    """
+    start = 0 if layer == _OWN else len(layer) + 1
+    full = [key for key in stored if ("." not in key if layer == _OWN else key.startswith(f"{layer}."))]
+    count = Counter(key[start:].lower() for key in full)
+    return {key[start:].lower(): key for key in full if count[key[start:].lower()] == 1}
 
 
 def _common_layer(names: Sequence[str]) -> str:

@@ -51,6 +51,12 @@ def test_motion_that_agrees_with_its_guides_does_not_hide_it(tmp_path: Path) -> 
     assert "albedo: shows the picture of color upside down" in report.reason
 
 
+def test_guides_are_not_blamed_for_a_reference_that_is_turned_over(tmp_path: Path) -> None:
+    frames = [lit(i, noise=False) | {"reference": lit(i, noise=False)["color"][:, ::-1]} for i in range(3)]
+    report = check(Clip(write_clip(tmp_path / "clip", frames)))
+    assert flips(report) == {"reference": "shows the picture of color upside down"}
+
+
 @pytest.mark.parametrize("noise", [False, True])
 @pytest.mark.parametrize("flat", [False, True])
 def test_nothing_is_said_of_guides_that_are_right(tmp_path: Path, noise: bool, flat: bool) -> None:

@@ -235,6 +235,16 @@ def test_ids_that_were_averaged_are_told_and_hashes_are_not(tmp_path: Path, caps
         assert ("averaged: 24 pixels of instance" in capsys.readouterr().out) is told
 
 
+def test_ids_that_half_floats_round_are_told(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    ids = np.repeat(np.array([1, 2047, 2049, 3000], np.float64)[None], 6, 0)
+    for kind, told in ((np.float16, True), (np.float32, False)):
+        (tmp_path / np.dtype(kind).name).mkdir()
+        layers = image("R", "G", "B", size=ids.shape) | {"ID": ids.astype(kind)}
+        source = write(tmp_path / np.dtype(kind).name / "shots", [layers])
+        imported(source.parent, source, {"channels": COLOR | {"instance": "ID"}})
+        assert ("rounded: 12 pixels of instance" in capsys.readouterr().out) is told
+
+
 def test_depths_at_the_end_of_half_floats_are_the_sky(tmp_path: Path) -> None:
     depth = np.full(SMALL, 3.0)
     depth[0], depth[1] = 65504.0, 65472.0
@@ -294,6 +304,28 @@ def test_half_floats_hold_a_rounded_value_for_unknown(tmp_path: Path) -> None:
     channels = COLOR | {"motion": {"layer": "v", "unknown": -12345}, "depth": "z"}
     clip = imported(tmp_path, write(tmp_path / "shots", frames), {"channels": channels})
     assert np.abs(clip.frame(1)["motion"]).max() < 10
+
+
+@pytest.mark.parametrize(
+    ("kind", "scale", "told"),
+    [
+        (np.float16, 2.0, "motion is stored in half floats, in steps of 0.62 px"),
+        (np.float32, 2.0, ""),
+        (np.float16, 1, ""),
+    ],
+)
+def test_vectors_in_coarse_steps_are_told(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], kind: type[np.floating[Any]], scale: float, told: str
+) -> None:
+    """Vectors around 0.5 that stand for the whole image: half floats above 0.5 are 1/2048 apart."""
+    encoded = np.full((4, 640), 0.51, kind)
+    vectors = encoded if scale == 2 else np.full((4, 640), 0.01, kind)
+    layers = image("R", "G", "B", size=(4, 640)) | {"v.x": vectors, "v.y": vectors}
+    channels = COLOR | {"motion": {"layer": "v", "scale": scale, "offset": 1 - scale}}
+    imported(tmp_path, write(tmp_path / "shots", [layers] * 2), {"channels": channels, "motion": {"unit": "uv"}})
+    said = capsys.readouterr().out
+    assert told in said
+    assert ("coarse: " in said) is bool(told)
 
 
 def test_large_unknown_regions_move_like_what_is_around_them_and_do_not_take_long(tmp_path: Path) -> None:
@@ -409,6 +441,38 @@ def test_components_named_in_whole_words(tmp_path: Path) -> None:
     found = imported(tmp_path, write(tmp_path / "shots", [layers]), about).frame(0)
     np.testing.assert_allclose(found["albedo"][0], [layers[f"kd.{c}"] for c in ("red", "green", "blue")], rtol=1e-3)
     np.testing.assert_array_equal(found["motion"][0], [layers[f"mv.{c}"] for c in ("red", "green")])
+
+
+def test_a_component_in_both_cases_is_not_guessed(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    layers = image("C.R", "C.G", "C.B", "C.r", "C.g", "C.b", "Z", "z", "N.x", "N.y", "N.z")
+    source = write(tmp_path / "shots", [layers])
+    said = refused(tmp_path, source, {"channels": {"color": "C"}}, capsys)
+    assert "no C for 'color' (3 components); the file has C.B, C.G, C.R, C.b, C.g, C.r, " in said
+    found = imported(tmp_path, source, {"channels": {"color": ["C.r", "C.g", "C.b"], "depth": "z", "normal": "N"}})
+    np.testing.assert_array_equal(found.frame(0)["depth"][0, 0], layers["z"])
+
+
+def test_a_prefix_that_fits_nothing_is_named(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    source = write(tmp_path / "shots", [image("VL.C.R", "VL.C.G", "VL.C.B")])
+    said = refused(tmp_path, source, {"channels": {"color": "C"}, "prefix": "VL."}, capsys)
+    assert "no C with the prefix 'VL.' for 'color'" in said
+
+
+@pytest.mark.parametrize("change", [(), ("view=left",)])
+def test_a_part_with_two_views_tells_how_to_choose_one(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], change: tuple[str, ...]
+) -> None:
+    """Blender 4's stereo files: every channel's name has its view."""
+    layers = image(*(f"Combined.{view}.{c}" for view in ("left", "right") for c in "RGB"))
+    (tmp_path / "shots").mkdir()
+    with OpenEXR.File({"type": OpenEXR.scanlineimage, "multiView": ["left", "right"]}, dict(layers)) as file:
+        file.write(str(tmp_path / "shots" / "shot.1.exr"))
+    about = {"channels": {"color": "Combined"}}
+    if change:
+        assert imported(tmp_path, tmp_path / "shots", about, *change).channels == ("color",)
+    else:
+        said = refused(tmp_path, tmp_path / "shots", about, capsys)
+        assert said.endswith("it has the views left, right: choose one with view=NAME")
 
 
 def test_brackets_in_a_pattern_stand_for_themselves_if_they_are_no_set(tmp_path: Path) -> None:
