@@ -12,17 +12,20 @@ import torch.nn.functional as F
 from torch import Tensor
 
 from nte.checking.values import Finding
+from nte.frames.channels import GUIDES
 from nte.frames.frame import Frame
 
 FLIPS = {"upside down": (-2,), "mirrored left to right": (-1,), "turned by 180°": (-2, -1)}  # in words → dimensions
 AS_IT_IS = ""
 ORIENTATION = "the same orientation in every channel"
-GUIDES = ("albedo", "normal", "depth")
+PICTURES = (*GUIDES, "depth")  # channels that show the surfaces
 FRAMES = 4  # largest number of frames that are looked at
 BLOCKS = 64  # about so many blocks of pixels, of 2×2 or more, along the shorter side: their means have less noise
 LEAST = 12  # blocks along a side; smaller pictures tell nothing
 AROUND = 15  # blocks: edges are compared with the mean of those around, since whole regions have more or fewer of them
-SHARP = 6.0  # least height of the peak in standard deviations; measured on 238 clips: most right guides reach it
+SHARP = (
+    6.0  # least height of the peak in standard deviations: `python -m benchmarks.check --turned` says how many reach it
+)
 BETTER = 2.0  # the peak of a guide that is turned over is at least this many times what it is as it is
 BRIGHTEST, NEAREST = 0.95, 10.0  # share of the edges that keep their strength; median depth over that of what is near
 
@@ -43,7 +46,7 @@ class FlipTally:
             return
         self._light = "reference" if "reference" in frame else "color"
         light = _edges(F.adaptive_avg_pool2d(_light(frame[self._light]), (height, width)).log1p())
-        for name in (name for name in GUIDES if name in frame):
+        for name in (name for name in PICTURES if name in frame):
             values = _nearness(frame[name]) if name == "depth" else frame[name].nan_to_num(0, 0, 0)
             edges = _edges(F.adaptive_avg_pool2d(values, (height, width)))
             for how, sides in {AS_IT_IS: (), **FLIPS}.items():

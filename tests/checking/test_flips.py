@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from nte.checking import CheckReport, check
-from nte.checking.flips import FLIPS, GUIDES
+from nte.checking.flips import FLIPS, PICTURES
 from nte.frames.clip import Clip
 from tests.checking.room import room_frame
 from tests.synthetic import Pixels, write_clip
@@ -32,9 +32,9 @@ def flips(report: CheckReport) -> dict[str, str]:
 
 
 @pytest.mark.parametrize("how", FLIPS)
-@pytest.mark.parametrize("name", [*GUIDES, "all"])
+@pytest.mark.parametrize("name", [*PICTURES, "all"])
 def test_a_guide_that_is_turned_over_is_named(tmp_path: Path, name: str, how: str) -> None:
-    names = GUIDES if name == "all" else (name,)
+    names = PICTURES if name == "all" else (name,)
     frames = [turned(lit(i, noise=False), names, FLIPS[how]) for i in range(3)]
     report = check(Clip(write_clip(tmp_path / "clip", frames)))
     assert report.verdict == "implausible"
@@ -43,7 +43,7 @@ def test_a_guide_that_is_turned_over_is_named(tmp_path: Path, name: str, how: st
 
 def test_motion_that_agrees_with_its_guides_does_not_hide_it(tmp_path: Path) -> None:
     """Everything but the colour comes from another program, whose images begin at the bottom."""
-    others = (*GUIDES, "instance", "motion", "position")
+    others = (*PICTURES, "instance", "motion", "position")
     frames = [turned(lit(i, noise=True), others, (-2,)) for i in range(4)]
     for frame in frames:
         frame["motion"] = frame["motion"] * np.float32([[[1]], [[-1]]])
@@ -69,7 +69,7 @@ def test_a_picture_that_is_its_own_mirror_image_says_nothing(tmp_path: Path) -> 
         for name in ("color", "albedo", "normal", "depth"):
             half = frame[name][..., :48]
             frame[name] = np.concatenate([half, half[..., ::-1]], -1)
-    found = flips(check(Clip(write_clip(tmp_path / "clip", [turned(f, GUIDES, (-1,)) for f in frames]))))
+    found = flips(check(Clip(write_clip(tmp_path / "clip", [turned(f, PICTURES, (-1,)) for f in frames]))))
     assert not found
 
 
