@@ -1,15 +1,19 @@
-"""Accuracy of `nte check` on vectors: true positives and false alarms on rendered clips.
+"""Accuracy of `nte check` on vectors and turned guides: true positives and false alarms on rendered clips.
 
-python -m benchmarks.check CLIP_OR_FOLDER…
+python -m benchmarks.check [--turned] CLIP_OR_FOLDER…
 
 Every clip is checked as it is, and with its vectors in other conventions. A clip is used if it is found plausible as it
 is, because it then has enough motion and texture. The table counts, over the used clips, how many wrong conventions are
 named rightly, fail with another reason, or pass. A change that only turns a component that is nearly 0 is not another
 convention, and is left out (median change of the moving vectors below 2 px).
+
+With --turned, guides are turned over instead: the table counts how many are named rightly, and wrongly, with the
+reference and with colour alone.
 """
 
 from collections import Counter
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterable, Sequence
+from itertools import product
 from pathlib import Path
 from typing import Any
 
@@ -17,6 +21,7 @@ import numpy as np
 
 from benchmarks.command import make_parser, run
 from nte.checking import CheckReport, check
+from nte.checking.flips import FLIPS, FRAMES, PICTURES, FlipTally
 from nte.frames.clip import Clip, Pixels, find_clips
 from nte.frames.frame import Frame
 
@@ -81,12 +86,40 @@ def judge(report: CheckReport, words: tuple[str, ...]) -> str:
     return "named" if any(word in report.reason for word in words) else "failed"
 
 
+def turned(folders: Iterable[Path]) -> None:
+    """Print how many guides are said to be turned over, of those that are right and of those that are turned."""
+    counts: Counter[tuple[str, str, str]] = Counter()
+    for folder, light in product(folders, ("reference", "color")):
+        clip = Clip(folder)
+        names = [name for name in (light, "color", *PICTURES) if name in clip.channels]
+        frames = [clip.frame(i, names).torch() for i in range(min(FRAMES, len(clip)))]
+        if light not in clip.channels:
+            continue
+        for how, sides in {"": (), **FLIPS}.items():
+            tally = FlipTally()
+            for frame in frames:
+                tally.add(frame.with_channels(**{name: frame[name].flip(sides) for name in PICTURES if name in frame}))
+            told = {finding.channel: finding.found.endswith(how) and how != "" for finding in tally.judge()}
+            for name in (name for name in PICTURES if name in clip.channels):
+                counts[light, name, "turned" if how else "right"] += 1
+                if name in told:
+                    counts[light, name, "named" if told[name] else "false"] += 1
+    print(f"{'compared with':16}{'guide':8}{'turned':>8}{'named':>8}{'right':>8}{'false':>8}")
+    for light, name in product(("reference", "color"), PICTURES):
+        row = "".join(f"{counts[light, name, key]:8}" for key in ("turned", "named", "right", "false"))
+        print(f"{light:16}{name:8}{row}")
+
+
 def main(arguments: Sequence[str]) -> None:
     """Print the table."""
     parser = make_parser(__doc__)
     parser.add_argument("clips", nargs="+", type=Path)
     parser.add_argument("--only", nargs="+", help="conventions to try", choices=WRONG)
+    parser.add_argument("--turned", action="store_true", help="turn guides over instead of changing vectors")
     options = parser.parse_args(arguments)
+    if options.turned:
+        turned(find_clips(options.clips))
+        return
     right: Counter[str] = Counter()
     table: dict[str, Counter[str]] = {name: Counter() for name in options.only or WRONG}
     for folder in find_clips(options.clips):

@@ -6,6 +6,7 @@ import torch
 import torch.nn.functional as F
 from torch import Tensor
 
+from nte.checking.flips import FLIPS, ORIENTATION
 from nte.checking.values import Finding
 from nte.frames.frame import Frame
 
@@ -46,10 +47,11 @@ class ExposureTally:
         """
         if self._color is None or self._reference is None:
             return
-        as_it_is, *flipped = (_unlike(self._color, self._reference.flip(dims)) for dims in ((), (1,), (2,), (1, 2)))
-        if as_it_is > UNLIKE and min(flipped) < FLIPPED * as_it_is:
-            how = ("upside down", "mirrored left to right", "turned by 180°")[flipped.index(min(flipped))]
-            yield Finding("reference", f"shows the picture of color {how}", "the same orientation in every channel")
+        as_it_is = _unlike(self._color, self._reference)
+        flipped = {how: _unlike(self._color, self._reference.flip(sides)) for how, sides in FLIPS.items()}
+        how = min(flipped, key=lambda how: flipped[how])
+        if as_it_is > UNLIKE and flipped[how] < FLIPPED * as_it_is:
+            yield Finding("reference", f"shows the picture of color {how}", ORIENTATION)
             return
         color, reference = self._color.flatten(), self._reference.flatten()
         if not (float(color.sum()) > 0 and float(reference.sum()) > 0):

@@ -1,14 +1,15 @@
-"""A check that depth, position and normals of one frame belong together: they show the same surfaces.
+"""A check that depth, position, normals and camera of one frame belong together: they show the same surfaces.
 
 The depth of a point along the view axis is a linear function of its position, whatever the camera. Distances from the
 camera and z-buffers are other functions of it. A normal is perpendicular to the surface that neighbouring positions
-span; if a single rotation of all normals makes it so, they are given in another space, such as that of the camera.
+span; if a single rotation of all normals makes it so, they are given in another space, such as that of the camera. A
+camera sees every position in its own pixel. Where there is a camera and no position, position is made from depth.
 """
 
 from collections.abc import Iterator
 from dataclasses import dataclass, field
 from statistics import median
-from typing import NamedTuple
+from typing import NamedTuple, cast
 
 import torch
 from torch import Tensor
@@ -16,6 +17,8 @@ from torch import Tensor
 from nte.checking.cells import ONE_SURFACE
 from nte.checking.values import MANY, Finding
 from nte.frames.frame import Frame
+from nte.motion.camera import points_from_depth, project
+from nte.motion.warp import pixel_centres
 
 FRAMES = 4  # largest number of frames that are looked at
 ENOUGH = 200  # least number of surface points that can tell
@@ -27,6 +30,7 @@ FLAT = 0.02  # points whose least extent is a smaller share of the greatest lie 
 OFF = 0.005  # 1 − cosine to the surface's own normal, on average, from which on normals do not agree with it: 6°
 TURNED = 0.3  # a rotation explains the normals if it leaves at most this share of that
 ALONG = 0.95  # cosine, up to its sign, of normals that agree with the surface
+BESIDE = 2.0  # px: greatest distance at which a camera sees half of the surfaces beside their own pixels
 BUFFER = 0.9  # if nearly all depths lie between this and 1, they look like those of a z-buffer
 FAR = 100.0  # a depth that many pixels share exactly, this many times the median of the others, is no surface
 
@@ -54,6 +58,7 @@ class GeometryTally:
 
     _fits: list[_Fit] = field(default_factory=list)
     _turns: list[_Turn] = field(default_factory=list)
+    _beside: list[float] = field(default_factory=list)  # px: how far from its pixel the camera sees a frame's surface
     _pixels: int = 0
     _alone: int = 0  # pixels that have a depth, but no normal (without normals: no instance)
     _alone_low: float = float("inf")
@@ -63,6 +68,7 @@ class GeometryTally:
     _least: float = float("inf")  # depth that a tenth of a frame's surfaces do not reach
     _constant: int = 0  # pixels that share one large depth exactly
     _frames: int = 0
+    _shown_by: str = "position"  # what tells where surfaces are
     _blank: str = ""  # the channel that shows no surface there
 
     def add(self, frame: Frame) -> None:
@@ -72,12 +78,17 @@ class GeometryTally:
         self._frames += 1
         depth = frame["depth"][0, 0].double().nan_to_num(0, 0, 0)
         self._add_misses(frame, depth)
-        if "position" not in frame:
+        position = _positions(frame)
+        if position is None:
             return
-        position = frame["position"][0].double()
+        self._shown_by = "position" if "position" in frame else "depth and cameras"
         hit = (depth > 0) & position.isfinite().all(0) & (position != 0).any(0)
         if int(hit.sum()) < ENOUGH:
             return
+        if "position" in frame and frame.view is not None and frame.projection is not None:
+            seen = project(position[None], frame.view.double(), frame.projection.double())
+            apart = (seen - pixel_centres(seen))[0, :, hit].norm(dim=0).nan_to_num(float("inf"))
+            self._beside.append(float(apart.median()))
         step = max(1, int(hit.sum()) // SAMPLED)
         fit, axis = _explain(position[:, hit][:, ::step], depth[hit][::step])
         self._fits.append(fit)
@@ -110,6 +121,10 @@ class GeometryTally:
             yield from self._judge_depth()
         if self._turns:
             yield from self._judge_normals()
+        if self._beside and (beside := median(self._beside)) > BESIDE:
+            where = f"{beside:.3g} px beside them" if beside < float("inf") else "behind the camera"
+            expected = "of each frame: view from world space, projection to [0, 1]² with y down; or no cameras"
+            yield Finding("cameras", f"do not see position in its own pixels, but {where}", expected)
 
     def _judge_misses(self) -> Iterator[Finding]:
         expected = "0 for a miss (sky): nte import takes depths from depth.sky on for misses"
@@ -145,11 +160,21 @@ class GeometryTally:
     def _judge_normals(self) -> Iterator[Finding]:
         given, unsigned, turned = (median(turn[i] for turn in self._turns) for i in range(3))
         if given < 0 and unsigned > ALONG:
-            found = "point away from the camera in most pixels, as position shows"
+            found = f"point away from the camera in most pixels, as {self._shown_by} shows"
             yield Finding("normal", found, "normals that face the camera", False)
         elif 1 - given > OFF and 1 - turned < TURNED * (1 - given):
-            found = "not perpendicular to the surfaces of position, but one rotation of all makes them so"
-            yield Finding("normal", found, "world space, as position (normal.space=camera, with cameras)")
+            found = f"not perpendicular to the surfaces of {self._shown_by}, but one rotation of all makes them so"
+            expected = "world space for both (for normals in camera space normal.space=camera, with cameras)"
+            yield Finding("normal", found, expected)
+
+
+def _positions(frame: Frame) -> Tensor | None:
+    """World points (3, H, W) of the surfaces, from position, or else from depth and camera; None without both."""
+    if "position" in frame:
+        return cast(Tensor, frame["position"][0].double())
+    if frame.view is None or frame.projection is None:
+        return None
+    return points_from_depth(frame["depth"].double(), frame.view.double(), frame.projection.double())[0]
 
 
 def _explain(points: Tensor, depth: Tensor) -> tuple[_Fit, Tensor | None]:

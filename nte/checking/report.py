@@ -9,6 +9,7 @@ from torch import Tensor
 
 from nte.checking.cells import cell_votes
 from nte.checking.exposure import ExposureTally
+from nte.checking.flips import ORIENTATION, FlipTally
 from nte.checking.geometry import GeometryTally
 from nte.checking.guides import GuideTally
 from nte.checking.judge import Judgement, Verdict, judge_votes
@@ -122,13 +123,14 @@ def check(clip: Clip | Path | str) -> CheckReport:
     """
     clip = clip if isinstance(clip, Clip) else Clip(clip)
     tallies: dict[str, Tally] = defaultdict(Tally)
-    exposure, guides, geometry, vectors = ExposureTally(), GuideTally(), GeometryTally(), _Vectors()
+    exposure, flips, guides, geometry, vectors = ExposureTally(), FlipTally(), GuideTally(), GeometryTally(), _Vectors()
     voting = {round(1 + i * (len(clip) - 2) / max(PAIRS - 1, 1)) for i in range(PAIRS)}
     previous: Frame | None = None
     for frame in clip:
         current = frame.torch()
         tally_values(tallies, current)
         exposure.add(current)
+        flips.add(current)
         guides.add(current)
         geometry.add(current)
         if previous is not None and "motion" in current:
@@ -136,7 +138,9 @@ def check(clip: Clip | Path | str) -> CheckReport:
         previous = current
     judgement = _judge_vectors(clip, vectors)
     order = judge_order(vectors.orders) if judgement.verdict == "plausible" else ()
-    findings = [*judge_values(tallies), *exposure.judge(), *geometry.judge(), *order, *guides.judge()]
+    light = list(exposure.judge())
+    turned = () if ORIENTATION in (f.expected for f in light) else flips.judge()  # the reference is turned over itself
+    findings = [*judge_values(tallies), *light, *turned, *geometry.judge(), *order, *guides.judge()]
     judgement = _judge(judgement, findings)
     total = Votes()
     for votes in vectors.votes:

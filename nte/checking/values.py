@@ -11,6 +11,7 @@ from nte.frames.channels import CHANNELS
 from nte.frames.frame import Frame
 
 SANITISED = ("radiance", "reflectance")  # kinds whose bad pixels denoisers sanitise
+NEVER_BLACK = ("color", "albedo")  # channels that are 0 everywhere only by mistake
 UNIT_SCALARS = ("roughness", "visibility", "reference_visibility", "time")  # scalars in [0, 1]
 MANY = 0.01  # a greater share of pixels with impossible values is a fault of the channel, not of a few pixels
 MOST = 0.5  # a greater share of vectors longer than four images is a fault: they have another unit
@@ -122,6 +123,8 @@ def _judge(name: str, entry: Tally) -> Iterator[Finding]:
         found = f"longer than four images in {entry.far} pixels of {name}, the first in frame {entry.first_far}"
         expected = "vectors that end in the image, or not far from it; longer ones count as unknown"
         yield Finding(name, found, expected, entry.far > MOST * entry.pixels)
+    if name in NEVER_BLACK and not entry.seen:
+        yield Finding(name, "0 everywhere", "values above 0: it may come from another layer than meant", fault=False)
     if row.kind == "direction":
         yield from _judge_directions(name, entry)
     elif entry.impossible:

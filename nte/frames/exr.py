@@ -2,7 +2,7 @@
 
 from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
-from typing import NamedTuple
+from typing import NamedTuple, TypeVar
 
 import numpy as np
 import numpy.typing as npt
@@ -13,6 +13,7 @@ from nte.files import make_folder, write_whole
 from nte.frames.exr_header import MAGIC, Header, unbelievable, window_size
 from nte.frames.quiet import quiet
 
+Value = TypeVar("Value", bound=np.generic)
 HALF_MAX = 65504.0
 HALF_TINY = 2.0**-14  # smallest normal half float; smaller ones have fewer digits
 
@@ -32,6 +33,7 @@ class Part(NamedTuple):
     view: str  # one view of a stereo image, such as left; empty if the file does not say
     layers: dict[str, npt.NDArray[np.generic]]  # channel name → (H, W), as stored
     views: tuple[str, ...] = ()  # all views of a part that holds several, the default one first
+    outside: npt.NDArray[np.bool_] | None = None  # (H, W): outside the data window, where layers are 0; None: nowhere
 
     def full(self, channel: str) -> str:
         """Return the full layered name of a channel: the part's name is the layer of a channel that names none."""
@@ -164,7 +166,7 @@ def split_views(parts: Iterable[Part]) -> list[Part]:
             *words, component = name.split(".")
             view = words.pop() if words and words[-1] in views else part.views[0]
             views[view][".".join([*words, component])] = pixels
-        cut += [Part(part.name, view, layers) for view, layers in views.items() if layers] or [part]
+        cut += [part._replace(view=v, layers=layers, views=()) for v, layers in views.items() if layers] or [part]
     return cut
 
 
@@ -177,10 +179,12 @@ def _read_part(path: Path, part: OpenEXR.Part, one_of_several: bool) -> Part:
             raise NteError(f"{path}: channel '{name}' is subsampled: expected one value per pixel{chroma}")
     layers = {name: _to_display_window(part.header, channel.pixels) for name, channel in part.channels.items()}
     name = str(part.header.get("name", "")) if one_of_several else ""
-    return Part(name, str(part.header.get("view", "")), layers, tuple(part.header.get("multiView", ())))
+    outside = ~_to_display_window(part.header, np.ones(window_size(part.header["dataWindow"]), np.bool_))
+    view, views = str(part.header.get("view", "")), tuple(part.header.get("multiView", ()))
+    return Part(name, view, layers, views, outside if outside.any() else None)
 
 
-def _to_display_window(header: dict[str, object], pixels: npt.NDArray[np.generic]) -> npt.NDArray[np.generic]:
+def _to_display_window(header: dict[str, object], pixels: npt.NDArray[Value]) -> npt.NDArray[Value]:
     """Place the data window's pixels (inclusive corners, x first) into the display window."""
     data, display = np.array(header["dataWindow"]), np.array(header["displayWindow"])
     if np.array_equal(data, display):

@@ -11,6 +11,7 @@ from nte.errors import NteError
 
 _LARGEST = 1e38  # the largest number that a frame's float32 matrices can hold, roughly
 _FARTHEST = 8.0  # images: a crop may lie beside the view axis, but not this far away
+_CORNER = 0.02  # images: a view axis this close to the upper left corner is the centre of [−1, 1], moved by jitter
 
 
 class Camera(NamedTuple):
@@ -50,7 +51,7 @@ def load_cameras(path: Path, frames: int) -> list[Camera]:
         if np.linalg.det(camera.to_pixels((1, 1))[:, :3]) == 0:
             raise NteError(f"{path}: camera {i}: 'projection' is orthographic: expected that of a perspective camera")
         middle = camera.projection[:2, 2] / camera.projection[3, 2]
-        if not middle.any() or (np.abs(middle) > _FARTHEST).any():
+        if (np.abs(middle) < _CORNER).all() or (np.abs(middle) > _FARTHEST).any():
             raise NteError(
                 f"{path}: camera {i}: 'projection' puts the view axis at {middle[0]:.4g} {middle[1]:.4g}: expected "
                 "[0, 1] over the image from its upper left corner, so about 0.5 0.5; not [−1, 1] and not pixels"

@@ -125,7 +125,6 @@ def with_motion(frames: Iterable[dict[str, Pixels]]) -> Iterator[dict[str, Pixel
 def fill_unknown(frame: Mapping[str, Pixels]) -> dict[str, Pixels]:
     """Fill a frame's unknown (NaN) vectors from neighbours, the nearest in depth first; with 0 if none is known.
 
-    The sky counts as behind everything, so it takes the motion of other sky, or else of the furthest surface.
     Positions that are not finite become 0. Arrays are (C, H, W).
     """
     filled = dict(frame)
@@ -133,20 +132,20 @@ def fill_unknown(frame: Mapping[str, Pixels]) -> dict[str, Pixels]:
         filled["position"] = np.where(np.isfinite(frame["position"]).all(0), frame["position"], 0)
     for name in VECTORS:
         if name in frame and np.isnan(frame[name]).any():
-            depth = frame.get("depth", np.zeros_like(frame[name][:1]))
-            behind = np.float32(2 * depth.max() + 1)
-            filled[name] = _fill(frame[name], np.where(depth > 0, depth, behind))
+            filled[name] = _fill(frame[name], frame.get("depth", np.zeros_like(frame[name][:1])))
     return filled
 
 
 def _fill(motion: Pixels, depth: Pixels) -> Pixels:
     """Fill the NaN pixels of motion (2, H, W), ring by ring, from the neighbour that is nearest in depth (1, H, W).
 
-    Pixels further than _RINGS from anything known take the mean of the known pixels around them.
+    The sky counts as behind everything, so it takes the motion of other sky, or else of the furthest surface. Pixels
+    further than _RINGS from anything known take the mean of the known pixels around them.
     """
     filled = motion.copy()
+    behind = np.where(depth > 0, depth, np.float32(2 * depth.max() + 1))
     for _ in range(_RINGS):
-        _fill_ring(filled, depth[0])
+        _fill_ring(filled, behind[0])
     return _fill_from_coarser(filled)
 
 

@@ -22,7 +22,10 @@ def numbered_files(source: Path, suffix: str) -> dict[int, Path]:
         paths = [source]
     else:
         folder = glob.escape(str(source.parent)) if source.parent.is_dir() else str(source.parent)
-        paths = sorted(path for path in map(Path, glob.glob(f"{folder}/{source.name}")) if is_file_or_lost(path))
+        # Brackets are part of most names that have some: «shot [v2].*.exr» is no set of characters.
+        patterns = (source.name, source.name.replace("[", "[[]"))
+        matches = next(filter(None, (glob.glob(f"{folder}/{pattern}") for pattern in patterns)), [])
+        paths = sorted(path for path in map(Path, matches) if is_file_or_lost(path))
     if not paths:
         what = f"no {suffix} file in it" if source.is_dir() else "does not exist"
         raise NteError(f"{source}: {what}: expected a folder, a file or a quoted pattern of {suffix} frames")

@@ -1,6 +1,7 @@
 """Search for a channel's layers in a foreign EXR file, and decoding of the stored values."""
 
 import re
+from collections import Counter
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -18,7 +19,11 @@ from nte.importing.channel_map import SKY, Source
 
 Stored = Mapping[str, npt.NDArray[np.generic]]  # full layered name → (H, W), float16, float32 or uint32
 _OWN = "."  # stands for the components that belong to no layer: R, G, B
-_SUFFIXES = {2: ("xy", "rg", "uv"), 3: ("rgb", "xyz")}  # names of a layer's components, in order, by their number
+# number of a layer's components → their names, in order; Nuke writes whole words
+_SUFFIXES: dict[int, tuple[Sequence[str], ...]] = {
+    2: ("xy", "rg", "uv", ("red", "green")),
+    3: ("rgb", "xyz", ("red", "green", "blue")),
+}
 _CHROMA = {"r", "g", "b", "x", "ry", "by"}  # beside any of these, Y is not a grey image
 _DARK = 1e-3  # a surface with a colour below this has no such lobe
 _LISTED = 40  # largest number of a file's channels that an error names
@@ -70,10 +75,26 @@ def places(path: Path, parts: Sequence[Part], source: Source) -> Mapping[str, Pl
 
     Raises NteError as `choose` does.
     """
-    numbered: list[Any] = [
-        (part.name, part.view, {n: (i, n) for n in part.layers}, part.views) for i, part in enumerate(parts)
-    ]
-    return choose(path, [Part(*part) for part in numbered], source)  # type: ignore[return-value]  # looks at no pixels
+    numbered: list[Any] = [part._replace(layers={n: (i, n) for n in part.layers}) for i, part in enumerate(parts)]  # type: ignore[misc]
+    return choose(path, numbered, source)  # type: ignore[return-value]  # looks at no pixels
+
+
+def outside(path: Path, parts: Sequence[Part], source: Source, found: Found) -> npt.NDArray[np.bool_] | None:
+    """Mark the pixels (H, W) of a channel that lie outside the data windows of its layers; None if there are none.
+
+    Nothing is stored there: the layers' zeros are no values, and must not be decoded.
+    """
+    if all(part.outside is None for part in parts):
+        return None
+
+    def mask(part: Part) -> npt.NDArray[np.bool_]:
+        size = next(iter(part.layers.values())).shape
+        return np.zeros(size, np.bool_) if part.outside is None else part.outside
+
+    marked = [part._replace(layers=dict.fromkeys(part.layers, mask(part))) for part in parts if part.layers]
+    masks = choose(path, marked, source)
+    empty = [np.any([masks[name] for name in names], axis=0) for names in found.names]
+    return np.asarray(np.all(empty, axis=0))
 
 
 def prefixes(stored: Stored, name: str, source: Source, ignored: Sequence[str]) -> list[str]:
@@ -133,19 +154,32 @@ def read(stored: Stored, name: str, source: Source, found: Found) -> npt.NDArray
     if kind == "depth":  # what cannot be stored: the sky of writers that clamp
         clamped = stored[found.names[0][0]].dtype == np.float16 and np.abs(values) >= HALF_MAX
         values = np.where(clamped, np.inf, values)
-    unknown = [float(value) for value in source.unknown if value != SKY]
     if name in VECTORS:
         values = np.where(np.isfinite(values).all(0), values, np.nan)
+    rounded = np.float16 if stored[found.names[0][0]].dtype == np.float16 else np.float32  # as the file has it
+    with np.errstate(over="ignore"):
+        unknown = [np.float32(rounded(value)) for value in source.unknown if value != SKY]
     for value in unknown:
-        values = np.where((values == np.float32(value)).all(0), np.nan, values)
+        values = np.where((values == value).all(0), np.nan, values)
     if (source.scale, source.offset) == ([1], [0]):
         return values
     with np.errstate(over="ignore"):  # what exceeds float32 becomes infinite: a miss, or a bad pixel
         return np.asarray(values * scale + offset, np.float32)
 
 
-def missing(path: Path, stored: Stored, name: str, source: Source) -> NteError:
-    """Make the error for a channel that `find` did not find; it lists what the file has."""
+def step(stored: Stored, source: Source, found: Found) -> float:
+    """Measure the steps in which a channel is stored in half floats: their median, decoded; 0 for other types."""
+    planes = [stored[name] for name in found.names[0] if stored[name].dtype == np.float16]
+    if not planes:
+        return 0.0
+    steps = np.spacing(np.abs(np.stack(planes).clip(-HALF_MAX / 2, HALF_MAX / 2))).astype(np.float64)
+    return float(np.nanmedian(steps) * max(map(abs, source.scale)))
+
+
+def missing(
+    path: Path, stored: Stored, name: str, source: Source, prefix: str = "", parts: Sequence[Part] = ()
+) -> NteError:
+    """Make the error for a channel that `find` did not find; it lists what the file has, its views among it."""
     count = len(CHANNELS[name].components)
     wanted = " ".join(source.layer) if source.layer not in ([], [_OWN]) else "components without a layer"
     have = sorted(stored)
@@ -154,8 +188,11 @@ def missing(path: Path, stored: Stored, name: str, source: Source) -> NteError:
     hint = ""
     if count == 1 and len(source.layer) == 1 and len(_below(stored, source.layer[0])) > 1:
         hint = ", of which the map may name one by its full name"
-    parts = f"{count} components" if count > 1 else "1 component"
-    return NteError(f"{path}: no {wanted} for '{name}' ({parts}); the file has {listed}{hint}")
+    if not source.view and (views := [view for part in parts for view in part.views]):
+        hint = f"; it has the views {', '.join(views)}: choose one with view=NAME"
+    needed = f"{count} components" if count > 1 else "1 component"
+    below = f" with the prefix '{prefix}'" if prefix else ""
+    return NteError(f"{path}: no {wanted}{below} for '{name}' ({needed}); the file has {listed}{hint}")
 
 
 def _of_layers(stored: Stored, row: Channel, layer: Sequence[str], prefix: str) -> tuple[str, ...]:
@@ -193,10 +230,14 @@ def _components(stored: Stored, row: Channel, layer: str) -> tuple[str, ...]:
 
 
 def _below(stored: Stored, layer: str) -> dict[str, str]:
-    """Component in lower case → full name, for one layer or for channels without a layer."""
-    if layer == _OWN:
-        return {key.lower(): key for key in stored if "." not in key}
-    return {key[len(layer) + 1 :].lower(): key for key in stored if key.startswith(f"{layer}.")}
+    """Component in lower case → full name, for one layer or for channels without a layer.
+
+    A component that is there in both cases (R and r) is left out: nobody knows which one is meant.
+    """
+    start = 0 if layer == _OWN else len(layer) + 1
+    full = [key for key in stored if ("." not in key if layer == _OWN else key.startswith(f"{layer}."))]
+    count = Counter(key[start:].lower() for key in full)
+    return {key[start:].lower(): key for key in full if count[key[start:].lower()] == 1}
 
 
 def _common_layer(names: Sequence[str]) -> str:

@@ -10,6 +10,7 @@ from nte.frames.channels import CHANNELS
 from nte.frames.clip import Pixels
 
 _CUT = -0.1, 2.1  # albedo beyond this range has another scale; a specular and a transmitted colour add up to 2
+_COARSE = 0.1  # px: vectors in steps above this are worth a word
 _MANY = 0.01  # share of the pixels beyond that range from which on the user is told
 
 
@@ -67,6 +68,23 @@ class LostValues:
         if self._depth.known and not self._hits:
             hint = "see depth.scale, negative where depth counts downwards, and depth.sky"
             yield f"no pixel shows a surface: depth is stored as {self._depth}: {hint}"
+
+
+class CoarseVectors:
+    """Record of vectors that are stored in coarse steps: half floats around 0.5 are 1 px of a full HD image apart."""
+
+    def __init__(self) -> None:
+        self._steps: dict[str, float] = {}
+
+    def look(self, name: str, step: float) -> None:
+        """Add a channel of vectors of a frame, whose values are `step` pixels apart."""
+        self._steps[name] = max(step, self._steps.get(name, 0.0))
+
+    def notes(self) -> Iterator[str]:
+        """Write a line for each channel whose steps are greater than a tenth of a pixel."""
+        for name, step in self._steps.items():
+            if step > _COARSE:
+                yield f"coarse: {name} is stored in half floats, in steps of {step:.2g} px: write 32-bit floats"
 
 
 class Range:

@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 
 from nte.errors import NteError
-from nte.frames.channels import CHANNELS
+from nte.frames.channels import CHANNELS, VECTORS
 from nte.frames.clip import Pixels
 from nte.frames.exr import Part, read_parts
 from nte.frames.exr_copy import Place
@@ -15,11 +15,23 @@ from nte.frames.frame import About, Array
 from nte.frames.numbering import by_number
 from nte.importing.cameras import Camera, load_cameras
 from nte.importing.channel_map import ChannelMap, Source, find_map, load_channel_map, needs_camera
-from nte.importing.convert import fill_unknown, to_ours, with_motion
+from nte.importing.convert import convert_vectors, fill_unknown, to_ours, with_motion
 from nte.importing.files import files_of_pattern, numbered_files
 from nte.importing.ids import Ids
-from nte.importing.layers import Found, Stored, choose, find, find_prefix, missing, partly_there, places, read
-from nte.importing.notes import LostValues, OddValues
+from nte.importing.layers import (
+    Found,
+    Stored,
+    choose,
+    find,
+    find_prefix,
+    missing,
+    outside,
+    partly_there,
+    places,
+    read,
+    step,
+)
+from nte.importing.notes import CoarseVectors, LostValues, OddValues
 from nte.importing.sky import with_sky_motion
 from nte.importing.still import with_still_geometry
 
@@ -55,7 +67,7 @@ class ForeignSequence:
         self.cameras: list[Camera] = load_cameras(_beside(self.map, how.cameras), len(self)) if how.cameras else []
         self.ids = Ids()
         self.first: dict[str, tuple[Path, Found | None]] = {}
-        self.odd, self.lost = OddValues(), LostValues()
+        self.odd, self.lost, self.coarse = OddValues(), LostValues(), CoarseVectors()
 
     def __len__(self) -> int:
         return len(self.inputs[0].files)
@@ -138,14 +150,21 @@ class ForeignSequence:
         prefix = self._prefix(channel, index, stored)
         found = find(stored, name, source, prefix)
         if found is None and (channel.needed or partly_there(stored, source, prefix)):
-            raise missing(path, stored, name, source)
+            raise missing(path, stored, name, source, prefix, parts)
         first_path, first = self.first.setdefault(name, (path, found))
         if found != first:
             self._refuse_change(name, (first_path, first), (path, found))
         if found is None:
             return None
         values = read(stored, name, source, found)
-        return self.ids.keep(values) if CHANNELS[name].kind == "id" else values
+        if (empty := outside(path, parts, source, found)) is not None:
+            values = np.where(empty, np.nan if name in VECTORS or CHANNELS[name].nan_means else 0, values)
+        if name in VECTORS:
+            pixels = convert_vectors(np.ones_like(values), getattr(self.how, name).convention())
+            self.coarse.look(name, step(stored, source, found) * float(np.abs(pixels).max()))
+        if CHANNELS[name].kind == "id":
+            return self.ids.keep(values, half=stored[found.names[0][0]].dtype == np.float16)
+        return values
 
     def _prefix(self, channel: Input, index: int, stored: Stored) -> str:
         """The prefix of the layers' names in the file of frame `index` that holds `channel`.
@@ -188,6 +207,7 @@ class ForeignSequence:
         yield f"read {', '.join(taken)}"
         yield from self.odd.notes()
         yield from self.lost.notes()
+        yield from self.coarse.notes()
         if self.how.still and self.has("position"):
             made = [name for name in ("depth", "motion") if not self.has(name)]
             yield f"made from position, as if only the camera moves: {' and '.join(made) or 'nothing'}"
@@ -195,6 +215,9 @@ class ForeignSequence:
             yield "made from forward_motion: motion"
         if self.ids.renumbered:
             yield f"renumbered: {len(self.ids.renumbered)} ids of instance, which are no small whole numbers"
+        if self.ids.rounded:
+            where = f"{self.ids.rounded} pixels of instance hold ids above 2047 in half floats"
+            yield f"rounded: {where}, which leave out every second one: store 32 bits"
         if self.ids.averaged:
             where = f"{self.ids.averaged} pixels of instance hold fractions beside whole ids"
             yield f"averaged: {where}, so they show no object: store ids without a pixel filter"

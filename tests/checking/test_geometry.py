@@ -9,7 +9,7 @@ import pytest
 from nte.checking import CheckReport, check
 from nte.frames.clip import Clip
 from nte.importing.convert import unit
-from tests.checking.room import SIZE, camera, distances, room_frame
+from tests.checking.room import FOCAL, SIZE, Floats, camera, distances, room_frame
 from tests.synthetic import Pixels, write_clip
 
 Change = Callable[[dict[str, Pixels], int], dict[str, Pixels]]
@@ -18,12 +18,26 @@ FRAMES = [room_frame(i) for i in range(4)]
 Z_TURNED = np.array([[1.0], [1.0], [-1.0]])  # view space that looks along −z
 
 
-def checked(folder: Path, change: Change, without: tuple[str, ...] = ()) -> CheckReport:
+def checked(folder: Path, change: Change, without: tuple[str, ...] = (), **info: object) -> CheckReport:
     frames = []
     for i, right in enumerate(FRAMES):
         frame = right | {name: np.asarray(values, np.float32) for name, values in change(right, i).items()}
         frames.append({name: values for name, values in frame.items() if name not in without})
-    return check(Clip(write_clip(folder / "clip", frames)))
+    return check(Clip(write_clip(folder / "clip", frames, **info)))
+
+
+def cameras(change: Callable[[Floats, Floats], tuple[Floats, Floats]]) -> list[dict[str, object]]:
+    """The cameras of the room for clip.json, with `change` applied to each view and projection."""
+    found: list[dict[str, object]] = []
+    for i in range(len(FRAMES)):
+        place, axes = camera(i)
+        view, projection = np.eye(4), np.zeros((4, 4))
+        view[:3, :3], view[:3, 3] = axes, -axes @ place
+        projection[[0, 1, 2, 3], [0, 1, 2, 2]] = FOCAL / SIZE[1], -FOCAL / SIZE[0], 1, 1
+        projection[:2, 2], projection[2, 3] = 0.5, -0.1
+        view, projection = change(view, projection)
+        found.append({"view": view.tolist(), "projection": projection.tolist()})
+    return found
 
 
 def sky_at(value: float) -> Change:
@@ -90,6 +104,39 @@ def test_a_wall_alone_says_nothing_of_sides(tmp_path: Path) -> None:
         frame = {key: np.float32(values) for key, values in (wall | {"normal": normal}).items()}
         report = check(Clip(write_clip(tmp_path / name, [FRAMES[0] | frame] * 2)))
         assert [f.found for f in report.findings if f.channel in ("normal", "depth")] == []
+
+
+@pytest.mark.parametrize("without", [(), ("position",)])
+def test_cameras_that_are_right_agree_with_surfaces(tmp_path: Path, without: tuple[str, ...]) -> None:
+    report = checked(tmp_path, lambda f, i: {}, without, cameras=cameras(lambda v, p: (v, p)))
+    assert report.verdict == "plausible"
+    assert [f for f in report.findings if f.channel in ("cameras", "normal", "depth")] == []
+
+
+@pytest.mark.parametrize(
+    ("change", "told"),
+    [
+        (lambda v, p: (np.linalg.inv(v), p), "cameras: do not see position in its own pixels, but"),
+        (lambda v, p: (np.diag([1, 1, -1, 1]) @ v, p), "but behind the camera"),
+        (lambda v, p: (v, np.diag([1, -1, 1, 1]) @ p), "cameras: do not see position in its own pixels, but"),
+        (lambda v, p: (v, p + 0.05 * np.eye(4)[[0]].T @ np.eye(4)[[2]]), "pixels, but 4.8 px beside them"),
+    ],
+    ids=["camera to world", "looks backwards", "y up", "shifted"],
+)
+def test_cameras_see_positions_in_their_own_pixels(
+    tmp_path: Path, change: Callable[[Floats, Floats], tuple[Floats, Floats]], told: str
+) -> None:
+    report = checked(tmp_path, lambda f, i: {}, cameras=cameras(change))
+    assert report.verdict == "implausible"
+    assert told in report.reason
+
+
+@pytest.mark.parametrize("turned", [1.0, Z_TURNED])
+def test_normals_of_another_space_are_told_by_depth_and_cameras(tmp_path: Path, turned: Pixels | float) -> None:
+    """V-Ray's normals have z out of the screen; the cameras given with them may look along +z."""
+    right = cameras(lambda v, p: (v, p))
+    report = checked(tmp_path, lambda f, i: in_view(f, i, turned), ("position",), cameras=right)
+    assert "normal: not perpendicular to the surfaces of depth and cameras, but one rotation" in report.reason
 
 
 def test_normals_that_point_away_are_a_note(tmp_path: Path) -> None:

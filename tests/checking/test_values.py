@@ -113,3 +113,9 @@ def test_an_albedo_of_the_sky_shows_no_surface(tmp_path: Path) -> None:
     sky = {"albedo": np.ones((3, 64, 96)), "depth": np.zeros((1, 64, 96))}
     report = checked(tmp_path, lambda f, i: {**sky, "normal": 0 * f["normal"], "instance": sky["depth"]})
     assert [finding for finding in report.findings if finding.channel == "depth"] == []
+
+
+def test_an_albedo_that_is_black_is_told(tmp_path: Path) -> None:
+    report = checked(tmp_path, lambda f, i: {"albedo": 0 * f["albedo"], "emission": 0 * f["albedo"]})
+    assert "note: albedo: 0 everywhere; expected values above 0" in describe(report)
+    assert [finding for finding in report.findings if finding.channel == "emission"] == []

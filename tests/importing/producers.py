@@ -57,13 +57,22 @@ def rays(size: tuple[int, int]) -> Pixels:
     return np.stack([x, y, np.ones_like(x)])
 
 
+def looked_at_from_aside(frames: Sequence[dict[str, Pixels]]) -> npt.NDArray[np.float64]:
+    """Turn the world of `scene` about the camera, in place; returns the view (4, 4) that still faces the wall."""
+    view = np.eye(4)
+    view[:3, :3] = rotation(0.7)
+    for frame in frames:
+        towards = np.where(frame["depth"] > 0, frame["normal"] * np.reshape([1, 1, -1], (3, 1, 1)), 0)
+        frame["normal"] = np.einsum("ji,jhw->ihw", view[:3, :3], towards).astype(np.float32)
+    return view
+
+
 def engine(folder: Path, frames: Sequence[dict[str, Pixels]]) -> tuple[Path, Path]:
-    """An engine of its own mind: (folder of EXR files, channel map).
+    """An engine of its own mind: (folder of EXR files, channel map). The frames get other normals.
 
     Motion in uv, y upwards, from the previous frame; normals in camera space; ray length in centimetres.
     """
-    view = np.eye(4)
-    view[:3, :3] = rotation(0.7)
+    view = looked_at_from_aside(frames)
     half = np.tan(np.radians(FOV) / 2)
     projection = np.array(
         [[0.5 / half * SIZE[0] / SIZE[1], 0, 0.5, 0], [0, -0.5 / half, 0.5, 0], [0, 0, 1.001, -0.1], [0, 0, 1, 0]]

@@ -96,7 +96,7 @@ def test_what_the_compositor_made_counts_only_alone(tmp_path: Path) -> None:
     [
         (["R", "G", "B"], "no Noisy Image | Combined for 'color' (3 components); the file has B, G, R"),
         ([f"{a}.Combined.{c}" for a in "AB" for c in "RGB"], "has the layers A, B: choose one with prefix=NAME"),
-        ([*(f"A.Combined.{c}" for c in "RGB"), "A.Vector.X"], "no Vector.X Vector.Y for 'motion'"),
+        ([*(f"A.Combined.{c}" for c in "RGB"), "A.Vector.X"], "no Vector.X Vector.Y with the prefix 'A' for 'motion'"),
     ],
 )
 def test_other_files_are_refused(

@@ -28,7 +28,7 @@ from nte.importing.channel_map import (
     load_channel_map,
 )
 from nte.importing.exr import import_exr
-from nte.importing.files import files_of_pattern
+from nte.importing.files import files_of_pattern, numbered_files
 from nte.importing.ids import UNNAMED, Ids
 from tests.importing.producers import SIZE, SKY_ROWS, named, rotation, scene, write_layers, write_map
 from tests.synthetic import Pixels
@@ -235,6 +235,16 @@ def test_ids_that_were_averaged_are_told_and_hashes_are_not(tmp_path: Path, caps
         assert ("averaged: 24 pixels of instance" in capsys.readouterr().out) is told
 
 
+def test_ids_that_half_floats_round_are_told(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    ids = np.repeat(np.array([1, 2047, 2049, 3000], np.float64)[None], 6, 0)
+    for kind, told in ((np.float16, True), (np.float32, False)):
+        (tmp_path / np.dtype(kind).name).mkdir()
+        layers = image("R", "G", "B", size=ids.shape) | {"ID": ids.astype(kind)}
+        source = write(tmp_path / np.dtype(kind).name / "shots", [layers])
+        imported(source.parent, source, {"channels": COLOR | {"instance": "ID"}})
+        assert ("rounded: 12 pixels of instance" in capsys.readouterr().out) is told
+
+
 def test_depths_at_the_end_of_half_floats_are_the_sky(tmp_path: Path) -> None:
     depth = np.full(SMALL, 3.0)
     depth[0], depth[1] = 65504.0, 65472.0
@@ -287,6 +297,37 @@ def test_unknown_vectors_are_those_of_neighbours_at_their_depth(
         np.testing.assert_allclose(found[:, SKY_ROWS:], frame["motion"][:, SKY_ROWS:], atol=1e-5)
 
 
+def test_half_floats_hold_a_rounded_value_for_unknown(tmp_path: Path) -> None:
+    frames = moving(holes(-12345.0))  # -12344 in half floats
+    for layers in frames:
+        layers |= {name: layers[name].astype(np.float16) for name in ("v.x", "v.y")}
+    channels = COLOR | {"motion": {"layer": "v", "unknown": -12345}, "depth": "z"}
+    clip = imported(tmp_path, write(tmp_path / "shots", frames), {"channels": channels})
+    assert np.abs(clip.frame(1)["motion"]).max() < 10
+
+
+@pytest.mark.parametrize(
+    ("kind", "scale", "told"),
+    [
+        (np.float16, 2.0, "motion is stored in half floats, in steps of 0.62 px"),
+        (np.float32, 2.0, ""),
+        (np.float16, 1, ""),
+    ],
+)
+def test_vectors_in_coarse_steps_are_told(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], kind: type[np.floating[Any]], scale: float, told: str
+) -> None:
+    """Vectors around 0.5 that stand for the whole image: half floats above 0.5 are 1/2048 apart."""
+    encoded = np.full((4, 640), 0.51, kind)
+    vectors = encoded if scale == 2 else np.full((4, 640), 0.01, kind)
+    layers = image("R", "G", "B", size=(4, 640)) | {"v.x": vectors, "v.y": vectors}
+    channels = COLOR | {"motion": {"layer": "v", "scale": scale, "offset": 1 - scale}}
+    imported(tmp_path, write(tmp_path / "shots", [layers] * 2), {"channels": channels, "motion": {"unit": "uv"}})
+    said = capsys.readouterr().out
+    assert told in said
+    assert ("coarse: " in said) is bool(told)
+
+
 def test_large_unknown_regions_move_like_what_is_around_them_and_do_not_take_long(tmp_path: Path) -> None:
     y, x = np.mgrid[:300, :400].astype(np.float32)
     motion = np.stack([3 + 0.01 * x, -2 + 0.01 * y])
@@ -303,6 +344,59 @@ def test_large_unknown_regions_move_like_what_is_around_them_and_do_not_take_lon
         assert sky.max() <= component.max() + 1e-4
     assert np.abs(found[1, :200] - motion[1, 200]).max() < 0.3  # nearer to the surfaces below than to their far end
     assert np.abs(found[0, 195] - motion[0, 195]).max() < 0.2
+
+
+def cut(folder: Path, frames: Sequence[Layers], rows: slice, columns: slice, parts: bool = False) -> Path:
+    """Files that store only a window of the picture; parts: each layer in a part of its own, color without a window."""
+    folder.mkdir(parents=True)
+    for i, layers in enumerate(frames, start=1):
+        height, width = next(iter(layers.values())).shape
+        whole = (np.array([0, 0], np.int32), np.array([width - 1, height - 1], np.int32))
+        low = np.array([columns.start, rows.start], np.int32)
+        window = (low, np.array([columns.stop - 1, rows.stop - 1], np.int32))
+        header = {"type": OpenEXR.scanlineimage, "displayWindow": whole, "dataWindow": window}
+        inside = {n: np.ascontiguousarray(plane[rows, columns], np.float32) for n, plane in layers.items()}
+        written = [OpenEXR.Part(header, inside, "all")]
+        if parts:
+            light = {n: np.ascontiguousarray(layers[n], np.float32) for n in "RGB"}
+            others = {n: plane for n, plane in inside.items() if n not in light}
+            written = [OpenEXR.Part({**header, "dataWindow": whole}, light, "light")]
+            written.append(OpenEXR.Part(header, others, "guides"))
+        with OpenEXR.File(written) as file:
+            file.write(str(folder / f"shot.{i}.exr"))
+    return folder
+
+
+@pytest.mark.parametrize("parts", [False, True])
+def test_what_is_not_stored_is_not_decoded(tmp_path: Path, parts: bool) -> None:
+    """Outside the data window there is no vector, no surface and no light, however values are encoded."""
+    frames = []
+    for f in scene(3):
+        layers = dict(zip("RGB", f["color"], strict=True)) | named("v", "XY", f["motion"] / 128 + 0.5)
+        layers |= named("n", "XYZ", f["normal"] / 2 + 0.5) | named("a", "RGB", 1 - f["albedo"])
+        frames.append(layers | {"d.z": f["depth"][0] - 1, "i.id": f["instance"][0] - 1})
+    rows, columns = slice(6, 40), slice(10, 60)
+    source = cut(tmp_path / "shots", frames, rows, columns, parts)
+    channels = {"color": {"layer": ["R", "G", "B"], "part": "light"} if parts else "."}
+    channels |= {
+        "motion": {"layer": "v", "scale": 128, "offset": -64},
+        "normal": {"layer": "n", "scale": 2, "offset": -1},
+        "albedo": {"layer": "a", "scale": -1, "offset": 1},
+        "depth": {"layer": "d", "offset": 1},
+        "instance": {"layer": "i", "offset": 1},
+    }
+    clip = imported(tmp_path, source, {"channels": channels})
+    inside = np.zeros(SIZE, bool)
+    inside[rows, columns] = True
+    for index, frame in enumerate(scene(3)):
+        found = clip.frame(index)
+        for name in ("normal", "albedo", "depth", "instance"):
+            hit = inside & ((frame["depth"][0] > 0) | (name in ("albedo", "depth")))
+            np.testing.assert_allclose(found[name][0][:, hit], frame[name][:, hit], atol=2e-3, err_msg=name)
+            assert not found[name][0][:, ~inside].any(), name
+        np.testing.assert_allclose(found["motion"][0][:, inside], frame["motion"][:, inside], atol=1e-4)
+        assert np.abs(found["motion"]).max() < 10  # the vectors of neighbours, not those that zeros decode to
+        assert found["color"][0][:, ~inside].any() == parts
 
 
 def test_a_value_that_is_not_said_to_be_unknown_is_kept(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
@@ -339,6 +433,54 @@ def test_grey_images_and_scalars_stored_as_grey(tmp_path: Path) -> None:
     clip = imported(tmp_path, write(tmp_path / "shots", [layers] * 2), {"channels": {"color": ".", "roughness": "r"}})
     np.testing.assert_allclose(clip.frame(0)["color"][0], np.stack([grey["Y"]] * 3), rtol=1e-3)
     np.testing.assert_allclose(clip.frame(0)["roughness"][0, 0], rough, atol=1e-3)
+
+
+def test_components_named_in_whole_words(tmp_path: Path) -> None:
+    layers = image("R", "G", "B", "kd.red", "kd.green", "kd.blue", "mv.red", "mv.green")
+    about = {"channels": {"color": ".", "albedo": "kd", "motion": "mv"}}
+    found = imported(tmp_path, write(tmp_path / "shots", [layers]), about).frame(0)
+    np.testing.assert_allclose(found["albedo"][0], [layers[f"kd.{c}"] for c in ("red", "green", "blue")], rtol=1e-3)
+    np.testing.assert_array_equal(found["motion"][0], [layers[f"mv.{c}"] for c in ("red", "green")])
+
+
+def test_a_component_in_both_cases_is_not_guessed(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    layers = image("C.R", "C.G", "C.B", "C.r", "C.g", "C.b", "Z", "z", "N.x", "N.y", "N.z")
+    source = write(tmp_path / "shots", [layers])
+    said = refused(tmp_path, source, {"channels": {"color": "C"}}, capsys)
+    assert "no C for 'color' (3 components); the file has C.B, C.G, C.R, C.b, C.g, C.r, " in said
+    found = imported(tmp_path, source, {"channels": {"color": ["C.r", "C.g", "C.b"], "depth": "z", "normal": "N"}})
+    np.testing.assert_array_equal(found.frame(0)["depth"][0, 0], layers["z"])
+
+
+def test_a_prefix_that_fits_nothing_is_named(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    source = write(tmp_path / "shots", [image("VL.C.R", "VL.C.G", "VL.C.B")])
+    said = refused(tmp_path, source, {"channels": {"color": "C"}, "prefix": "VL."}, capsys)
+    assert "no C with the prefix 'VL.' for 'color'" in said
+
+
+@pytest.mark.parametrize("change", [(), ("view=left",)])
+def test_a_part_with_two_views_tells_how_to_choose_one(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], change: tuple[str, ...]
+) -> None:
+    """Blender 4's stereo files: every channel's name has its view."""
+    layers = image(*(f"Combined.{view}.{c}" for view in ("left", "right") for c in "RGB"))
+    (tmp_path / "shots").mkdir()
+    with OpenEXR.File({"type": OpenEXR.scanlineimage, "multiView": ["left", "right"]}, dict(layers)) as file:
+        file.write(str(tmp_path / "shots" / "shot.1.exr"))
+    about = {"channels": {"color": "Combined"}}
+    if change:
+        assert imported(tmp_path, tmp_path / "shots", about, *change).channels == ("color",)
+    else:
+        said = refused(tmp_path, tmp_path / "shots", about, capsys)
+        assert said.endswith("it has the views left, right: choose one with view=NAME")
+
+
+def test_brackets_in_a_pattern_stand_for_themselves_if_they_are_no_set(tmp_path: Path) -> None:
+    folder = write(tmp_path / "größe [a]", [image("R", "G", "B")] * 2, "shot [v2] ä")
+    write(folder, [image("R", "G", "B")] * 3, "other")
+    assert len(numbered_files(folder / "shot [v2] ä.*.exr", ".exr")) == 2
+    assert len(numbered_files(folder / "shot [[]v2] ä.*.exr", ".exr")) == 2
+    assert len(numbered_files(folder / "[op]ther.*.exr", ".exr")) == 3
 
 
 def test_sums_of_layers(tmp_path: Path) -> None:

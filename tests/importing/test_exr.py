@@ -15,6 +15,7 @@ from nte.files import temporary_name
 from nte.frames.clip import Clip
 from nte.frames.exr import read_exr, write_exr
 from nte.importing.channel_map import load_channel_map
+from nte.importing.convert import with_motion
 from nte.importing.write import write_imported
 from tests.importing.producers import MOVING, engine, named, scene, write_layers, write_map
 from tests.synthetic import disc_frame
@@ -129,6 +130,16 @@ def test_hidden_pixels_move_like_the_neighbour_at_their_depth(tmp_path: Path) ->
     assert wrong.mean() < 0.02  # half pixels at the rim of the disc
 
 
+def test_the_sky_is_behind_what_forward_vectors_leave_open() -> None:
+    """A hole on a surface before a wall and the sky: the wall is nearer to it in depth, although the sky's is 0."""
+    depth = np.float32([[[0, 0, 3, 7, 7]]])
+    forward = np.zeros((2, 1, 5), np.float32)
+    forward[0] = 0.25, 0.25, 100, -0.25, -0.25
+    frame = {"color": np.ones((3, 1, 5), np.float32), "depth": depth, "forward_motion": forward}
+    *_, found = with_motion([frame, frame])
+    np.testing.assert_array_equal(found["motion"][0], [[-0.25, -0.25, 0.25, 0.25, 0.25]])
+
+
 def test_what_is_missing_is_said(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     source, map_path = engine(tmp_path, scene(2))
     change(map_path, channels={"channels": None})
@@ -174,6 +185,9 @@ def camera_that(
     return harm
 
 
+TAA = np.array([[0, 0, 0.008, 0], [0, 0, -0.005, 0], [0] * 4, [0] * 4])  # moves a projection by a part of a pixel
+
+
 @breaking(
     unknown_key=(set_map(directions="to"), "directions"),
     unknown_group_key=(set_map(motion={"sign": 1}), "motion.sign"),
@@ -196,6 +210,12 @@ def camera_that(
     cameras_to_ndc=(
         camera_that(projection=lambda m: np.array([[2, 0, 0, -1], [0, -2, 0, 1], [0, 0, 1, 0], [0, 0, 0, 1]]) @ m),
         "camera 0: 'projection' puts the view axis at 0 0: expected [0, 1]",
+    ),
+    cameras_to_ndc_with_jitter=(
+        camera_that(
+            projection=lambda m: np.array([[2, 0, 0, -1], [0, -2, 0, 1], [0, 0, 1, 0], [0, 0, 0, 1]]) @ m + TAA
+        ),
+        "camera 0: 'projection' puts the view axis at 0.008 -0.005: expected [0, 1]",
     ),
     cameras_in_pixels=(
         camera_that(projection=lambda m: np.diag([64, 48, 1, 1]) @ m),

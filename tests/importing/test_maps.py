@@ -14,7 +14,18 @@ from nte.frames.clip import Clip
 from nte.frames.exr import read_layers, write_exr
 from nte.importing.cameras import camera_of_fov
 from nte.importing.channel_map import MAPS, find_map, load_channel_map
-from tests.importing.producers import FOV, SIZE, SKY_ROWS, named, rays, rotation, scene, write_layers
+from nte.importing.recognise import recognise
+from tests.importing.producers import (
+    FOV,
+    SIZE,
+    SKY_ROWS,
+    looked_at_from_aside,
+    named,
+    rays,
+    rotation,
+    scene,
+    write_layers,
+)
 from tests.synthetic import Pixels, smooth_texture
 
 Frames = Sequence[dict[str, Pixels]]
@@ -38,8 +49,7 @@ def mitsuba(folder: Path, frames: Frames) -> tuple[Path, list[str]]:
 
 
 def vray(folder: Path, frames: Frames) -> tuple[Path, list[str]]:
-    view = np.eye(4)
-    view[:3, :3] = rotation(0.7)
+    view = looked_at_from_aside(frames)
     cameras = [{"view": view.tolist(), "projection": camera_of_fov(FOV, SIZE).projection.tolist()}] * len(frames)
     (folder / "cameras.json").write_text(json.dumps(cameras))
     written = [
@@ -311,6 +321,18 @@ def test_every_map_that_ships_can_be_loaded_and_names_its_source() -> None:
         assert "ocumented" in text
         assert load_channel_map(path).optional
         assert set(yaml.safe_load(text)["channels"]) >= {"color", "albedo", "normal"}
+
+
+def test_maps_are_parsed_once_however_many_files_are_looked_at(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    source, _ = arnold(tmp_path, scene(2))
+    paths = sorted(source.iterdir())
+    assert recognise(paths[0]) == "arnold"
+
+    def parse(path: Path) -> None:
+        raise AssertionError(f"{path} is parsed again")
+
+    monkeypatch.setattr("nte.importing.recognise.load_channel_map", parse)
+    assert recognise(paths[1]) == "arnold"
 
 
 def test_an_unknown_map_lists_what_there_is(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:

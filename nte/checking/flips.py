@@ -1,0 +1,106 @@
+"""A check that guides show the picture the same way up as the light: their edges must lie where its edges lie.
+
+The edges of a guide are correlated with those of the reference, or else of the colour, at every displacement of the
+two pictures. Where a guide is right, the correlation has its peak at no displacement. If the guide is the right way up
+only after it has been turned over, the peak is there instead: so sharp a peak at just that place is no coincidence.
+"""
+
+from collections.abc import Iterator
+
+import torch
+import torch.nn.functional as F
+from torch import Tensor
+
+from nte.checking.values import Finding
+from nte.frames.channels import GUIDES
+from nte.frames.frame import Frame
+
+FLIPS = {"upside down": (-2,), "mirrored left to right": (-1,), "turned by 180°": (-2, -1)}  # in words → dimensions
+AS_IT_IS = ""
+ORIENTATION = "the same orientation in every channel"
+PICTURES = (*GUIDES, "depth")  # channels that show the surfaces
+FRAMES = 4  # largest number of frames that are looked at
+BLOCKS = 64  # about so many blocks of pixels, of 2×2 or more, along the shorter side: their means have less noise
+LEAST = 12  # blocks along a side; smaller pictures tell nothing
+AROUND = 15  # blocks: edges are compared with the mean of those around, since whole regions have more or fewer of them
+SHARP = (
+    6.0  # least height of the peak in standard deviations: `python -m benchmarks.check --turned` says how many reach it
+)
+BETTER = 2.0  # the peak of a guide that is turned over is at least this many times what it is as it is
+BRIGHTEST, NEAREST = 0.95, 10.0  # share of the edges that keep their strength; median depth over that of what is near
+
+
+class FlipTally:
+    """Tally of the correlations between the edges of light and guides, in the first frames of a clip."""
+
+    def __init__(self) -> None:
+        self._matches: dict[tuple[str, str], Tensor] = {}  # guide and flip → sum of correlations, by displacement
+        self._light = ""
+        self._frames = 0
+
+    def add(self, frame: Frame) -> None:
+        """Add a PyTorch frame of batch 1; only the first four count."""
+        self._frames += 1
+        height, width = (max(1, side // _block(frame.size)) for side in frame.size)
+        if self._frames > FRAMES or min(height, width) < LEAST:
+            return
+        self._light = "reference" if "reference" in frame else "color"
+        light = _edges(F.adaptive_avg_pool2d(_light(frame[self._light]), (height, width)).log1p())
+        for name in (name for name in PICTURES if name in frame):
+            values = _nearness(frame[name]) if name == "depth" else frame[name].nan_to_num(0, 0, 0)
+            edges = _edges(F.adaptive_avg_pool2d(values, (height, width)))
+            for how, sides in {AS_IT_IS: (), **FLIPS}.items():
+                match = _correlation(light, edges.flip(sides))
+                self._matches[name, how] = self._matches.get((name, how), torch.zeros(())) + match
+
+    def judge(self) -> Iterator[Finding]:
+        """Yield a fault for each guide whose edges lie where those of the light are only after it is turned over."""
+        for name in dict.fromkeys(name for name, _ in self._matches):
+            least = max(SHARP, BETTER * _height(self._matches[name, AS_IT_IS]))
+            peaks = {how: _height(match) for how in FLIPS if (match := self._matches[name, how]).argmax() == 0}
+            if peaks and max(peaks.values()) >= least:
+                how = max(peaks, key=lambda how: peaks[how])
+                yield Finding(name, f"shows the picture of {self._light} {how}", ORIENTATION)
+
+
+def _block(size: tuple[int, int]) -> int:
+    return max(2, round(min(size) / BLOCKS))
+
+
+def _light(image: Tensor) -> Tensor:
+    """Convert radiance (1, 3, H, W) to grey (1, 1, H, W), in units of a twentieth of its mean; bad pixels become 0."""
+    usable = torch.where(image.isfinite() & (image >= 0), image, 0.0).mean(1, keepdim=True)
+    return usable / (0.05 * usable.mean()).clamp(min=1e-30)
+
+
+def _nearness(depth: Tensor) -> Tensor:
+    """Compute inverse depth (1, 1, H, W) in units of its median; 0 for the sky."""
+    hit = (depth > 0) & depth.isfinite()
+    if not hit.any():
+        return torch.zeros_like(depth)
+    return torch.where(hit, depth[hit].median() / depth.clamp(min=1e-30), 0.0).clamp(max=NEAREST)
+
+
+def _edges(image: Tensor) -> Tensor:
+    """Measure the strength (h, w) of the edges of an image (1, C, h, w), above the mean of those around."""
+    padded = F.pad(image, (1, 1, 1, 1), mode="replicate")
+    across = padded[..., 1:-1, 2:] - padded[..., 1:-1, :-2]
+    down = padded[..., 2:, 1:-1] - padded[..., :-2, 1:-1]
+    strength = (across.square() + down.square()).sum(1, keepdim=True).sqrt()
+    strength = strength.clamp(max=float(strength.flatten().quantile(BRIGHTEST)))
+    side = min(AROUND, 2 * ((min(image.shape[2:]) - 1) // 2) - 1)
+    around = F.avg_pool2d(strength, side, 1, side // 2, count_include_pad=False)
+    return (strength - around)[0, 0]
+
+
+def _correlation(a: Tensor, b: Tensor) -> Tensor:
+    """Correlate two images (h, w) at every cyclic displacement (h, w); 0 if one of them is constant."""
+    a, b = a - a.mean(), b - b.mean()
+    product: Tensor = torch.fft.irfft2(torch.fft.rfft2(a) * torch.fft.rfft2(b).conj(), s=a.shape)
+    sizes: Tensor = a.norm() * b.norm()
+    return product / sizes.clamp(min=1e-30)
+
+
+def _height(match: Tensor) -> float:
+    """Measure how far a correlation at no displacement lies above its mean, in standard deviations."""
+    return float((match[0, 0] - match.mean()) / match.std().clamp(min=1e-12))
