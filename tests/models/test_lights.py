@@ -75,6 +75,7 @@ def test_kernels_keep_a_constant(name: str) -> None:
         frame[network.target][:] = 0.75
         if network.target in TEXTURES:
             frame[TEXTURES[network.target]][:] = 0.5
+        frame["prior"][:] = 0.75
     for image in images(network, frames):
         np.testing.assert_allclose(image, 0.75, rtol=1e-4)
 
