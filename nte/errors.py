@@ -17,4 +17,5 @@ def needs_extra(extra: str, what: str, cause: ImportError) -> NteError:
 
     extra: such as train or eval. what: the feature that needs it. cause: the failed import.
     """
-    return NteError(f"{what} needs the package '{cause.name}': pip install '{DISTRIBUTION}[{extra}]'")
+    package = str(cause.name).partition(".")[0]
+    return NteError(f"{what} needs the package '{package}': pip install '{DISTRIBUTION}[{extra}]'")
