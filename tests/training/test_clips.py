@@ -82,7 +82,7 @@ def test_many_broken_clips_are_a_mistake(tmp_path: Path) -> None:
         opened(clips)
     for name in ("disc_001", "disc_003"):
         shutil.rmtree(clips / name)
-    with pytest.raises(NteError, match=r"disc_000: 3 frames: expected at least data.frames 9 .* \(2 of 2 clips cannot be used\)"):
+    with pytest.raises(NteError, match=r"disc_000: 3 frames: expected .* data.frames 9 .* \(2 of 2 clips cannot be"):
         opened(clips, DataConfig(clips=["."], frames=9))
     shutil.rmtree(clips / "disc_002")
     cut_off(clips / "disc_000")
