@@ -15,14 +15,13 @@ from torch import Tensor
 from torch.utils.data import DataLoader, Dataset
 
 from nte.errors import NteError
-from nte.frames.channels import CHANNELS
 from nte.frames.clip import Clip
 from nte.recurrence import FORWARD
 from nte.training.augment import Augmentation
 from nte.training.batch import Batch, collate
 from nte.training.clips import BrokenClipWarning, require_clip, require_whole_frames, too_many
 from nte.training.config import DataConfig
-from nte.training.tiles import SCATTERED, BrokenClipError, ClipStore
+from nte.training.tiles import SCATTERED, BrokenClipError, ClipStore, means
 
 AHEAD = 2  # batches that each worker process, or the thread, loads before they are asked for
 
@@ -67,7 +66,8 @@ class TrainingBatches(Dataset[Batch | NteError]):
         kept = tuple(dict.fromkeys((*channels, *optional)))
         self.scatter = config.scatter if FORWARD in kept else 0.0
         self.store = ClipStore(clips, kept, scattered=self.scatter > 0, prior=prior)
-        fits = self.store.gigabytes() * max(1, config.workers) <= config.cache_gb  # every worker has its own
+        every_worker = self.store.gigabytes(config.average) * max(1, config.workers)  # has its own
+        fits = every_worker <= config.cache_gb
         if config.cache_dir or not fits:
             self.store.folder = Path(config.cache_dir) if config.cache_dir else cache
         self._broken: set[int] = set()
@@ -108,9 +108,8 @@ class TrainingBatches(Dataset[Batch | NteError]):
     def _draw(self, index: int, rng: np.random.Generator) -> Sample:
         clip, config = self.clips[index], self.config
         most = min(config.average, clip.seeds)
-        count = int(rng.integers(most)) + 1 if most > 1 else 1
-        seed = int(rng.integers(clip.seeds))
-        seeds = tuple((seed + i) % clip.seeds for i in range(count))
+        count = int(rng.integers(most)) if most > 1 else 0
+        seeds = means(clip.seeds, int(rng.integers(clip.seeds)), most)[count]
         trained = len(clip) - config.holdout
         start = int(rng.integers(trained - config.frames + 1)) if config.any_start else 0
         rows, columns = (_crop(size, config.crop, rng) for size in (clip.height, clip.width))
@@ -140,18 +139,11 @@ class TrainingBatches(Dataset[Batch | NteError]):
 
     def _sequence(self, sample: Sample) -> dict[str, Tensor]:
         """One sample's channels (F, C, H, W), cropped and augmented, and its scalars (1,)."""
-        # A denoiser's image of a mean is not the mean of its images.
-        groups = [sample.seeds] if self.store.prior else [(seed,) for seed in sample.seeds]
-        part = sample.frames, sample.rows, sample.columns
-        parts = [self.store.get(sample.clip, *group).crop(*part) for group in groups]
-        images = parts[0]
-        if len(parts) > 1:
-            noisy = [name for name in images if name != SCATTERED and CHANNELS[name].noisy]
-            images |= {name: torch.stack([part[name] for part in parts]).mean(0) for name in noisy}
+        clip = self.store.get(sample.clip, *sample.seeds)
+        images = clip.crop(sample.frames, sample.rows, sample.columns)
         if (scattered := images.pop(SCATTERED, None)) is not None and sample.scattered:
             images[FORWARD] = scattered
-        scalars = self.store.scalars(sample.clip, sample.seeds)
-        return sample.augmentation(images) | sample.augmentation.scalars(scalars)
+        return sample.augmentation(images) | sample.augmentation.scalars(clip.sequence_scalars())
 
 
 def training_loader(batches: TrainingBatches, first: int, last: int) -> Generator[Batch]:

@@ -84,7 +84,6 @@ class ClipStore:
         self._below = load_filter(prior) if prior else None
         self.channels = (*channels, SCATTERED) if scattered else tuple(channels)
         self._open: dict[Key, TiledClip] = {}
-        self._scalars: dict[tuple[int, tuple[int, ...]], dict[str, Tensor]] = {}
         self._told: set[int] = set()
 
     def get(self, index: int, *seeds: int) -> TiledClip:
@@ -98,25 +97,13 @@ class ClipStore:
             self._open[key] = self._decode(key, np.empty) if self.folder is None else self._mapped(self.folder, key)
         return self._open[key]
 
-    def scalars(self, index: int, seeds: tuple[int, ...]) -> dict[str, Tensor]:
-        """Return exposure, depth_scale and shutter, each (1,), of clip `index` with the mean of these noise seeds.
-
-        The exposure of a mean is measured anew, as the mean log luminance of its blocks is not that of its parts.
-        """
-        key = index, seeds
-        if key not in self._scalars:
-            found = self.get(index, seeds[0]).sequence_scalars()
-            if len(seeds) > 1:
-                clip = self.clips[index]
-                wanted = [name for name in ("color", "depth") if name in clip.channels]
-                measured = sequence_scalars(clip.frame(0, wanted, seeds))
-                found |= dict(zip(SCALARS[:2], map(torch.from_numpy, measured), strict=True))
-            self._scalars[key] = found
-        return self._scalars[key]
-
-    def gigabytes(self) -> float:
-        """Return the size of all decoded clips with all their seeds, in GiB."""
-        return sum(4.0 * np.prod(self._shape(clip)) * clip.seeds for clip in self.clips) / 2**30
+    def gigabytes(self, most: int) -> float:
+        """Return the size of all decoded clips with all means of up to `most` of their seeds, in GiB."""
+        total = 0.0
+        for clip in self.clips:
+            asked = {seeds for first in range(clip.seeds) for seeds in means(clip.seeds, first, most)}
+            total += 4.0 * np.prod(self._shape(clip)) * len(asked)
+        return total / 2**30
 
     def _kept(self, clip: Clip) -> tuple[str, ...]:
         """The channels that are kept of a clip."""
@@ -207,6 +194,11 @@ class ClipStore:
         except OSError as error:
             raise BrokenClipError(f"{error.filename}: cannot be read: {error.strerror}") from error
         return digest_of(clip, FORMAT, TILE, self._kept(clip), self.prior, seeds, str(clip.folder.resolve()), stats)
+
+
+def means(count: int, first: int, most: int) -> list[tuple[int, ...]]:
+    """List the seeds, out of `count`, whose mean a sequence can be: `first` alone, with the next one, up to `most`."""
+    return [tuple(sorted((first + i) % count for i in range(size))) for size in range(1, min(most, count) + 1)]
 
 
 def _width(channel: str) -> int:

@@ -153,7 +153,7 @@ def test_batches_are_the_same_from_memory_and_from_files_with_any_number_of_work
 
 
 def test_memory_is_taken_only_where_all_clips_fit_for_every_worker(clip: Clip, tmp_path: Path) -> None:
-    gigabytes = ClipStore([clip], CHANNELS).gigabytes()
+    gigabytes = ClipStore([clip], CHANNELS).gigabytes(1)
     assert gigabytes * 2**30 == 128 * 192 * 3 * 17 * 4
     for workers, share, fits in ((0, 1.01, True), (1, 1.01, True), (2, 1.01, False), (2, 2.02, True), (0, 0.99, False)):
         config = DataConfig(clips=["."], frames=2, crop=16, workers=workers, cache_gb=share * gigabytes)
@@ -185,3 +185,10 @@ def test_too_many_bad_pixels_of_a_reference_are_an_error(tmp_path: Path) -> None
     with warnings.catch_warnings():
         warnings.simplefilter("error")
         ClipStore([clip], ("color", "depth")).get(0, 0)  # nobody asked for it
+
+
+def test_every_mean_of_seeds_takes_its_own_memory(tmp_path: Path) -> None:
+    folder = write_clip(tmp_path / "disc", [disc_frame(i, (24, 40)) for i in range(2)], seeds=4)
+    store = ClipStore([Clip(folder)], CHANNELS)
+    # Each of four alone, four pairs of neighbours, four triples, and all together.
+    assert [store.gigabytes(most) / store.gigabytes(1) for most in (1, 2, 3, 4, 9)] == [1, 2, 3, 13 / 4, 13 / 4]
