@@ -188,7 +188,8 @@ def test_too_many_bad_pixels_of_a_reference_are_an_error(tmp_path: Path) -> None
 
 
 def test_every_mean_of_seeds_takes_its_own_memory(tmp_path: Path) -> None:
-    folder = write_clip(tmp_path / "disc", [disc_frame(i, (24, 40)) for i in range(2)], seeds=4)
-    store = ClipStore([Clip(folder)], CHANNELS)
+    for seed in (1, 2, 3):
+        write_frame(frame_path(tmp_path / "disc", 0, seed), {"color": disc_frame(0, (24, 40))["color"]})
+    store = ClipStore([Clip(write_clip(tmp_path / "disc", [disc_frame(0, (24, 40))], seeds=4))], CHANNELS)
     # Each of four alone, four pairs of neighbours, four triples, and all together.
     assert [store.gigabytes(most) / store.gigabytes(1) for most in (1, 2, 3, 4, 9)] == [1, 2, 3, 13 / 4, 13 / 4]
