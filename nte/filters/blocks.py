@@ -8,9 +8,11 @@ from torch import Tensor
 from nte.frames.channels import TEXTURES
 from nte.frames.frame import Frame
 from nte.frames.usable import mask_of
-from nte.motion.box import box_mean
+from nte.motion.box import box_count, box_mean
 from nte.motion.geometric import Reprojection
 from nte.motion.warp import warp
+
+ENOUGH = 4  # least number of known pixels whose σ bounds history; a single one would replace it
 
 
 def texture_of(frame: Frame, light: str) -> Tensor:
@@ -29,16 +31,28 @@ class Moments(NamedTuple):
     deviation: Tensor
 
 
-def neighbourhood_moments(image: Tensor, size: int = 3, step: int = 1) -> Moments:
+def neighbourhood_moments(image: Tensor, size: int = 3, step: int = 1, known: Tensor | None = None) -> Moments:
     """Compute μ and σ per channel over size×size pixels around each pixel of an image (N, C, H, W).
 
-    step: distance in px between these pixels. At the border, only the pixels that exist count.
+    step: distance in px between these pixels. At the border, only the pixels that exist count. known (N, 1, H, W),
+    bool: the pixels that count; None: all. Where fewer than ENOUGH of the known ones are around, σ is infinite.
     """
-    mean = box_mean(image, size, step)
     # The image's mean is subtracted first: E[x²] − μ² of bright HDR values would cancel in float32.
-    centre = image.mean((2, 3), keepdim=True)
-    variance = box_mean((image - centre).square_(), size, step) - (mean - centre).square_()
-    return Moments(mean, variance.clamp(min=0).sqrt())
+    if known is None:
+        centre = image.mean((2, 3), keepdim=True)
+        away = image - centre
+        mean, square = box_mean(image, size, step), box_mean(away.square_(), size, step)
+        return Moments(mean, (square - (mean - centre).square_()).clamp_(min=0).sqrt_())
+    counts = known.to(image.dtype)
+    centre = (image * counts).sum((2, 3), keepdim=True) / counts.sum((2, 3), keepdim=True).clamp(min=1)
+    away = image - centre
+    parts = torch.cat([counts, away * counts, away.square_() * counts], 1)
+    share, mean, square = box_mean(parts, size, step).split_with_sizes([1, image.shape[1], image.shape[1]], 1)
+    exist = box_count(image, size, step)
+    judged = share * exist > exist.clamp(max=ENOUGH) - 0.5
+    mean, square = (part / share.clamp(min=1e-6) for part in (mean, square))
+    deviation = (square - mean.square()).clamp_(min=0).sqrt_()
+    return Moments(mean.add_(centre), torch.where(judged, deviation, float("inf")))
 
 
 def clamp_history(history: Tensor, moments: Moments, width: float = 1.0) -> Tensor:

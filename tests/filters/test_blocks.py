@@ -13,6 +13,25 @@ def test_moments_are_those_of_the_pixels_that_exist() -> None:
         torch.testing.assert_close(moments.deviation[1, 2, y, x], around.std(correction=0))
 
 
+def test_moments_are_those_of_the_pixels_that_are_known_and_few_of_these_bound_nothing() -> None:
+    image, known = torch.rand(2, 3, 6, 7), torch.rand(2, 1, 6, 7) < 0.4
+    moments = neighbourhood_moments(torch.where(known, image, 1e3), 5, 1, known)
+    for y, x in ((3, 4), (0, 0), (5, 6), (0, 3)):
+        at = 1, slice(None), slice(max(0, y - 2), y + 3), slice(max(0, x - 2), x + 3)
+        around = image[at][2][known[at][0]]
+        if len(around) < 4:
+            assert (moments.deviation[1, :, y, x] == float("inf")).all()
+        else:
+            torch.testing.assert_close(moments.mean[1, 2, y, x], around.mean(), rtol=1e-4, atol=1e-4)
+            torch.testing.assert_close(moments.deviation[1, 2, y, x], around.std(correction=0), rtol=1e-3, atol=1e-3)
+    nothing = neighbourhood_moments(image, known=known & False)
+    torch.testing.assert_close(clamp_history(image, nothing), image)
+    everything, whole = (neighbourhood_moments(image, 5, 2, mask) for mask in (known | True, None))
+    torch.testing.assert_close(everything, whole)
+    alone = torch.rand(1, 1, 1, 1)  # all that exist are known, so they are enough
+    assert clamp_history(alone + 1, neighbourhood_moments(alone, known=alone > 0)) == alone
+
+
 def test_moments_of_bright_light_do_not_cancel() -> None:
     image = 10_000 + torch.rand(1, 1, 8, 8)
     exact = neighbourhood_moments(image.double()).deviation
