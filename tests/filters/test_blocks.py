@@ -1,7 +1,17 @@
 import torch
 
-from nte.filters.blocks import Moments, accumulate, clamp_history, clip_history, fetch_history, neighbourhood_moments
+from nte.filters.blocks import (
+    Moments,
+    accumulate,
+    clamp_history,
+    clip_history,
+    fetch_finite,
+    fetch_history,
+    neighbourhood_moments,
+)
+from nte.motion.catmull_rom import warp_catmull_rom
 from nte.motion.geometric import traditional_motion
+from nte.motion.warp import warp
 
 
 def test_moments_are_those_of_the_pixels_that_exist() -> None:
@@ -74,3 +84,17 @@ def test_history_is_fetched_where_it_was_and_valid_inside_and_without_reset() ->
     assert valid[0, 0, 0].tolist() == [True, True, True, False]
     assert not valid[1].any()
     assert fetch_history(history, traditional_motion(motion), None)[1].sum() == 2 * 4 * 3
+
+
+def test_history_that_is_not_finite_has_no_part_in_what_is_fetched_and_no_more_place_than_its_own() -> None:
+    history = torch.full((1, 3, 6, 8), 2.0)
+    history[0, 1, 2, 3] = float("nan")
+    for fetch in (warp, warp_catmull_rom):
+        for x, lost in ((0.0, [3]), (0.25, [3]), (0.5, []), (-0.75, [4])):
+            motion = torch.tensor([x, 0.0]).view(1, 2, 1, 1).expand(1, 2, 6, 8)
+            image, valid = fetch_finite(fetch, history, motion)
+            inside = fetch(torch.ones_like(history), motion).valid
+            gone = (inside & ~valid)[0, 0].nonzero().tolist()
+            # Halfway, which of two pixels has most of the weight is a matter of rounding.
+            assert x == 0.5 or gone == [[2, column] for column in lost]
+            torch.testing.assert_close(image[:, :, valid[0, 0]], torch.full_like(image[:, :, valid[0, 0]], 2.0))
