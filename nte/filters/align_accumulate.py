@@ -50,8 +50,8 @@ class AlignAccumulateOptions(SearchOptions, name="align_accumulate"):
 class AlignAccumulate(Filter[AlignAccumulateOptions]):
     """An exponential mean of the target channel along correspondences, without any clamping of history.
 
-    The weight of the current frame is 1/n for the nth frame of a history, and at least alpha. Extras: `motion`, `mask`
-    (m) and `history_length`.
+    The weight of the current frame is 1/n for the nth frame of a history, and at least alpha; frames in which the pixel
+    was bad do not count. Extras: `motion`, `mask` (m) and `history_length`.
     """
 
     options_type = AlignAccumulateOptions
@@ -81,15 +81,16 @@ class AlignAccumulate(Filter[AlignAccumulateOptions]):
         if state is not None:
             require_size(frame, state.merged)
             starts = restarts(frame)
-            grey = torch.where((frame[mask_of(self.target)] > 0) | starts, grey, state.grey)
+            usable = frame[mask_of(self.target)]
+            grey = torch.where((usable > 0) | starts, grey, state.grey)
             motion, valid, error = align(grey, state.grey, frame, how.motion, self.choose)
             motion = torch.where(starts, 0.0, motion)
             mask = torch.where(starts, 1.0, rejection_mask(error, how.kappa, how.eta))
             where = Reprojection(motion, valid, torch.zeros_like(valid))
             past, valid = fetch_history(torch.cat([state.merged, state.length], 1), where, frame.reset)
             # The paper's α is the weight of history: α′ = α (1 − m). Here alpha is the weight of the current frame.
-            length = torch.where(valid, 1 + past[:, 3:] * (1 - mask), 1.0)
-            weight = 1 - (1 - (1 / length).clamp(min=how.alpha)) * (1 - mask)
+            length = torch.where(valid, usable + past[:, 3:] * (1 - mask), 1.0)
+            weight = 1 - (1 - (1 / length).clamp(how.alpha, 1)) * (1 - mask)
             merged = torch.where(valid, torch.lerp(past[:, :3], current, weight), current)
             merged = keep_where_bad(merged, past[:, :3], valid, frame, self.target)
             kept = remembered(merged, valid, frame, self.target)

@@ -11,7 +11,7 @@ from torch import Tensor
 
 from nte.denoiser import Filter, Result, State, require_size, sanitised
 from nte.filters.align import Aligned, SearchOptions, align
-from nte.filters.blocks import clamp_history, keep_where_bad, neighbourhood_moments, remembered, restarts
+from nte.filters.blocks import clamp_history, fetch_finite, keep_where_bad, neighbourhood_moments, remembered, restarts
 from nte.filters.estimated import matched_grey
 from nte.frames.frame import Frame
 from nte.frames.scalars import sequence_exposure
@@ -95,8 +95,8 @@ class AlignTaa(Filter[AlignTaaOptions]):
         self, current: Tensor, mask: Tensor, aligned: Aligned, guides: Tensor | None, state: _State, frame: Frame
     ) -> tuple[Tensor, Tensor]:
         """The blended image, and where it has a history."""
-        past = warp_catmull_rom(state.output, aligned.motion).image.clamp(min=0)
-        valid = aligned.valid & past.isfinite().all(1, keepdim=True)
+        past, found = fetch_finite(warp_catmull_rom, state.output, aligned.motion)
+        past, valid = past.clamp(min=0), aligned.valid & found
         moments = neighbourhood_moments(current)
         width: Tensor | float = 1.0
         if self.options.tolerance == "adaptive" and guides is not None and state.guides is not None:

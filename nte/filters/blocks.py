@@ -1,5 +1,6 @@
 """Building blocks that the analytic filters share."""
 
+from collections.abc import Callable
 from typing import NamedTuple
 
 import torch
@@ -8,9 +9,13 @@ from torch import Tensor
 from nte.frames.channels import TEXTURES
 from nte.frames.frame import Frame
 from nte.frames.usable import mask_of
-from nte.motion.box import box_mean
+from nte.motion.box import box_count, box_mean
 from nte.motion.geometric import Reprojection
-from nte.motion.warp import warp
+from nte.motion.warp import Warped, warp
+
+MOST = 0.5  # least share of the weight that is on usable pixels of history
+ROUNDING = 1e-5  # of a sum of weights that is 1
+ENOUGH = 4  # least number of known pixels whose σ bounds history; a single one would replace it
 
 
 def texture_of(frame: Frame, light: str) -> Tensor:
@@ -29,16 +34,28 @@ class Moments(NamedTuple):
     deviation: Tensor
 
 
-def neighbourhood_moments(image: Tensor, size: int = 3, step: int = 1) -> Moments:
+def neighbourhood_moments(image: Tensor, size: int = 3, step: int = 1, known: Tensor | None = None) -> Moments:
     """Compute μ and σ per channel over size×size pixels around each pixel of an image (N, C, H, W).
 
-    step: distance in px between these pixels. At the border, only the pixels that exist count.
+    step: distance in px between these pixels. At the border, only the pixels that exist count. known (N, 1, H, W),
+    bool: the pixels that count; None: all. Where fewer than ENOUGH of the known ones are around, σ is infinite.
     """
-    mean = box_mean(image, size, step)
     # The image's mean is subtracted first: E[x²] − μ² of bright HDR values would cancel in float32.
-    centre = image.mean((2, 3), keepdim=True)
-    variance = box_mean((image - centre).square_(), size, step) - (mean - centre).square_()
-    return Moments(mean, variance.clamp(min=0).sqrt())
+    if known is None:
+        centre = image.mean((2, 3), keepdim=True)
+        away = image - centre
+        mean, square = box_mean(image, size, step), box_mean(away.square_(), size, step)
+        return Moments(mean, (square - (mean - centre).square_()).clamp_(min=0).sqrt_())
+    counts = known.to(image.dtype)
+    centre = (image * counts).sum((2, 3), keepdim=True) / counts.sum((2, 3), keepdim=True).clamp(min=1)
+    away = image - centre
+    parts = torch.cat([counts, away * counts, away.square_() * counts], 1)
+    share, mean, square = box_mean(parts, size, step).split_with_sizes([1, image.shape[1], image.shape[1]], 1)
+    exist = box_count(image, size, step)
+    judged = share * exist > exist.clamp(max=ENOUGH) - 0.5
+    mean, square = (part / share.clamp(min=1e-6) for part in (mean, square))
+    deviation = (square - mean.square()).clamp_(min=0).sqrt_()
+    return Moments(mean.add_(centre), torch.where(judged, deviation, float("inf")))
 
 
 def clamp_history(history: Tensor, moments: Moments, width: float = 1.0) -> Tensor:
@@ -74,7 +91,7 @@ def keep_where_bad(output: Tensor, history: Tensor, valid: Tensor, frame: Frame,
 def remembered(output: Tensor, valid: Tensor, frame: Frame, target: str) -> Tensor:
     """Return the output (N, C, H, W) as the next frame's history, with NaN where neither frame nor history was usable.
 
-    Those are the pixels that are bad now and have no valid history; `fetch_history` drops them.
+    Those are the pixels that are bad now and have no valid history; `fetch_finite` drops them.
     """
     return torch.where(valid | (frame[mask_of(target)] > 0), output, float("nan"))
 
@@ -93,6 +110,22 @@ def fetch_history(history: Tensor, reprojection: Reprojection, reset: Tensor | N
 
     It may be used where it is finite, lies inside the previous frame, and its sequence does not restart.
     """
-    warped, valid = warp(history, reprojection.motion)
-    valid = valid & reprojection.valid & (warped.abs() < float("inf")).all(1, keepdim=True)
+    warped, valid = fetch_finite(warp, history, reprojection.motion)
+    valid = valid & reprojection.valid
     return warped, valid if reset is None else valid & ~(reset.view(-1, 1, 1, 1) > 0)
+
+
+def fetch_finite(fetch: Callable[[Tensor, Tensor], Warped], history: Tensor, motion: Tensor) -> tuple[Tensor, Tensor]:
+    """Fetch the pixels of history (N, C, H, W) that are finite along motion (N, 2, H, W), px, by `fetch`.
+
+    Returns the history, and where it lies in the image and most of its weight is on finite pixels: (N, 1, H, W), bool.
+    Were a NaN to spread to all pixels that it has any part in, even with a weight of 0, those of them that are bad
+    would find no history and become NaN too, and if enough pixels are bad, NaN would never die out.
+    """
+    finite = (history.abs() < float("inf")).all(1, keepdim=True)
+    if finite.all():
+        return fetch(history, motion)
+    past, inside = fetch(torch.cat([history.where(finite, 0.0), finite.to(history.dtype)], 1), motion)
+    past, share = past[:, :-1], past[:, -1:]
+    partly = (share - 1).abs() > ROUNDING  # elsewhere a batch must give the same bits as each of its sequences alone
+    return past / share.where(partly & (share > MOST), 1.0), inside & (share > MOST)

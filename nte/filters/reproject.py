@@ -152,7 +152,9 @@ class _Taps(NamedTuple):
         """Return the values (C, M) at these whole-numbered positions, and whether each passes the tests: (M,), bool."""
         height, width = self.size
         column, row = x.clamp(0, width - 1), y.clamp(0, height - 1)
-        there = self.taken.index_select(1, (row * width + column).long() + self.start)
+        # In integers: float32 has no odd numbers beyond 2²⁴, half of the pixels of an image of 7680×4320.
+        index = (row.long() * width).add_(column.long()).add_(self.start)
+        there = self.taken.index_select(1, index)
         depth, normal = there[0], there[1:4]
         apart = (depth - self.own[0]).abs_().minimum((depth - self.own[1]).abs_())
         turned = (normal - self.own[2:5]).square_().sum(0)

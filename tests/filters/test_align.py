@@ -74,6 +74,32 @@ def test_without_motion_and_rejection_it_is_the_mean_and_then_the_exponential_me
         np.testing.assert_allclose(image, mean, rtol=1e-4, atol=1e-5)
 
 
+@pytest.mark.filterwarnings("ignore::nte.frames.bad.BadPixelWarning")
+def test_frames_in_which_a_pixel_was_bad_do_not_count_in_its_mean() -> None:
+    session = Session(AlignAccumulate(AlignAccumulateOptions(motion="zero", kappa=0)))
+    for index, level in enumerate((1.0, 2.0, 3.0, 4.0, 9.0)):
+        color = np.full((1, 3, 16, 16), level, np.float32)
+        if 0 < index < 4:
+            color[..., 5, 6] = np.nan
+        result = session.step(Frame({"color": color}, index), ("history_length",))
+    image, length = np.asarray(result.image), np.asarray(result.extras["history_length"])
+    np.testing.assert_allclose(image[..., 5, 6], (1 + 9) / 2, rtol=1e-4)
+    np.testing.assert_allclose(image[..., 9, 6], (1 + 2 + 3 + 4 + 9) / 5, rtol=1e-4)
+    assert length[0, 0, 5, 6] == pytest.approx(2)
+    assert length[0, 0, 9, 6] == pytest.approx(5)
+
+
+@pytest.mark.filterwarnings("ignore::nte.frames.bad.BadPixelWarning")
+@pytest.mark.parametrize(("spec", "share"), [("taa:clamp=none", 0.4), ("align_taa:motion=zero", 0.2)])
+def test_pixels_that_were_bad_do_not_keep_their_neighbours_from_their_history(spec: str, share: float) -> None:
+    session = Session(load_denoiser(spec))
+    for index in range(10):
+        bad = np.random.default_rng(index).random((24, 32)) < share
+        color = np.where(bad, np.float32(np.nan), np.ones((1, 3, 24, 32), np.float32))
+        image = session.denoise(Frame({"color": color, "motion": np.zeros((1, 2, 24, 32), np.float32)}, index))
+    assert np.asarray(image).mean() == pytest.approx(1, rel=0.01)
+
+
 def test_demodulation_keeps_a_texture_that_moves_apart_from_the_light() -> None:
     """Light that stands still on a texture that moves: without albedo history at the same place is right."""
     texture = moving(4)

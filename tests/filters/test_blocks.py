@@ -1,7 +1,17 @@
 import torch
 
-from nte.filters.blocks import Moments, accumulate, clamp_history, clip_history, fetch_history, neighbourhood_moments
+from nte.filters.blocks import (
+    Moments,
+    accumulate,
+    clamp_history,
+    clip_history,
+    fetch_finite,
+    fetch_history,
+    neighbourhood_moments,
+)
+from nte.motion.catmull_rom import warp_catmull_rom
 from nte.motion.geometric import traditional_motion
+from nte.motion.warp import warp
 
 
 def test_moments_are_those_of_the_pixels_that_exist() -> None:
@@ -11,6 +21,25 @@ def test_moments_are_those_of_the_pixels_that_exist() -> None:
         around = image[1, 2, max(0, y - 1) : y + 2, max(0, x - 1) : x + 2]
         torch.testing.assert_close(moments.mean[1, 2, y, x], around.mean())
         torch.testing.assert_close(moments.deviation[1, 2, y, x], around.std(correction=0))
+
+
+def test_moments_are_those_of_the_pixels_that_are_known_and_few_of_these_bound_nothing() -> None:
+    image, known = torch.rand(2, 3, 6, 7), torch.rand(2, 1, 6, 7) < 0.4
+    moments = neighbourhood_moments(torch.where(known, image, 1e3), 5, 1, known)
+    for y, x in ((3, 4), (0, 0), (5, 6), (0, 3)):
+        at = 1, slice(None), slice(max(0, y - 2), y + 3), slice(max(0, x - 2), x + 3)
+        around = image[at][2][known[at][0]]
+        if len(around) < 4:
+            assert (moments.deviation[1, :, y, x] == float("inf")).all()
+        else:
+            torch.testing.assert_close(moments.mean[1, 2, y, x], around.mean(), rtol=1e-4, atol=1e-4)
+            torch.testing.assert_close(moments.deviation[1, 2, y, x], around.std(correction=0), rtol=1e-3, atol=1e-3)
+    nothing = neighbourhood_moments(image, known=known & False)
+    torch.testing.assert_close(clamp_history(image, nothing), image)
+    everything, whole = (neighbourhood_moments(image, 5, 2, mask) for mask in (known | True, None))
+    torch.testing.assert_close(everything, whole)
+    alone = torch.rand(1, 1, 1, 1)  # all that exist are known, so they are enough
+    assert clamp_history(alone + 1, neighbourhood_moments(alone, known=alone > 0)) == alone
 
 
 def test_moments_of_bright_light_do_not_cancel() -> None:
@@ -55,3 +84,17 @@ def test_history_is_fetched_where_it_was_and_valid_inside_and_without_reset() ->
     assert valid[0, 0, 0].tolist() == [True, True, True, False]
     assert not valid[1].any()
     assert fetch_history(history, traditional_motion(motion), None)[1].sum() == 2 * 4 * 3
+
+
+def test_history_that_is_not_finite_has_no_part_in_what_is_fetched_and_no_more_place_than_its_own() -> None:
+    history = torch.full((1, 3, 6, 8), 2.0)
+    history[0, 1, 2, 3] = float("nan")
+    for fetch in (warp, warp_catmull_rom):
+        for x, lost in ((0.0, [3]), (0.25, [3]), (0.5, []), (-0.75, [4])):
+            motion = torch.tensor([x, 0.0]).view(1, 2, 1, 1).expand(1, 2, 6, 8)
+            image, valid = fetch_finite(fetch, history, motion)
+            inside = fetch(torch.ones_like(history), motion).valid
+            gone = (inside & ~valid)[0, 0].nonzero().tolist()
+            # Halfway, which of two pixels has most of the weight is a matter of rounding.
+            assert x == 0.5 or gone == [[2, column] for column in lost]
+            torch.testing.assert_close(image[:, :, valid[0, 0]], torch.full_like(image[:, :, valid[0, 0]], 2.0))

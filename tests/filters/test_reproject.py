@@ -195,3 +195,12 @@ def test_bad_numbers_are_misses() -> None:
     assert surface.normal[0, 0].flatten().tolist() == [0, 0, 1, 1]
     assert torch.isfinite(surface.depth_width).all()
     assert torch.isfinite(surface.normal_width).all()
+
+
+def test_pixels_are_counted_beyond_the_whole_numbers_of_float32() -> None:
+    height, width = 5, 2**22 + 1
+    image = torch.zeros(5, height * width, dtype=torch.int8)
+    row, column = torch.tensor([4.0]), torch.tensor([3.0])
+    image[4, 4 * width + 3] = 7
+    taps = module._Taps(image, torch.zeros(7, 1), torch.zeros(2, 1), torch.zeros(1, dtype=torch.int64), (height, width))
+    assert taps.at(column, row)[0].item() == 7

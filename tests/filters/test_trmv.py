@@ -275,6 +275,48 @@ def test_pixels_that_tell_nothing_do_not_darken(options: dict[str, Any], lobe: f
         assert means[1] == pytest.approx(means[0], rel=0.02), name
 
 
+@pytest.mark.filterwarnings("ignore::nte.frames.bad.BadPixelWarning")
+@pytest.mark.parametrize("options", [{}, {"indirect": "colour"}])
+def test_a_frame_that_tells_nothing_leaves_history_as_it_is(options: dict[str, Any]) -> None:
+    names = ("indirect", "indirect_radiance", "glossy", "visibility")
+    frames = [plane(index) for index in range(10)]
+    broken = frames[8].with_channels(**{n: np.full_like(frames[8][n], np.nan) for n in names})
+    before, during, after = run([*frames[:8], broken, frames[9]], **options)[-3:]
+    for name in COMPONENTS:
+        np.testing.assert_allclose(during[name].mean(), before[name].mean(), rtol=0.01, err_msg=name)
+        np.testing.assert_allclose(after[name].mean(), before[name].mean(), rtol=0.05, err_msg=name)
+
+
+@pytest.mark.parametrize("options", [{}, {"indirect": "colour"}])
+def test_small_things_before_the_sky_keep_their_light(options: dict[str, Any]) -> None:
+    """The sky has no light to compare history with; it is not a black surface."""
+    size = (28, 36)
+    thing = np.zeros((1, 1, *size), bool)
+    thing[..., 12:15, 16:20] = True
+    frames = []
+    for index in range(30):
+        frame = plane(index, size)
+        empty = {n: np.where(thing, frame[n], np.float32(0)) for n in frame.channels if n != "visibility"}
+        unknown = {n: np.where(thing, frame[n], np.float32(np.nan)) for n in frame.channels if "reflection" in n}
+        lit = np.where(thing, frame["visibility"], np.float32(1))
+        frames.append(frame.with_channels(**empty, visibility=lit).with_channels(**unknown))
+    found = run(frames, **options)[8:]
+    for name, level in (("visibility", 0.5), ("glossy", 1.0), ("indirect", 0.5)):
+        inside = np.mean([image[name][np.broadcast_to(thing, image[name].shape)].mean() for image in found])
+        assert inside == pytest.approx(level, rel=0.15), name
+
+
+def test_shadows_are_there_at_once_when_a_lamp_is_switched_on() -> None:
+    """Where there was no direct light, the visibility of 1 was nothing that history could hold."""
+    frames = [plane(index) for index in range(10)]
+    dark = {"direct": np.zeros((1, 3, 20, 28), np.float32), "visibility": np.ones((1, 1, 20, 28), np.float32)}
+    dark["shadow_motion"] = np.full((1, 2, 20, 28), np.nan, np.float32)
+    found = run([frame.with_channels(**dark) if frame.index < 8 else frame for frame in frames])
+    assert found[7]["visibility"].min() > 0.999
+    for image in found[8:]:
+        assert image["visibility"].mean() == pytest.approx(0.5, abs=0.05)
+
+
 def test_without_vectors_history_is_not_used() -> None:
     frames = moving(4)
     options = {"shadow": "none", "glossy": "none", "occlusion": "none"}

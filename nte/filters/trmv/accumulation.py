@@ -62,14 +62,15 @@ def accumulate(
 
     name: of the effect, in profiles. vectors: where history lies; None uses the spatial filter alone. reach: deviation
     of that filter, px, see `limit`. trust: G of Eq. 4, (N, 1, H, W). fetcher: fetches history instead of plain bilinear
-    fetching at the vectors' ends. known (N, 1, H, W), bool: where the current frame is usable; None: everywhere.
+    fetching at the vectors' ends. known (N, 1, H, W), bool: where the current frame tells something; None: everywhere.
     """
     if vectors is None or history is None:
         return finish(name, start(current, options, known), vectors, inputs, options)
     with record_function(f"trmv/{name}/temporal"):
         fetcher = fetcher or fetch_from_anything(vectors)
         past, (variance, valid) = fetcher(history.values), fetch_convergence(history, fetcher, inputs.frame.reset)
-        clamped = limit(past, current, reach, options)
+        surface = inputs.gbuffer.depth > 0
+        clamped = limit(past, current, surface if known is None else surface & known, reach, options)
         weight = weigh(variance, valid, options, trust, known)
         # Not lerp alone: invalid history must not leave any trace, not even rounding errors.
         image = torch.where(valid, torch.lerp(clamped, current, weight.used), current)
@@ -113,24 +114,26 @@ def weigh(
 
 
 def limit(
-    history: Tensor, current: Tensor, reach: float | Tensor, options: TrmvOptions, rows: slice = slice(None)
-) -> Tensor:
+    history: Tensor, current: Tensor, known: Tensor, reach: float | Tensor, options: TrmvOptions,
+    rows: slice = slice(None),
+) -> Tensor:  # fmt: skip
     """Clamp history (N, C, h, W) to μ ± clamp·σ of 5×5 pixels of the filtered current frame.
 
-    reach: deviation of the filter, px; a number, or one for each pixel (N, 1, H, W). rows: the rows of the current
-    frame that the history covers. The 5×5 pixels lie about `reach` apart, which is not in the paper: a filter makes
-    neighbours alike, so the σ of adjacent pixels does not show how noisy all of them are together. Clamped to that,
-    history would follow the noise of every frame, and a scene at rest would never converge. Option
-    `neighbourhood=adjacent` takes 3×3 adjacent pixels.
+    known (N, 1, H, W), bool: the current frame's pixels that count. Sky and bad pixels would count as black, and
+    history would be lost in a bad frame, and of small things before the sky. reach: deviation of the filter, px; a
+    number, or one for each pixel (N, 1, H, W). rows: the rows of the current frame that the history covers. The 5×5
+    pixels lie about `reach` apart, which is not in the paper: a filter makes neighbours alike, so the σ of adjacent
+    pixels does not show how noisy all of them are together. Clamped to that, history would follow the noise of every
+    frame, and a scene at rest would never converge. Option `neighbourhood=adjacent` takes 3×3 adjacent pixels.
     """
     if options.clamp == float("inf"):
         return history
     if options.neighbourhood == "adjacent":
-        moments = neighbourhood_moments(current)
+        moments = neighbourhood_moments(current, known=known)
     elif not isinstance(reach, Tensor):
-        moments = neighbourhood_moments(current, NEIGHBOURHOOD, spacing(reach))
+        moments = neighbourhood_moments(current, NEIGHBOURHOOD, spacing(reach), known)
     else:
-        near, far = (neighbourhood_moments(current, NEIGHBOURHOOD, step) for step in (1, _APART))
+        near, far = (neighbourhood_moments(current, NEIGHBOURHOOD, step, known) for step in (1, _APART))
         moments = Moments(*(torch.where(reach > _APART / 2, f, n) for f, n in zip(far, near, strict=True)))
     return clamp_history(history, Moments(*(m[:, :, rows] for m in moments)), options.clamp)
 

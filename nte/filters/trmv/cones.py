@@ -133,6 +133,11 @@ def sample_to_cones(radiance: Tensor, direction: Tensor, normal: Tensor) -> Tens
     return cones.scatter_(1, nearest[:, None].expand_as(sample[:, None]), sample[:, None]).flatten(1, 2)
 
 
+def known(cones: Tensor) -> Tensor:
+    """Return (N, 1, H, W) bool: whether any sample fell into a pixel's cones (N, 24, H, W)."""
+    return split(cones)[1].sum(1) > KNOWN
+
+
 def mean_radiance(cones: Tensor) -> Tensor:
     """Compute the mean (N, 3, H, W) of a pixel's samples from all directions, 0 where there are none."""
     sums = by_cone(cones, 4).sum(1)

@@ -107,7 +107,8 @@ class Cones:
         light = hemisphere.irradiance(history, self.weights)
         if options.clamp == float("inf"):
             return light, light
-        kept = accumulation.limit(light, hemisphere.irradiance(around, self.weights), REACH, options, inner)
+        now, known = hemisphere.irradiance(around, self.weights), hemisphere.known(around)
+        kept = accumulation.limit(light, now, known, REACH, options, inner)
         scale = torch.where(kept < light, kept / light, 1.0)
         more = (kept - light).clamp_(min=0).mul_(math.pi / sum(self.weights))
         radiance, weight = hemisphere.split(history)

@@ -10,7 +10,7 @@ from typing import NamedTuple
 import torch
 from torch import Tensor
 
-from nte.motion.box import box_mean
+from nte.motion.box import box_count, box_mean
 
 TINY = 1e-30  # weights up to this count as 0: they are left over from an underflow, and unfit as divisors
 AROUND, APART = 5, 2  # a vector is compared with those of 5×5 pixels, 2 px apart
@@ -51,7 +51,7 @@ def believable(motion: Tensor) -> tuple[Tensor, Tensor]:
     sums = box_mean(torch.cat([known, motion, motion.square()], 1), AROUND, APART)
     # Sums over the other vectors, without the vector itself. `box_mean` divides by the number of pixels that exist, so
     # each pixel counts as such a share.
-    own = box_share(motion)
+    own = 1 / box_count(motion, AROUND, APART).to(motion.dtype)
     others = sums[:, :1] - own * known
     count = others.clamp(min=TINY)
     mean = (sums[:, 1:3] - own * motion) / count
@@ -60,13 +60,3 @@ def believable(motion: Tensor) -> tuple[Tensor, Tensor]:
     alike = apart <= (DEVIATIONS * variance.sum(1, keepdim=True).sqrt() + ROUGHLY).square()
     believed = known * (alike | (others < (ENOUGH - 0.5) * own))
     return believed, motion * believed
-
-
-def box_share(like: Tensor) -> Tensor:
-    """Compute a pixel's share (1, 1, H, W) in the mean of AROUND × AROUND pixels, APART px from each other."""
-    shares = []
-    for length in like.shape[-2:]:
-        place = torch.arange(length, device=like.device)
-        before, after = ((room // APART).clamp(max=AROUND // 2) for room in (place, length - 1 - place))
-        shares.append(1 / (before + after + 1).to(like.dtype))
-    return (shares[0][:, None] * shares[1])[None, None]

@@ -29,6 +29,7 @@ class Splatted(NamedTuple):
     visibility: Tensor  # (N, 1, H, W) in [0, 1]; 1 where no direct light could arrive
     motion: Tensor  # (N, 2, H, W) px, to the previous frame; 0 where no shadow reaches
     shadowed: Tensor  # (N, 1, H, W) bool: some shadowed sample reaches
+    known: Tensor  # (N, 1, H, W) bool: there is direct light here, and some usable sample reaches
 
 
 def denoise_shadows(
@@ -52,7 +53,8 @@ def denoise_shadows(
                 trust = planarity(inputs.gbuffer, inputs.before, inputs.traditional, reprojection)
     used = None if vectors == "none" else reprojection
     reach = deviation_for(inputs.frame.size)
-    return accumulate("shadow", splatted.visibility, history, used, inputs, options, reach, trust)
+    visibility, known = splatted.visibility, splatted.known
+    return accumulate("shadow", visibility, history, used, inputs, options, reach, trust, known=known)
 
 
 def splat(
@@ -74,12 +76,13 @@ def splat(
         shadow = lit * (1 - visibility) * believed
         parts += [shadow, shadow * motion]
     reached = joint_bilateral(torch.cat(parts, 1), edges, RADIUS, deviation_for(direct.shape[2:]))
-    soft = torch.where(could & (reached[:, :1] > TINY), reached[:, 1:2] / reached[:, :1].clamp(min=TINY), 1.0)
+    known = could & (reached[:, :1] > TINY)
+    soft = torch.where(known, reached[:, 1:2] / reached[:, :1].clamp(min=TINY), 1.0)
     if shadow_motion is None:
-        return Splatted(soft, torch.zeros_like(direct[:, :2]), torch.zeros_like(lit, dtype=torch.bool))
+        return Splatted(soft, torch.zeros_like(direct[:, :2]), torch.zeros_like(known), known)
     shadowed = reached[:, 2:3] > TINY
     motion = torch.where(shadowed, reached[:, 3:] / reached[:, 2:3].clamp(min=TINY), 0.0)
-    return Splatted(soft, motion, shadowed)
+    return Splatted(soft, motion, shadowed, known)
 
 
 def deviation_for(size: Sequence[int]) -> float:
