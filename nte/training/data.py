@@ -146,14 +146,16 @@ class TrainingBatches(Dataset[Batch | NteError]):
         return sample.augmentation(images) | sample.augmentation.scalars(clip.sequence_scalars())
 
 
-def training_loader(batches: TrainingBatches, first: int, last: int) -> Generator[Batch]:
+def training_loader(batches: TrainingBatches, first: int, last: int, ahead: bool = True) -> Generator[Batch]:
     """Yield the batches [first, last), in order, which the configured worker processes, or else a thread, load ahead.
 
-    A batch that is loaded and never yielded leaves no trace: a run continues from the number of batches that it has
-    trained on. Closing the generator ends the processes or the thread, after the batch that it is loading. Raises
-    NteError for a faulty file, when its batch is due.
+    ahead: false loads each batch when it is due, if there are no worker processes. Where the steps themselves compute
+    on the CPU, a thread takes more time from them than it saves. A batch that is loaded and never yielded leaves no
+    trace: a run continues from the number of batches that it has trained on. Closing the generator ends the processes
+    or the thread, after the batch that it is loading. Raises NteError for a faulty file, when its batch is due.
     """
-    load = _from_processes if batches.config.workers else _from_thread
+    processes = batches.config.workers > 0
+    load = _from_processes if processes else _from_thread if ahead else _when_due
     with closing(load(batches, range(first, last))) as loaded:
         for batch in loaded:
             if isinstance(batch, NteError):
@@ -168,10 +170,17 @@ def _from_processes(batches: TrainingBatches, numbers: range) -> Generator[Batch
     )  # fmt: skip
 
 
+def _when_due(batches: TrainingBatches, numbers: range) -> Generator[Batch | NteError]:
+    yield from map(batches.__getitem__, numbers)
+
+
 def _from_thread(batches: TrainingBatches, numbers: range) -> Generator[Batch | NteError]:
-    """Load in one thread: decoding releases Python's lock, and a clip that two threads want would be decoded twice."""
+    """Load in one thread: decoding releases Python's lock, and a clip that two threads want would be decoded twice.
+
+    PyTorch computes on one core there: threads of a second pool would make every operation of a step wait.
+    """
     left = iter(numbers)
-    with ThreadPoolExecutor(1, "training batches") as thread:
+    with ThreadPoolExecutor(1, "training batches", torch.set_num_threads, (1,)) as thread:
 
         def begun(count: int) -> list[Future[Batch | NteError]]:
             return [thread.submit(batches.__getitem__, number) for number in islice(left, count)]

@@ -92,7 +92,7 @@ def _run(
     shown = None if fabric.is_global_zero else True  # None: on a terminal
     bar = tqdm(total=last, initial=first, desc=f"train {config.name}", unit="step", disable=shown)
     done = saved = first
-    loader = training_loader(data, first * accumulate, last * accumulate)
+    loader = training_loader(data, first * accumulate, last * accumulate, fabric.device.type != "cpu")
     with InterruptFlag() as interrupted, closing(loader):
         for step in range(first, last):
             settings = schedule.at(step)

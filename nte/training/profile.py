@@ -77,7 +77,7 @@ def profile_training(config: TrainConfig, device: str = "auto") -> Profile:
         model, optimiser = fabric.setup(make_loss(denoiser, config), make_optimiser(denoiser, config.optimiser))
         meter = Meter(1, torch.cuda.synchronize if fabric.device.type == "cuda" else None)
         stepper = Stepper(fabric, model, optimiser, config, meter)
-        loader = training_loader(material.data, 0, (STEPS + 3) * accumulate)
+        loader = training_loader(material.data, 0, (STEPS + 3) * accumulate, fabric.device.type != "cpu")
         settings = schedule.at(schedule.last - 1)  # with all losses that a phase adds in the end
 
         def stages() -> dict[str, float]:

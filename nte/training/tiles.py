@@ -10,8 +10,9 @@ scalars.npy  float32 (3, 1): SCALARS of the sequence
 import os
 import shutil
 import warnings
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import suppress
+from itertools import product
 from pathlib import Path
 from typing import NamedTuple
 
@@ -51,15 +52,14 @@ class TiledClip(NamedTuple):
 
     def crop(self, frames: slice, rows: slice, columns: slice) -> dict[str, Tensor]:
         """Copy the channels (F, C, H, W) of some frames, rows and columns. Slices need a start and a stop, no step."""
-        top, left = rows.start // TILE, columns.start // TILE
-        chosen = self.tiles[top : -(-rows.stop // TILE), left : -(-columns.stop // TILE), frames]
-        down, across, count, components = chosen.shape[:4]
-        joined = chosen.transpose(2, 3, 0, 4, 1, 5).reshape(count, components, down * TILE, across * TILE)
-        inside = joined[:, :, rows.start - top * TILE :, columns.start - left * TILE :]
-        inside = inside[:, :, : rows.stop - rows.start, : columns.stop - columns.start]
+        size = frames.stop - frames.start, rows.stop - rows.start, columns.stop - columns.start
         images, first = {}, 0
         for name in self.channels:
-            images[name] = torch.from_numpy(inside[:, first : first + _width(name)].copy())
+            image = np.empty((size[0], _width(name), *size[1:]), np.float32)
+            for (row, y, inside_y), (column, x, inside_x) in product(_pieces(rows), _pieces(columns)):
+                components = slice(first, first + _width(name))
+                image[:, :, y, x] = self.tiles[row, column, frames, components, inside_y, inside_x]
+            images[name] = torch.from_numpy(image)
             first += _width(name)
         return images
 
@@ -204,6 +204,13 @@ def means(count: int, first: int, most: int) -> list[tuple[int, ...]]:
 def _width(channel: str) -> int:
     """How many components a channel has; also knows SCATTERED."""
     return width_of(FORWARD if channel == SCATTERED else channel)
+
+
+def _pieces(pixels: slice) -> Iterator[tuple[int, slice, slice]]:
+    """Cut rows or columns at the borders of tiles: yield a tile's number, and its pixels in the crop and in itself."""
+    for tile in range(pixels.start // TILE, -(-pixels.stop // TILE)):
+        start, stop = max(pixels.start, tile * TILE), min(pixels.stop, (tile + 1) * TILE)
+        yield tile, slice(start - pixels.start, stop - pixels.start), slice(start - tile * TILE, stop - tile * TILE)
 
 
 def _tiled(planes: Pixels) -> Pixels:

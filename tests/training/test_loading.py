@@ -6,6 +6,7 @@ from contextlib import closing
 from itertools import islice
 
 import pytest
+import torch
 
 from nte.errors import NteError
 from nte.training.config import DataConfig
@@ -133,3 +134,20 @@ def test_a_loader_without_batches_starts_no_thread() -> None:
     with closing(training_loader(data, 8, 8)) as loader:
         assert not list(loader)
     assert not data.threads
+
+
+def test_without_a_thread_each_batch_is_loaded_when_it_is_due() -> None:
+    data = Numbered(fails_at(2, NteError("a mistake")))
+    loader = training_loader(data, 0, 9, ahead=False)
+    assert [next(loader), data.begun, next(loader), data.begun] == [0, [0, 1], 1, [0, 1]]
+    assert data.threads == {threading.current_thread()}
+    with pytest.raises(NteError, match="a mistake"):
+        next(loader)
+
+
+def test_pytorch_computes_on_one_core_in_the_thread_and_on_as_many_as_before_outside() -> None:
+    before, inside = torch.get_num_threads(), []
+    with closing(training_loader(Numbered(lambda number: inside.append(torch.get_num_threads())), 0, 3)) as loader:
+        assert list(loader) == [0, 1, 2]
+    assert inside == [1, 1, 1]
+    assert torch.get_num_threads() == before
