@@ -46,6 +46,7 @@ def _model(path: Path) -> str:
     model = OnnxDenoiser(path)
     lines = [f"model {path}: exported by nte {model.info['version']}, denoises '{model.target}'"]
     lines += [f"  needs: {', '.join(model.needs)}", f"  optional: {', '.join(model.optional) or 'none'}"]
+    lines += [f"  prior: made by {model.prior}"] if model.prior else []
     lines += [f"  {line}" for line in model.info.get("cost", [])]
     return "\n".join(lines + [f"  {key}: {value}" for key, value in model.info["conventions"].items()])
 
@@ -75,4 +76,5 @@ def _network(network: "TrainableDenoiser") -> list[str]:
     from nte.models.cost import cost_of
 
     about = f"network '{network.config.kind}' denoises '{network.target}'; needs: {', '.join(network.needs)}"
+    about += f"; prior is made by {network.prior}" if network.prior else ""
     return [f"  {line}" for line in (about, *cost_of(network).lines())]

@@ -11,6 +11,7 @@ from nte.errors import NteError
 from nte.filters.prior import complete
 from nte.frames.clip import Clip, frame_path, write_frame
 from nte.frames.frame import Frame
+from nte.info import describe
 from nte.models.registry import make_network
 from nte.models.temporal import TemporalConfig
 from nte.registry import load_denoiser
@@ -67,6 +68,8 @@ def test_trains_is_exported_and_brings_its_prior_along(clip: Clip, tmp_path: Pat
     export_onnx(load_run(run), model, progress=lambda line: None)
     exported = load_denoiser(model)
     assert {*trained.needs} == {*exported.needs} == NEEDS
+    assert "prior is made by taa:alpha=0.5" in describe(run)
+    assert "prior: made by taa:alpha=0.5" in describe(model)
     session, graph = Session(trained), Session(exported)
     taa, plain = Session(load_denoiser("taa:alpha=0.5")), Session(load_run(run))
     for frame in clip:
