@@ -1,6 +1,7 @@
 """The subcommand `nte train`."""
 
 import argparse
+import os
 from pathlib import Path
 
 from nte.cli.parsing import Commands, add_device, add_force, command
@@ -26,4 +27,6 @@ def _train(options: argparse.Namespace) -> None:
         return
     from nte.training.loop import train
 
-    print(train(options.config, options.force, options.device, options.overrides))
+    folder = train(options.config, options.force, options.device, options.overrides)
+    if os.environ.get("RANK", "0") == "0":  # torchrun starts several processes
+        print(folder)

@@ -98,6 +98,7 @@ def test_each_situation_has_its_numbers_its_report_and_its_strips(config: Path, 
     assert moving["metrics"]["ssim"] == pytest.approx(ssim, rel=1e-12)
     table = plain(summary)
     assert "disc, 2 clips" in table
+    assert "other, 1 clip " in table
     assert f"{moving['metrics']['rmse']:.4f}" in table
 
 

@@ -57,14 +57,18 @@ def failure_lines(summary: Summary) -> list[str]:
 def _heading(table: Summary) -> str:
     """The heading of the first column: the table's name, and the number of clips if all parts have the same."""
     counts = {part["clips"] for part in table["columns"]}
-    return f"{table['name']}, {counts.pop()} clips" if len(counts) == 1 else str(table["name"])
+    return f"{table['name']}, {_clips(counts.pop())}" if len(counts) == 1 else str(table["name"])
+
+
+def _clips(count: int) -> str:
+    return f"{count} clip{'s' if count > 1 else ''}"
 
 
 def _columns(table: Summary) -> list[_Column]:
     several = len({part["clips"] for part in table["columns"]}) > 1
     found = []
     for number, part in enumerate(table["columns"]):
-        where = f"{part['title']}, {part['clips']} clips" if several else part["title"]
+        where = f"{part['title']}, {_clips(part['clips'])}" if several else part["title"]
         parts = {row["method"]: row["parts"][number] for row in table["rows"]}
         found += [_metric(_METRICS[name], where, parts) for name in part["metrics"]]
         found += list(_margins(table, part, where, parts))
@@ -90,7 +94,7 @@ def _margin(metric: Metric, margin: Summary | None) -> str:
     if margin is None:
         return "–"
     mean, low, high = (f"{margin[key]:+.{metric.digits}f}" for key in ("mean", "low", "high"))
-    return f"{mean} ({low} … {high})"
+    return mean if margin["low"] == margin["high"] else f"{mean} ({low} … {high})"  # a single clip has no interval
 
 
 def _line(cells: list[str]) -> str:
