@@ -48,14 +48,13 @@ def neighbourhood_moments(image: Tensor, size: int = 3, step: int = 1, known: Te
         return Moments(mean, (square - (mean - centre).square_()).clamp_(min=0).sqrt_())
     counts = known.to(image.dtype)
     centre = (image * counts).sum((2, 3), keepdim=True) / counts.sum((2, 3), keepdim=True).clamp(min=1)
-    away = image - centre
-    parts = torch.cat([counts, away * counts, away.square_() * counts], 1)
+    parts = torch.cat([counts, image * counts, (image - centre).square_() * counts], 1)
     share, mean, square = box_mean(parts, size, step).split_with_sizes([1, image.shape[1], image.shape[1]], 1)
     exist = box_count(image, size, step)
     judged = share * exist > exist.clamp(max=ENOUGH) - 0.5
     mean, square = (part / share.clamp(min=1e-6) for part in (mean, square))
-    deviation = (square - mean.square()).clamp_(min=0).sqrt_()
-    return Moments(mean.add_(centre), torch.where(judged, deviation, float("inf")))
+    deviation = (square - (mean - centre).square_()).clamp_(min=0).sqrt_()
+    return Moments(mean, torch.where(judged, deviation, float("inf")))
 
 
 def clamp_history(history: Tensor, moments: Moments, width: float = 1.0) -> Tensor:

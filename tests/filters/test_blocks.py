@@ -98,3 +98,13 @@ def test_history_that_is_not_finite_has_no_part_in_what_is_fetched_and_no_more_p
             # Halfway, which of two pixels has most of the weight is a matter of rounding.
             assert x == 0.5 or gone == [[2, column] for column in lost]
             torch.testing.assert_close(image[:, :, valid[0, 0]], torch.full_like(image[:, :, valid[0, 0]], 2.0))
+
+
+def test_the_mean_of_known_light_is_never_negative() -> None:
+    """Light of exactly 0 beside bright light: a mean below 0 by rounding would make a ratio of lights infinite."""
+    generator = torch.Generator().manual_seed(3)
+    light = torch.rand(2, 3, 40, 60, generator=generator) * 7
+    light[..., 20:] = 0
+    known = torch.rand(2, 1, 40, 60, generator=generator) > 0.2
+    for size, step in ((3, 1), (5, 4)):
+        assert neighbourhood_moments(light, size, step, known).mean.min() >= 0

@@ -108,7 +108,7 @@ class Cones:
         if options.clamp == float("inf"):
             return light, light
         now, known = hemisphere.irradiance(around, self.weights), hemisphere.known(around)
-        kept = accumulation.limit(light, now, known, REACH, options, inner)
+        kept = accumulation.limit(light, now, known, REACH, options, inner).clamp(min=0)  # rounding may end below 0
         scale = torch.where(kept < light, kept / light, 1.0)
         more = (kept - light).clamp_(min=0).mul_(math.pi / sum(self.weights))
         radiance, weight = hemisphere.split(history)
