@@ -11,6 +11,7 @@ from PIL import Image
 
 from nte import NteError
 from nte.cli import main
+from nte.denoiser import Noisy
 from nte.evaluation.comparison.run import run_comparison
 from nte.evaluation.comparison.schema import read_comparison
 from nte.evaluation.comparison.text import markdown, plain
@@ -215,6 +216,7 @@ def test_a_method_that_fails_on_a_clip_is_told_and_the_rest_goes_on(
         monkeypatch.setattr("nte.render.recipes.clips.render_recipe", lambda *args, **options: None)
         return main(["compare", str(config), "--data", str(data), "--out", str(tmp_path / "out")])
 
+    whole = Noisy.step
     monkeypatch.setattr("nte.denoiser.Noisy.step", step)
     config.write_text(TEXT.replace("nothing done: noisy", "nothing done: noisy, clamped: taa"))
     assert compared() == 2
@@ -228,6 +230,9 @@ def test_a_method_that_fails_on_a_clip_is_told_and_the_rest_goes_on(
     assert clamped[0]["metrics"]["rmse"] > 0
     assert "- nothing done failed in other: cannot go on" in (tmp_path / "out/tables.md").read_text()
     assert "nothing done" not in (tmp_path / "out/other/index.html").read_text()
+    monkeypatch.setattr("nte.denoiser.Noisy.step", whole)  # the reason is gone, and what failed is tried again
+    assert compared() == 0
+    assert not json.loads((tmp_path / "out/summary.json").read_text())["failures"]
 
 
 def test_nothing_is_overwritten_without_force(config: Path, data: Path, tmp_path: Path) -> None:

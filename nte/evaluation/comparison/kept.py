@@ -59,11 +59,14 @@ def keep(path: Path, digest: str, scores: ClipScores) -> None:
 
 
 def read_kept(path: Path, digest: str) -> ClipScores | None:
-    """Read the scores of a clip; None if there are none, or if they are of other denoisers or another clip."""
+    """Read the scores of a clip; None if there are none, or if they are of other denoisers or another clip.
+
+    Also None where a denoiser failed: its reason may be gone.
+    """
     try:
         with np.load(path, allow_pickle=False) as file:
             about: Row = json.loads(file["about"].tobytes())
-            if about["digest"] != digest:
+            if about["digest"] != digest or about["failed"]:
                 return None
             shown = []
             for number, one in enumerate(about["shown"]):
