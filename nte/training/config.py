@@ -34,7 +34,7 @@ class DataConfig:
     radiance: float = 0.0  # radiance times 2^±radiance, with the exposure that this gives
     exposure: float = 0.0  # exposure times 2^±exposure: sequences brighter or darker than their exposure assumes
     average: int = 1  # largest number of noise seeds whose mean is a sequence, so with so many samples per pixel
-    workers: int = 0  # processes that load batches ahead; 0: a thread does, which is best if everything fits the cache
+    workers: int = 0  # processes that load batches ahead; 0: none, best if everything fits the cache
     cache_gb: float = 4.0  # GiB: decoded clips are kept in memory if all of them fit, once per worker; else in files
     cache_dir: str = ""  # folder of these files, kept and shared between runs; empty: in the run folder, until it ends
     scatter: float = 0.0  # share of sequences whose previous_forward_motion is made from motion, as in most engines

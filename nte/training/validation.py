@@ -9,6 +9,7 @@ import torch
 from torch import Tensor
 
 from nte.color import psnr
+from nte.denoiser import Denoiser
 from nte.filters.prior import complete
 from nte.frames.clip import Clip
 from nte.frames.reference import count_bad_pixels
@@ -66,6 +67,8 @@ def validate(denoiser: TrainableDenoiser, chosen: ValidationSet) -> Validation:
     are several families, validation_psnr/NAME is the score of each. Unusable reference pixels are left out; raises
     NteError if they are more than a tenth of a frame.
     """
+    device = next(denoiser.parameters()).device
+    whole = complete(denoiser, str(device))
     l1: list[float] = []
     ratios: dict[str, float] = {}
     pictures: list[Tensor] = []
@@ -73,7 +76,7 @@ def validate(denoiser: TrainableDenoiser, chosen: ValidationSet) -> Validation:
         errors: list[Tensor] = []
         decibels: list[Tensor] = []
         for clip in clips:
-            scored = _score(denoiser, clip, chosen.first(clip))
+            scored = _score(whole, device, clip, chosen.first(clip))
             errors += scored[0]
             decibels += scored[1]
             pictures = scored[2]
@@ -85,18 +88,19 @@ def validate(denoiser: TrainableDenoiser, chosen: ValidationSet) -> Validation:
     return Validation(scores, torch.cat(pictures, 3)[0].cpu())
 
 
-def _score(denoiser: TrainableDenoiser, clip: Clip, first: int) -> tuple[list[Tensor], list[Tensor], list[Tensor]]:
+def _score(
+    denoiser: Denoiser, device: torch.device, clip: Clip, first: int
+) -> tuple[list[Tensor], list[Tensor], list[Tensor]]:
     """Log-L1 and PSNR of each frame that counts, and noisy, denoised and reference image of the last frame."""
-    target, device = Target(denoiser.target), next(denoiser.parameters()).device
-    whole = complete(denoiser, str(device))
-    wanted = dict.fromkeys((*whole.needs, *whole.optional, target.reference, target.name, "color"))
+    target = Target(denoiser.target)
+    wanted = dict.fromkeys((*denoiser.needs, *denoiser.optional, target.reference, target.name, "color"))
     channels = [name for name in wanted if name in clip.channels]
     errors, decibels = [], []
     pictures: list[Tensor] = []
     state = known = None
     for i in range(len(clip)):
         frame = clip.frame(i, channels).torch(device)
-        result, state = whole.step(frame, state)
+        result, state = denoiser.step(frame, state)
         known = sequence_exposure(frame, known)
         if i < first:
             continue
