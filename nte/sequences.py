@@ -13,7 +13,8 @@ from nte.denoiser import Denoiser, Session, require_channels
 from nte.errors import NteError, needs_extra
 from nte.files import is_file_or_lost, only_writer, refuse_to_replace, remove
 from nte.frames.channels import CHANNELS
-from nte.frames.clip import Clip, Pixels, frame_path, read_frame, write_clip_info
+from nte.frames.clip import Clip, Pixels, frame_path, read_frame
+from nte.frames.clip_info import write_clip_info
 from nte.frames.exr import read_parts
 from nte.frames.exr_copy import Planes, copy_exr
 from nte.frames.frame import About, Frame

@@ -6,7 +6,8 @@ from pathlib import Path
 import numpy as np
 import numpy.typing as npt
 
-from nte.frames.clip import frame_path, write_clip_info, write_frame
+from nte.frames.clip import frame_path, write_frame
+from nte.frames.clip_info import write_clip_info
 from nte.frames.frame import Frame
 
 Pixels = npt.NDArray[np.float32]

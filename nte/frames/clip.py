@@ -1,22 +1,19 @@
 """A clip on disk: a folder with clip.json and one layered OpenEXR file per frame."""
 
-import json
 import os
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from functools import cached_property
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import numpy.typing as npt
 
 from nte.errors import NteError
-from nte.files import make_folder, write_whole
 from nte.frames.channels import CHANNELS
+from nte.frames.clip_info import read_clip_info
 from nte.frames.exr import HALF_MAX, HALF_TINY, read_exr, write_exr
 from nte.frames.frame import About, Frame
 
-FORMAT = "nte-clip/1"
 Pixels = npt.NDArray[np.float32]
 _OF_ONE_SAMPLE = ("indirect_radiance", "indirect_direction", "time", "shutter_motion", "shutter_depth")
 
@@ -69,16 +66,6 @@ def half_keeps(values: Pixels, dark_counts: bool) -> bool:
     return bool((lost <= 1e-3 * np.maximum(dark, 1e-3 * mean)).all())
 
 
-def write_clip_info(folder: Path, info: Mapping[str, Any]) -> None:
-    """Write clip.json, the last file of a clip: a folder without it is not finished.
-
-    Raises NteError if it cannot be written.
-    """
-    text = json.dumps({"format": FORMAT, **info}, indent=1, sort_keys=True) + "\n"
-    make_folder(folder)
-    write_whole(folder / "clip.json", lambda temporary: temporary.write_text(text, encoding="utf-8"))
-
-
 def read_frame(path: Path, size: tuple[int, int] | None = None) -> dict[str, Pixels]:
     """Read a frame's channels, each (C, H, W) float32: all that the table of channels has; other layers are ignored.
 
@@ -123,7 +110,7 @@ class Clip:
 
     def __init__(self, folder: Path | str) -> None:
         self.folder = Path(folder)
-        self.info = _read_info(self.folder)
+        self.info = read_clip_info(self.folder)
         self.height, self.width = int(self.info["height"]), int(self.info["width"])
         self.frames = int(self.info["frames"])
         self._last_forward: tuple[int, Pixels] | None = None  # so that reading in order opens each file once
@@ -230,51 +217,6 @@ def _mean_of_seeds(name: str, seeds: Sequence[Pixels]) -> Pixels:
     count = known.sum(0, dtype=np.float32)
     total = np.where(known, seeds, 0).sum(0, dtype=np.float32)
     return np.where(count > 0, total / count.clip(min=1), np.float32(np.nan))
-
-
-def _read_info(folder: Path) -> dict[str, Any]:
-    path = folder / "clip.json"
-    if not path.is_file():
-        state = "has frames but no clip.json: the clip is not finished" if any(folder.glob("*.exr")) else "is no clip"
-        raise NteError(f"{folder}: {state if folder.exists() else 'does not exist'}; expected a folder with clip.json")
-    try:
-        info = json.loads(path.read_text(encoding="utf-8"))
-    except (ValueError, OSError, RecursionError) as error:
-        raise NteError(f"{path}: not readable as JSON: {error}") from error
-    if not isinstance(info, dict) or info.get("format") != FORMAT:
-        found = info.get("format") if isinstance(info, dict) else type(info).__name__
-        raise NteError(f"{path}: format is {found!r}, expected '{FORMAT}'")
-    for key in ("width", "height", "frames", "seeds"):
-        found = info.get(key, 1 if key == "seeds" else None)
-        if type(found) is not int or not 1 <= found < 2**31:
-            raise NteError(f"{path}: '{key}' is {found!r:.40}, expected a whole number of at least 1")
-    for key in ("exposure", "depth_scale"):
-        found = info.get(key, 1)
-        if type(found) not in (int, float) or not 0 < found < 1e38:
-            raise NteError(f"{path}: '{key}' is {found!r:.40}, expected a positive number")
-    if type(info.get("clean_guides")) not in (bool, type(None)):
-        raise NteError(f"{path}: 'clean_guides' is {info['clean_guides']!r}, expected true, false or null for unknown")
-    shutter = info.get("shutter", 1)
-    if type(shutter) not in (int, float) or not 0 < shutter <= 1:
-        raise NteError(f"{path}: 'shutter' is {shutter!r}, expected the open share of the frame, in (0, 1]")
-    if "cameras" in info:
-        _require_cameras(path, info["cameras"], info["frames"])
-    return info
-
-
-def _require_cameras(path: Path, cameras: object, frames: int) -> None:
-    if not isinstance(cameras, list) or len(cameras) != frames:
-        found = len(cameras) if isinstance(cameras, list) else repr(cameras)
-        raise NteError(f"{path}: 'cameras' has {found} for {frames} frames")
-    for index, camera in enumerate(cameras):
-        for key in ("view", "projection"):
-            try:
-                with np.errstate(over="ignore"):
-                    matrix = np.array(camera[key], np.float32)
-            except (TypeError, ValueError, KeyError, IndexError, OverflowError, RecursionError):
-                matrix = np.empty(0, np.float32)
-            if matrix.shape != (4, 4) or not np.isfinite(matrix).all():
-                raise NteError(f"{path}: 'cameras[{index}].{key}' is no 4x4 matrix of finite numbers")
 
 
 def find_clips(paths: Iterable[Path]) -> list[Path]:

@@ -8,7 +8,8 @@ from typing import Any
 from nte.checking import guides_are_clean
 from nte.errors import NteError
 from nte.files import already_there, make_folder, refuse_other_writers, sweep, temporary_name
-from nte.frames.clip import Clip, Pixels, frame_path, write_clip_info, write_frame
+from nte.frames.clip import Clip, Pixels, frame_path, write_frame
+from nte.frames.clip_info import write_clip_info
 from nte.importing.cameras import Camera
 from nte.progress import Progress
 from nte.version import __version__

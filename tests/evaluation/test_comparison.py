@@ -20,7 +20,7 @@ from nte.evaluation.report.strips import most_different, strip
 from nte.evaluation.score_clip import Shown
 from nte.evaluation.units import evaluate_clip
 from nte.files import only_writer
-from nte.frames.clip import write_clip_info
+from nte.frames.clip_info import write_clip_info
 from tests.evaluation.conftest import noisy_frames
 from tests.synthetic import write_clip
 

@@ -15,7 +15,8 @@ from nte.evaluation.evaluate import evaluate
 from nte.evaluation.metrics import score
 from nte.evaluation.results import Evaluation, means_of
 from nte.evaluation.score_clip import mean
-from nte.frames.clip import clip_labels, find_clips, frame_path, write_clip_info, write_frame
+from nte.frames.clip import clip_labels, find_clips, frame_path, write_frame
+from nte.frames.clip_info import write_clip_info
 from nte.frames.reference import BadReferenceWarning
 from nte.frames.show import display
 from tests.evaluation.conftest import noisy_frames

@@ -13,7 +13,8 @@ import pytest
 
 from nte.errors import NteError
 from nte.files import write_whole
-from nte.frames.clip import write_clip_info, write_frame
+from nte.frames.clip import write_frame
+from nte.frames.clip_info import write_clip_info
 from nte.frames.exr import read_exr, write_exr
 from tests.synthetic import disc_frame
 

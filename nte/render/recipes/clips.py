@@ -9,7 +9,8 @@ import numpy as np
 
 from nte.files import make_folder, only_writer, remove
 from nte.frames.channels import channels_of
-from nte.frames.clip import write_clip_info, write_frame
+from nte.frames.clip import write_frame
+from nte.frames.clip_info import write_clip_info
 from nte.jobs import in_processes, on_cluster, require_jobs
 from nte.progress import Progress
 from nte.render.components.frame import noisy, references
