@@ -11,6 +11,8 @@ from nte.filters.prior import complete
 from nte.frames.channels import COMPONENTS
 from nte.options import Options
 
+_ESTIMATE = "estimate"  # the wrapper around any denoiser that comes before a +
+
 
 def load_denoiser(spec: str | Path, device: str = "cpu") -> Denoiser:
     """Load the denoiser that `spec` describes.
@@ -31,7 +33,7 @@ def load_denoiser(spec: str | Path, device: str = "cpu") -> Denoiser:
     """
     spec = str(spec)
     wrapper, plus, inner = spec.partition("+")
-    if plus and wrapper.partition(":")[0] == "estimate":
+    if plus and wrapper.partition(":")[0] == _ESTIMATE:
         return _estimated(spec, wrapper.partition(":")[2], load_denoiser(inner, device), device)
     if spec.partition(":")[0] == COMPOSITE and not isdir(spec):
         return Composition({light: _of_light(light, inner, spec, device) for light, inner in lights_of(spec).items()})
@@ -56,6 +58,16 @@ def load_denoiser(spec: str | Path, device: str = "cpu") -> Denoiser:
         _refuse_missing_target(kind.options_type, spec)
         return Composition({c: make(kind, {**given, "target": c}, spec, device) for c in COMPONENTS})
     return make(kind, given, spec, device)
+
+
+def parts_of(spec: str) -> list[str]:
+    """Return what a specification is made of: those in a composite, that below `estimate`, or itself."""
+    wrapper, plus, inner = spec.partition("+")
+    if plus and wrapper.partition(":")[0] == _ESTIMATE:
+        return parts_of(inner)
+    if spec.partition(":")[0] == COMPOSITE and not isdir(spec):
+        return [part for inner in lights_of(spec).values() for part in parts_of(inner)]
+    return [spec]
 
 
 def _of_light(light: str, inner: str, spec: str, device: str) -> Denoiser:

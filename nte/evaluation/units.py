@@ -16,7 +16,7 @@ from nte.evaluation.score_clip import ClipRun, Shown
 from nte.frames.channels import reference_of
 from nte.frames.clip import Clip
 from nte.jobs import Kind, in_processes, on_cluster, require_jobs, versions_of
-from nte.registry import load_denoiser
+from nte.registry import load_denoiser, parts_of
 
 Stamp: TypeAlias = tuple[Path, int, int]  # a file, its time of modification in ns, and its size in bytes
 
@@ -103,10 +103,11 @@ def require_scorable(label: str, clip: Clip, denoisers: Mapping[str, Denoiser], 
 
 def files_of(spec: str) -> list[Path]:
     """Find the files that a denoiser is read from: an exported model, a checkpoint, or those of a run folder."""
-    path = Path(spec.rpartition("+")[2])
-    if path.is_dir():
-        return [file for name in ("config.yaml", "checkpoint.safetensors") if (file := path / name).is_file()]
-    return [path] if path.is_file() else []
+    files = []
+    for path in map(Path, parts_of(spec)):
+        inside = [path / name for name in ("config.yaml", "checkpoint.safetensors")] if path.is_dir() else [path]
+        files += [file for file in inside if file.is_file()]
+    return files
 
 
 def stamps_of(spec: str) -> tuple[Stamp, ...]:

@@ -164,6 +164,34 @@ def test_a_clip_without_a_channel_fails_the_networks_that_need_it(
 
 
 @pytest.mark.slow
+def test_a_composite_uses_the_run_of_each_seed(
+    compare: Callable[..., dict], config: Path, data: Path, tmp_path: Path
+) -> None:
+    for clip in sorted(data.glob("test/*")):
+        frames = indirect_frames(4)
+        for frame in frames:
+            frame |= {"direct": frame["color"], "visibility": frame["depth"] * 0 + 1, "glossy": 0 * frame["color"]}
+        write_clip(clip, frames, exposure=0.5)
+    config.write_text(
+        COMPARISON.replace(
+            'light: indirect, methods: {noisy: "noisy:target=indirect"},\n     networks: [wide, "thin | one"]',
+            'methods: {noisy: noisy, all: "composite:visibility=noisy,glossy=noisy,indirect=[{wide}]"}',
+        )
+    )
+    summary = compare()
+    assert summary["failures"] == []
+    _, composite = summary["tables"][0]["rows"]
+    assert composite["label"] == "all (2 seeds)"
+    assert [spec[-11:] for spec in composite["denoisers"]] == ["wide_seed1]", "wide_seed2]"]
+    kept = {path: path.stat().st_mtime_ns for path in (tmp_path / "out").rglob("*.npz")}
+    assert len(kept) == 2
+    with (tmp_path / "runs/wide_seed2/config.yaml").open("a") as file:
+        file.write("# another file\n")
+    compare()
+    assert all(path.stat().st_mtime_ns > before for path, before in kept.items())  # the run's bytes count
+
+
+@pytest.mark.slow
 def test_two_processes_train_and_evaluate_what_one_does(compare: Callable[..., dict], tmp_path: Path) -> None:
     one, two = compare(), compare("two", "two_runs", jobs=2)
     for name in ("wide_seed1", "wide_seed2", "thin | one_seed5"):
@@ -189,6 +217,10 @@ def test_two_processes_train_and_evaluate_what_one_does(compare: Callable[..., d
         ("{metrics: [psnr],", "{light: glossy, metrics: [psnr],",
          "table 'discs' is about glossy, but network 'wide' denoises 'indirect'"),
         ("{noisy: ", "{wide: ", "two methods are called 'wide'"),
+        ("{noisy: ", "{all: 'composite:visibility=svgf,glossy=svgf,indirect={white}', noisy: ",
+         r"situations\[0\]\.methods\.all: there is no network 'white': expected one of wide, thin"),
+        ("{noisy: ", "{all: '{wide}{thin | one}', noisy: ",
+         r"situations\[0\]\.methods\.all uses thin \| one and wide: expected one network"),
     ],
 )  # fmt: skip
 def test_faulty_networks_are_named_before_any_work(

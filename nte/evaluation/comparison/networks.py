@@ -46,7 +46,7 @@ def trainings(comparison: Comparison, data: Path, runs: Path, device: str) -> li
     Raises NteError for a configuration that does not load, and for a network whose target is not the light of a table
     or plot that shows it.
     """
-    wanted = dict.fromkeys(title for situation in comparison.situations for title in situation.networks)
+    wanted = dict.fromkeys(title for situation in comparison.situations for title in situation.runs.values())
     found = []
     for title in wanted:
         network = comparison.networks[title]

@@ -9,7 +9,7 @@ from nte.errors import NteError
 from nte.evaluation.comparison.kept import keep, read_kept, unit_digest
 from nte.evaluation.comparison.numbers import Method
 from nte.evaluation.comparison.planned import Planned, plan_situation, require_clips, unit_name
-from nte.evaluation.comparison.schema import Comparison
+from nte.evaluation.comparison.schema import Comparison, Situation
 from nte.evaluation.comparison.write import write_results
 from nte.evaluation.metric_table import Row
 from nte.evaluation.units import ClipScores, elsewhere, evaluate_clip, require_scorable
@@ -70,8 +70,7 @@ def run_comparison(
         _claim(out, comparison, force)
         failures = networks.train(out, jobs, scheduler, progress)
         for plan in planned:
-            plan.methods = [Method(title, (spec,)) for title, spec in plan.situation.methods.items()]
-            plan.methods += [networks.method(title) for title in plan.situation.networks]
+            plan.methods = [networks.method(plan.situation, title) for title in plan.situation.titles]
         scores = _evaluate(planned, out, device, jobs, scheduler, progress)
         for plan in planned:
             failures += _failures(plan, scores)
@@ -83,13 +82,15 @@ def _of(planned: Sequence[Planned], situation: str) -> Planned:
 
 
 def _require_methods(planned: Sequence[Planned], device: str) -> None:
-    """Raise NteError for a denoiser that cannot be loaded, or that misses a channel in a clip."""
-    specs = dict.fromkeys(spec for plan in planned for spec in plan.situation.methods.values())
-    loaded = {spec: load_denoiser(spec, device) for spec in specs}
+    """Raise NteError for a denoiser that cannot be loaded, or that misses a channel in a clip.
+
+    Those that use a network are not asked: it may have to be trained.
+    """
+    loaded = {spec: load_denoiser(spec, device) for plan in planned for spec in plan.situation.untrained}
     for plan in planned:
         assert plan.situation.first is not None
         for label, folder in plan.clips.items():
-            methods = {spec: loaded[spec] for spec in plan.situation.methods.values()}
+            methods = {spec: loaded[spec] for spec in plan.situation.untrained}
             require_scorable(label, Clip(folder), methods, plan.situation.first)
 
 
@@ -104,7 +105,7 @@ class _Networks:
     def __init__(self, comparison: Comparison, data: Path, runs: Path, device: str) -> None:
         self._units: dict[str, Training] = {}
         self._faults: dict[str, str] = {}
-        if any(situation.networks for situation in comparison.situations):
+        if any(situation.runs for situation in comparison.situations):
             from nte.evaluation.comparison.networks import trainings
 
             self._units = {unit.name: unit for unit in trainings(comparison, data, runs, device)}
@@ -129,10 +130,14 @@ class _Networks:
             if name in self._faults
         ]
 
-    def method(self, title: str) -> Method:
-        """Return the network as a method, with those of its seeds that were trained."""
-        trained = [u for name, u in self._units.items() if u.title == title and name not in self._faults]
-        return Method(title, tuple(str(unit.folder) for unit in trained), tuple(unit.seed for unit in trained))
+    def method(self, situation: Situation, title: str) -> Method:
+        """Return a method of a situation; a network, or one that uses it, with those of its seeds that were trained."""
+        network = situation.runs.get(title)
+        if network is None:
+            return Method(title, (situation.methods[title],))
+        trained = [u for name, u in self._units.items() if u.title == network and name not in self._faults]
+        specs = tuple(situation.with_run(title, str(unit.folder)) for unit in trained)
+        return Method(title, specs, tuple(unit.seed for unit in trained))
 
 
 def _claim(out: Path, comparison: Comparison, force: bool) -> None:

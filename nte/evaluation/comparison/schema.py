@@ -1,5 +1,6 @@
 """The schema of a comparison: what is trained, what is evaluated, and what is printed of it."""
 
+import re
 from collections.abc import Iterable
 from dataclasses import dataclass, field, replace
 from pathlib import Path
@@ -14,6 +15,7 @@ from nte.files import is_folder_name
 from nte.frames.channels import TARGETS
 
 _NAMES = tuple(metric.name for metric in METRICS)
+_RUN_OF = re.compile(r"\{(.*?)\}")  # stands for the run of a network
 
 
 @dataclass
@@ -33,7 +35,7 @@ class Situation:
     clips: list[str] = field(default_factory=list)  # patterns below the folder of the data, such as test/fence_*
     light: str = "color"  # the component that it is about
     region: str = "all"  # the pixels that it is about
-    methods: dict[str, str] = field(default_factory=dict)  # title → denoiser
+    methods: dict[str, str] = field(default_factory=dict)  # title → denoiser; {title} in it is the run of a network
     networks: list[str] = field(default_factory=list)  # titles of the comparison's networks
     first: int | None = None  # index of the first frame that is scored; None takes that of the comparison
     pictures: int = 8  # number of clips that the report has pictures of, spread evenly
@@ -42,6 +44,21 @@ class Situation:
     def titles(self) -> list[str]:
         """Titles of all methods, in order."""
         return [*self.methods, *self.networks]
+
+    @property
+    def runs(self) -> dict[str, str]:
+        """Title of each method that uses the run of a network, such as composite:…,indirect=[{C}] → that network."""
+        named = {title: _RUN_OF.search(spec) for title, spec in self.methods.items()}
+        return {title: found[1] for title, found in named.items() if found} | {title: title for title in self.networks}
+
+    @property
+    def untrained(self) -> list[str]:
+        """Denoisers of all methods that use no network."""
+        return [spec for title, spec in self.methods.items() if title not in self.runs]
+
+    def with_run(self, title: str, run: str) -> str:
+        """Return the denoiser of a method with the folder of a run in the place of its network."""
+        return _RUN_OF.sub(lambda _: run, self.methods[title]) if title in self.methods else run
 
 
 @dataclass
@@ -190,8 +207,12 @@ def _check_situation(where: str, situation: Situation, comparison: Comparison) -
         raise NteError(f"{where}.clips is empty: expected at least one")
     if not situation.titles:
         raise NteError(f"{where}.methods is empty: expected at least one, or networks")
-    for title in situation.networks:
-        _known(f"{where}.networks", title, comparison.networks, "network")
+    for title, network in situation.runs.items():
+        place = "networks" if title in situation.networks else f"methods.{title}"
+        _known(f"{where}.{place}", network, comparison.networks, "network")
+    for title, spec in situation.methods.items():
+        if len(networks := set(_RUN_OF.findall(spec))) > 1:
+            raise NteError(f"{where}.methods.{title} uses {' and '.join(sorted(networks))}: expected one network")
     _refuse_twice(f"{where}: two methods are called", situation.titles)
     _refuse_twice(f"{where}: two methods are the denoiser", list(situation.methods.values()))
     if comparison.against and not comparison.tables and comparison.against not in situation.titles:

@@ -71,7 +71,7 @@ def _table(comparison: Comparison, table: Table, plan: Planned, found: Evaluated
     rows = [
         {
             "method": method.title,
-            "label": _label(comparison, method),
+            "label": _label(comparison, plan, method),
             "denoisers": list(method.specs),
             "seeds": list(method.seeds),
             "parts": [
@@ -94,11 +94,12 @@ def _methods(plan: Planned, titles: Sequence[str]) -> list[Method]:
     return [by_title[title] for title in titles or by_title]
 
 
-def _label(comparison: Comparison, method: Method) -> str:
+def _label(comparison: Comparison, plan: Planned, method: Method) -> str:
     """The method's title, with the number of its seeds if there are several."""
-    if method.title not in comparison.networks:
+    network = plan.situation.runs.get(method.title)
+    if network is None:
         return method.title
-    asked, found = len(comparison.seeds_of(method.title)), len(method.seeds)
+    asked, found = len(comparison.seeds_of(network)), len(method.seeds)
     if found < asked:
         return f"{method.title} ({found} of {asked} seeds)"
     return f"{method.title} ({asked} seeds)" if asked > 1 else method.title
