@@ -86,7 +86,8 @@ def _require_methods(planned: Sequence[Planned], device: str) -> None:
 
     Those that use a network are not asked: it may have to be trained.
     """
-    loaded = {spec: load_denoiser(spec, device) for plan in planned for spec in plan.situation.untrained}
+    specs = dict.fromkeys(spec for plan in planned for spec in plan.situation.untrained)
+    loaded = {spec: load_denoiser(spec, device) for spec in specs}
     for plan in planned:
         assert plan.situation.first is not None
         for label, folder in plan.clips.items():
