@@ -20,9 +20,9 @@ _RGB = (("color.R", "color.G", "color.B"), ("R", "G", "B"))
 def read_picture(path: Path) -> Pixels:
     """Read a picture as linear (3, H, W) float32, from a .exr, or from a .png or .tif of 8 or 16 bits in sRGB.
 
-    A .exr has the layer `color`, or R, G, B. Bad values (NaN, beyond 10¹⁵) become 0; transparency is ignored. A .png or .tif is
-    turned upright, as its orientation says. Raises NteError for a file that cannot be read, and for other layers or
-    bits.
+    A .exr has the layer `color`, or R, G, B. Bad values (NaN, beyond 10¹⁵) become 0; transparency is ignored. A .png
+    or .tif is turned upright, as its orientation says. Raises NteError for a file that cannot be read, and for other
+    layers or bits.
     """
     if not path.is_file():
         raise NteError(f"{path}: {'is a folder' if path.exists() else 'does not exist'}: expected a picture")

@@ -50,8 +50,9 @@ def _peaks(current: Tensor, previous: Tensor) -> list[tuple[int, int]]:
 def _difference(current: Tensor, previous: Tensor, x: int, y: int) -> tuple[float, int]:
     """The median of |current(p) − previous(p + (x, y))| over the overlap, without what a fraction of a pixel explains.
 
-    Returned with the number of values of which it is the median. Means of 3×3 pixels are compared, against noise. The fraction is found by least squares (Lucas and Kanade 1981);
-    without it, a repeating pattern would fit better a whole period away than half a pixel off.
+    Returned with the number of values of which it is the median. Means of 3×3 pixels are compared, against noise. The
+    fraction is found by least squares (Lucas and Kanade 1981); without it, a repeating pattern would fit better a whole
+    period away than half a pixel off.
     """
     height, width = current.shape[-2:]
     now = current[..., max(-y, 0) : height - max(y, 0), max(-x, 0) : width - max(x, 0)]
