@@ -21,6 +21,7 @@ from nte.motion.correspondence import find_correspondence, noise_of, patch_error
 from nte.motion.geometric import dual_motion
 from nte.motion.search import SEARCHES
 from nte.motion.warp import inside, pixel_centres, warp
+from tests.motion.test_correspondence import real_patch_error
 
 PAIRS = 2  # pairs of frames from a clip, at most
 LONG = 6  # clips of this many frames or more are for accumulation
@@ -116,6 +117,13 @@ def trust(case: Case) -> tuple[float, float, float]:
         found.append(row)
     correlation, right, zero = np.mean(found, 0)
     return float(correlation), float(right), float(zero)
+
+
+def own_error(case: Case) -> float:
+    """Return the correlation of ε with the patch error along the returned motion, computed step by step."""
+    search, pair = SEARCHES[case.noise], case.pairs[0]
+    motion, error = find_correspondence(*pair.images, search)
+    return _correlation(error, real_patch_error(*pair.images, motion, search))
 
 
 def by_level(case: Case) -> tuple[float, float, float, float]:

@@ -120,8 +120,12 @@ def _read(path: Path, base: Tensor, first: Path, camera: Raw | None) -> Tensor:
 
 
 def _unit(picture: Tensor) -> float:
-    """The mean of a linear picture, which has no white level: least variances and differences are shares of this."""
-    return float(picture.abs().double().mean()) or 1.0
+    """The median light of a linear picture, which has no white level: least variances are shares of this.
+
+    A mean would be that of a single bright pixel, beside which all else would count as noise.
+    """
+    light = picture[picture > 0]
+    return float(light.median()) if light.numel() else 1.0
 
 
 def _tensor(pixels: np.ndarray) -> Tensor:

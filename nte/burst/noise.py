@@ -18,6 +18,7 @@ _BINS = 16  # bins of the signal, with equally many tiles in each
 _SHARE = 0.25  # share of a bin's tiles that count as flat in the first round
 _ACCEPTED = 1.4  # later, tiles below this multiple of the fitted variance are flat: nearly all that really are
 _ROUNDS = 4  # rounds of fitting
+_CHANGED = 10.0  # times what nine tenths of similar signals vary at most: not noise, but a thing in one frame alone
 _LEAST = 64  # least number of flat tiles for a fit
 _SATURATED = 0.95  # share of the white level above which noise is cut off
 _FLOOR = 1e-10  # least variance; rounding to 16 bits has about this much
@@ -64,6 +65,7 @@ def fit_noise(first: Tensor, second: Tensor, mosaic: Mosaic | None, clips: bool 
     flat = [_quietest(select) & use for (select, _), use in zip(both, usable, strict=True)]
     for _ in range(_ROUNDS):
         found = torch.cat([measure[part] for (_, measure), part in zip(both, flat, strict=True)]).double()
+        found = found[_unchanged(found)]
         if len(found) < _LEAST:
             raise NteError(
                 f"the noise cannot be fitted: {len(found)} flat tiles that are not saturated, {_LEAST} are needed: "
@@ -83,6 +85,18 @@ def _quietest(tiles: Tensor) -> Tensor:
     for part in tiles[:, 0].argsort().chunk(_BINS):
         flat[part[tiles[part, 1].argsort()[: int(len(part) * _SHARE)]]] = True
     return flat
+
+
+def _unchanged(tiles: Tensor) -> Tensor:
+    """Bool mask (T,): the tiles whose variance could be that of their signal's noise.
+
+    A tile that is flat in the frame that selects it may have a bright speck in the one that measures it.
+    """
+    kept = torch.zeros(len(tiles), dtype=torch.bool, device=tiles.device)
+    for part in tiles[:, 0].argsort().chunk(_BINS):
+        if len(part):
+            kept[part] = tiles[part, 1] <= _CHANGED * tiles[part, 1].quantile(0.9, interpolation="lower")
+    return kept
 
 
 def _line(x: Tensor, v: Tensor) -> tuple[float, float]:

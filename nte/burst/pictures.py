@@ -11,6 +11,7 @@ from nte.frames.clip import Pixels
 from nte.frames.exr import read_exr, write_exr
 from nte.frames.quiet import quiet
 from nte.frames.srgb import decode_srgb, encode_srgb
+from nte.frames.usable import ABSOLUTE
 
 SUFFIXES = (".exr", ".png", ".tif", ".tiff")
 _RGB = (("color.R", "color.G", "color.B"), ("R", "G", "B"))
@@ -19,8 +20,9 @@ _RGB = (("color.R", "color.G", "color.B"), ("R", "G", "B"))
 def read_picture(path: Path) -> Pixels:
     """Read a picture as linear (3, H, W) float32, from a .exr, or from a .png or .tif of 8 or 16 bits in sRGB.
 
-    A .exr has the layer `color`, or R, G, B. Bad values (NaN, inf) become 0; transparency is ignored. Raises NteError
-    for a file that cannot be read, and for other layers or bits.
+    A .exr has the layer `color`, or R, G, B. Bad values (NaN, beyond 10¹⁵) become 0; transparency is ignored. A .png
+    or .tif is turned upright, as its orientation says. Raises NteError for a file that cannot be read, and for other
+    layers or bits.
     """
     if not path.is_file():
         raise NteError(f"{path}: {'is a folder' if path.exists() else 'does not exist'}: expected a picture")
@@ -28,7 +30,8 @@ def read_picture(path: Path) -> Pixels:
         layers = read_exr(path)
         for names in _RGB:
             if all(name in layers for name in names):
-                return np.nan_to_num(np.stack([layers[name] for name in names]), nan=0, posinf=0, neginf=0)
+                pixels = np.stack([layers[name] for name in names])
+                return np.where(abs(pixels) <= ABSOLUTE, pixels, np.float32(0))
         raise NteError(f"{path}: has {', '.join(layers)}: expected the layers R, G and B, or those of color")
     shown = _decode(path)
     return decode_srgb(shown).astype(np.float32)
@@ -59,7 +62,7 @@ def _decode(path: Path) -> Pixels:
     coded = np.frombuffer(path.read_bytes(), np.uint8)
     try:
         with quiet():  # libpng and libtiff print complaints about a damaged file
-            whole = cv2.imdecode(coded, cv2.IMREAD_COLOR | cv2.IMREAD_ANYDEPTH | cv2.IMREAD_IGNORE_ORIENTATION)
+            whole = cv2.imdecode(coded, cv2.IMREAD_COLOR | cv2.IMREAD_ANYDEPTH)
     except cv2.error as error:
         raise NteError(f"{path}: the {kind} cannot be read: {str(error).splitlines()[0]}") from error
     if whole is None:

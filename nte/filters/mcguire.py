@@ -18,6 +18,7 @@ from nte.frames.frame import Frame
 from nte.motion.warp import fetch_nearest, inside, pixel_centres
 from nte.options import Allowed, Count, Options
 
+_SKY = 1e20  # scene units; beyond all depths that are usable
 STILL_PX = 0.5  # a dominant half vector no longer than this leaves the pixel as it is
 
 
@@ -50,7 +51,7 @@ class McGuire(Filter[McGuireOptions]):
         """Blur one frame; the filter has no state."""
         color, depth = frame["color"], frame["depth"]
         # The sky is infinitely far; with a finite depth the difference of two sky pixels is 0, not NaN.
-        depth = torch.where(depth > 0, depth, 1e8)
+        depth = torch.where(depth > 0, depth, _SKY)
         half = _limited(frame["shutter_motion"].nan_to_num(0, 0, 0) / 2, self.options.tile)
         dominant = dominant_motion(half, self.options.tile)
         blurred = self._gather(color, depth, half, dominant, frame.index)

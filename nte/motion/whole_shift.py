@@ -9,7 +9,9 @@ from torch import Tensor
 
 _PEAKS = 16  # highest peaks of the phase correlation that are tried
 _FRACTION = 1 / 3  # a pixel, in units of the means' spacing
-_BETTER = 0.9  # a shift must have less than this share of the best difference so far; fitting as well is not enough
+# A shift must have less than _BETTER − _CHANCE/√n of the best difference so far, where n means are compared: fitting as
+# well is not enough, and the median of few means is small by chance for one of so many shifts.
+_BETTER, _CHANCE = 0.9, 3.0
 
 
 def whole_shift(current: Tensor, previous: Tensor, farthest: float = 0.25) -> tuple[int, int]:
@@ -22,11 +24,11 @@ def whole_shift(current: Tensor, previous: Tensor, farthest: float = 0.25) -> tu
     """
     height, width = current.shape[-2:]
     current, previous = current.mean(1, keepdim=True), previous.mean(1, keepdim=True)
-    best, least = (0, 0), _difference(current, previous, 0, 0)
+    best, (least, _) = (0, 0), _difference(current, previous, 0, 0)
     for x, y in _peaks(current, previous):
         if abs(x) <= width * farthest and abs(y) <= height * farthest:
-            found = _difference(current, previous, x, y)
-            if found < _BETTER * least:
+            found, count = _difference(current, previous, x, y)
+            if found < (_BETTER - _CHANCE / count**0.5) * least:
                 best, least = (x, y), found
     return best
 
@@ -45,11 +47,12 @@ def _peaks(current: Tensor, previous: Tensor) -> list[tuple[int, int]]:
     return [((p % width + half_x) % width - half_x, (p // width + half_y) % height - half_y) for p in places]
 
 
-def _difference(current: Tensor, previous: Tensor, x: int, y: int) -> float:
+def _difference(current: Tensor, previous: Tensor, x: int, y: int) -> tuple[float, int]:
     """The median of |current(p) − previous(p + (x, y))| over the overlap, without what a fraction of a pixel explains.
 
-    Means of 3×3 pixels are compared, against noise. The fraction is found by least squares (Lucas and Kanade 1981);
-    without it, a repeating pattern would fit better a whole period away than half a pixel off.
+    Returned with the number of values of which it is the median. Means of 3×3 pixels are compared, against noise. The
+    fraction is found by least squares (Lucas and Kanade 1981); without it, a repeating pattern would fit better a whole
+    period away than half a pixel off.
     """
     height, width = current.shape[-2:]
     now = current[..., max(-y, 0) : height - max(y, 0), max(-x, 0) : width - max(x, 0)]
@@ -63,4 +66,4 @@ def _difference(current: Tensor, previous: Tensor, x: int, y: int) -> float:
         if normal.isfinite().all():
             fraction = torch.linalg.pinv(normal, hermitian=True) @ (slopes @ apart)
             apart = apart - fraction.clamp(-_FRACTION, _FRACTION) @ slopes
-    return float(apart.abs().median())
+    return float(apart.abs().median()), apart.numel()

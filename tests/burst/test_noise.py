@@ -5,7 +5,7 @@ import torch
 
 from nte.burst.noise import NoiseModel, fit_noise
 from nte.errors import NteError
-from tests.burst.scenes import PATTERNS, mosaic_of, scene, sense
+from tests.burst.scenes import NOISE, PATTERNS, mosaic_of, scene, sense
 
 
 def signals(frame: torch.Tensor) -> torch.Tensor:
@@ -21,6 +21,17 @@ def test_the_fit_is_within_10_percent_in_a_picture_that_moves(kind: str, known: 
     found = fit_noise(*frames, mosaic)
     signal = signals(frames[0])
     torch.testing.assert_close(found.variance(signal), known.variance(signal), rtol=0.1, atol=0)
+
+
+@pytest.mark.parametrize("kind", ["bayer", "rgb"])
+@pytest.mark.parametrize("light", [10.0, 1e4, 1e12])
+def test_a_bright_speck_in_one_frame_is_no_noise(kind: str, light: float) -> None:
+    """A firefly: what is flat in the other frame measures nothing there."""
+    mosaic = None if kind == "rgb" else mosaic_of(kind)
+    frames = [sense(scene((240, 320), (i, 0)), mosaic, NOISE, i) for i in range(2)]
+    frames[1][..., 70, 100] = light
+    found, signal = fit_noise(*frames, mosaic, clips=False), signals(frames[0])
+    torch.testing.assert_close(found.variance(signal), NOISE.variance(signal), rtol=0.2, atol=0)
 
 
 @pytest.mark.parametrize("kind", PATTERNS)

@@ -161,6 +161,19 @@ def test_true_vectors_are_kept_at_one_sample_per_pixel() -> None:
         assert (mask[..., 68:] > 0).mean() < 0.02
 
 
+@pytest.mark.parametrize("sky", [0.0, 0.7])
+def test_true_vectors_are_kept_before_a_background_without_noise(sky: float) -> None:
+    """Most of the image is clean, but what is seen before it has one sample per pixel: the search is one for noise."""
+    rng, session = np.random.default_rng(0), Session(AlignAccumulate(AlignAccumulateOptions("geometric")))
+    y, x = np.indices((96, 128))
+    for index, frame in enumerate(moving(3)):
+        thing = (x - 60 - SPEED * index) ** 2 + (y - 50) ** 2 < 34**2
+        color = np.where(thing, frame["color"] * rng.exponential(size=(96, 128)), sky).astype(np.float32)
+        vectors = np.where(thing, np.reshape([-SPEED, 0], (2, 1, 1)), 0)[None].astype(np.float32)
+        mask = session.step(frame.with_channels(color=color, motion=vectors), ("mask",)).extras["mask"]
+    assert (mask[0, 0][thing] > 0).mean() < 0.02
+
+
 def test_catmull_rom_reproduces_whole_shifts_and_parabolas() -> None:
     y, x = torch.meshgrid(torch.arange(20.0), torch.arange(24.0), indexing="ij")
     image = (0.1 * x * x - 0.2 * x * y + y)[None, None]

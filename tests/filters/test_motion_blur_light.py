@@ -1,5 +1,7 @@
 """Light is neither made nor lost: bright bars on black, whose blurred frame has the light that the truth has."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 import torch
@@ -47,6 +49,14 @@ def test_light_is_kept_within_a_percent(spec: str, name: str) -> None:
     ours, given, truth = light_of(SPECS[spec], bar)
     assert given == pytest.approx(truth, rel=0.02)  # the samples are few, and themselves not all of the truth
     assert ours == pytest.approx(given, rel=0.01)
+
+
+@pytest.mark.parametrize(("before", "now"), [(0.25, 1.0), (1.0, 0.5)])
+def test_light_is_kept_where_the_shutter_changes(before: float, now: float) -> None:
+    bar, session = Bar((8, 16), (18, 5), -0.4, image=(56, 60), color=COLOR), Session(load_denoiser("motion_blur"))
+    session.denoise(replace(bar, shutter=before).frame(-1, batch=BATCH))
+    frame = replace(bar, shutter=now).frame(0, batch=BATCH)
+    assert session.denoise(frame).sum() == pytest.approx(frame["color"].sum(), rel=0.01)
 
 
 def crossing(index: int, front: Bar, back: Bar, batch: int) -> Frame:

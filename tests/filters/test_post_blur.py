@@ -60,6 +60,17 @@ def test_what_is_behind_does_not_blur_over_what_stands_in_front():
     np.testing.assert_allclose(run(McGuire(), [behind])[0][0, :, :, 50:], 0.2, atol=1e-5)
 
 
+@pytest.mark.parametrize("unit", [2.0**-30, 2.0**30])
+def test_the_sky_is_behind_everything_in_any_unit_of_length(unit):
+    """A wall that stands before a sky that moves keeps its colour."""
+    frame = sharp()
+    x = np.indices(frame.size)[1]
+    moving = np.where(x < 50, np.reshape([12.0, 0.0], (2, 1, 1)), 0.0)[None].astype(np.float32)
+    depth = np.where(x < 50, 0.0, 2 * unit)[None, None].astype(np.float32)
+    image = run(McGuire(), [frame.with_channels(depth=depth, shutter_motion=moving)])[0]
+    np.testing.assert_allclose(image[..., 50:], frame["color"][..., 50:], atol=1e-5)
+
+
 def test_dominant_motion_is_the_longest_of_nine_tiles():
     half = torch.zeros(1, 2, 50, 50)
     half[0, :, 25, 25] = torch.tensor([3.0, 4.0])

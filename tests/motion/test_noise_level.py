@@ -5,6 +5,7 @@ import torch
 
 from nte.motion.noise_level import noise_level
 from nte.motion.search import SEARCHES, noise_of
+from nte.motion.warp import pixel_centres
 from tests.motion.test_correspondence import disc, noisy
 
 
@@ -23,6 +24,20 @@ def test_edges_and_texture_are_no_noise_and_each_image_of_a_batch_has_its_own() 
     assert level[0] < 0.01
     assert level[1] == pytest.approx(0.1, rel=0.15)
     assert torch.equal(level[1:], noise_level(coarse))
+
+
+def test_a_background_without_noise_does_not_count_and_constant_areas_with_edges_have_none() -> None:
+    """A thing of a fifth of the image at 1 sample per pixel, before black, before a sky, and as flat as a cartoon."""
+    here = pixel_centres(torch.zeros(1, 1, 200, 240))
+    thing = (here - torch.tensor([130.0, 90.0]).view(1, 2, 1, 1)).square().sum(1, keepdim=True) < 55**2
+    light = 0.6 * torch.empty(1, 1, 200, 240).exponential_(generator=torch.Generator().manual_seed(1))
+    image = light / (1 + light)
+    expected = noise_level(image)
+    for sky in (0.0, 0.37):
+        found = image.where(thing, sky)
+        assert noise_level(found).item() == pytest.approx(expected.item(), rel=0.25)
+        assert noise_of(found) == noise_of(image) == "noisy"
+        assert noise_level(torch.full_like(image, 0.8).where(thing, sky)) == 0
 
 
 def test_the_noisiest_channel_counts_and_tiny_images_have_none() -> None:

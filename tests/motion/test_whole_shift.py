@@ -40,3 +40,23 @@ def test_images_that_say_nothing_stand_still(size: tuple[int, int]) -> None:
     assert whole_shift(flat + 1, flat) == (0, 0)
     noise = torch.rand(1, 1, *size, generator=torch.Generator().manual_seed(0))
     assert whole_shift(noise, noise) == (0, 0)
+
+
+@pytest.mark.parametrize("size", [(12, 18), (16, 16), (24, 36), (48, 64), (70, 64)])
+def test_the_noise_of_a_small_image_is_no_shift(size: tuple[int, int]) -> None:
+    """Few means agree by chance: of 16 shifts some do, and of an overlap of 9 px every one does."""
+    shifted = 0
+    for seed in range(8):
+        image = 0.5 + 0.4 * texture(size, seed)
+        noise = torch.empty(2, *size).exponential_(generator=torch.Generator().manual_seed(seed))
+        light = image * noise
+        now, before = (light / (1 + light))[:, None, None]
+        shifted += whole_shift(now, before, farthest=0.5) != (0, 0)
+    assert shifted <= 1
+
+
+@pytest.mark.parametrize("size", [(60, 80), (65, 64)])
+def test_the_pan_of_a_small_image_is_a_shift(size: tuple[int, int]) -> None:
+    large = texture((size[0] + 10, size[1] + 12))[None, None]
+    current, previous = large[..., : size[0], 12:], large[..., 10:, : size[1]]
+    assert whole_shift(current, previous, farthest=0.5) == (12, -10)

@@ -14,6 +14,7 @@ from nte.denoiser import Filter, Result, require_size, sanitised
 from nte.filters.motion_blur.composition import Cover, balanced, compose, plain_share, weighted_share
 from nte.filters.motion_blur.first_stage import (
     COLUMNS,
+    MOVING_MOTION,
     MOVING_WEIGHT,
     STATIC_COLOR,
     STATIC_WEIGHT,
@@ -46,14 +47,19 @@ class MotionBlurState:
     color: Tensor  # (N, 3, H, W)
     index: Tensor  # (K,) int64: row numbers of the filtered pixels
     values: Tensor  # (K, 10): their rows in the moving and the static buffer
+    shutter: Tensor  # (N,): the open share of the previous frame, which their vectors span
 
-    def rows(self, reset: Tensor | None) -> Tensor:
-        """Return the buffers of all pixels, (N·H·W, 10), with 0 in sequences that restart."""
+    def rows(self, reset: Tensor | None, shutter: Tensor) -> Tensor:
+        """Return the buffers of all pixels, (N·H·W, 10), with 0 in sequences that restart.
+
+        shutter (N,): the open share that the vectors of the returned rows span.
+        """
         batch = len(self.color)
         rows = self.color.new_zeros(batch * self.color[0, 0].numel(), COLUMNS)
         rows[:, STATIC_COLOR] = self.color.movedim(1, -1).reshape(-1, 3)
         rows[:, STATIC_WEIGHT] = 1
         rows[self.index] = self.values
+        rows.view(batch, -1, COLUMNS)[..., MOVING_MOTION] *= (shutter / self.shutter)[:, None, None]
         if reset is not None:
             rows.view(batch, -1, COLUMNS)[reset > 0] = 0
         return rows
@@ -100,7 +106,7 @@ class MotionBlur(Filter[MotionBlurOptions]):
             after = image
         after_image, color = _as_image(after, size), _as_image(image, size)
         given = {name: _as_image(values, size) for name, values in maps.items()}
-        return Result(after_image, given), MotionBlurState(color, pixels.index, means)
+        return Result(after_image, given), MotionBlurState(color, pixels.index, means, shutter)
 
     def _buffers(
         self, rows: Tensor, pixels: PixelList, state: MotionBlurState | None, frame: Frame, shutter: Tensor
@@ -123,7 +129,7 @@ class MotionBlur(Filter[MotionBlurOptions]):
         accepted = torch.zeros(len(sums), dtype=torch.bool, device=sums.device)
         with record_function("motion_blur/temporal"):
             if how.history and state is not None:
-                still, history = rows[pixels.index, MOVING] == 0, state.rows(frame.reset)
+                still, history = rows[pixels.index, MOVING] == 0, state.rows(frame.reset, shutter)
                 of_each = shutter[pixels.index // (pixels.size.height * pixels.size.width)]
                 added, accepted = add_history(sums, history, pixels, reach, of_each, how)
                 # A static pixel keeps its colour.
