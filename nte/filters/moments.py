@@ -81,7 +81,7 @@ def estimated_variance(moments: Tensor, length: Tensor, young: float, edge: Edge
 def told_by_others(
     light: Tensor, moments: Tensor, known: Tensor, edge: Edge, guides: Sequence[Tensor]
 ) -> tuple[Tensor, Tensor]:
-    """Fill light (N, C, H, W) and moments (N, 2, H, W) where they are not `known` from known pixels of the same surface.
+    """Fill light (N, C, H, W) and moments (N, 2, H, W) where they are not `known`, from the same surface nearby.
 
     known (N, 1, H, W), bool: whether the frame or its history is usable. Unknown pixels would count as black and darken
     their neighbours. They take the mean of 7×7 pixels, which lie farther apart where nothing nearer is known, about as
