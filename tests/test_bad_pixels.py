@@ -11,6 +11,7 @@ import pytest
 
 from nte import Denoiser, Frame, load_denoiser
 from nte.denoiser import Session
+from nte.filters.named import NAMES
 from nte.frames.channels import CHANNELS
 from nte.runtime.export import export_onnx
 from tests.everything import floor_frame
@@ -19,7 +20,7 @@ from tests.shared import made_once
 
 Pixels = npt.NDArray[np.float32]
 SIZE, WHERE = (16, 20), (8, 10)  # 16: the least that a network of three levels takes
-BEFORE, AFTER = (0, 4), 6  # frames with a bad pixel, and how many frames later the damage must be gone
+BEFORE, AFTER = (0, 8), 6  # frames with a bad pixel, and how many frames later the damage must be gone
 LATER = 10  # the same of taa, whose mean is over the noise of fewer frames: the clean image itself is less certain
 BRIGHTER = float((floor_frame(0, SIZE)["albedo"].max((2, 3)) / floor_frame(0, SIZE)["albedo"][:, :, *WHERE]).max())
 nan, inf = float("nan"), float("inf")
@@ -241,6 +242,25 @@ def allowed(case: str, start: int, memory: Memory | None, denoiser: Denoiser, me
         texture = BRIGHTER if "albedo" in denoiser.needs else 1
         return memory.left(start, True) * noisy * texture * USABLE_LIGHT / (SIZE[0] * SIZE[1] * mean)
     return memory.left(start, False) if case.startswith(TAUGHT) else 0.0
+
+
+def test_every_denoiser_by_name_is_asked() -> None:
+    assert {spec.removeprefix("estimate+").partition(":")[0] for spec in METHODS} == set(NAMES)
+
+
+@pytest.mark.filterwarnings("ignore::UserWarning")
+@pytest.mark.parametrize("spec", ["taa", "taa:clamp=clip", "taa:target=components", "align_taa"])
+def test_bad_pixels_in_every_frame_do_not_darken_the_history_of_those_around(spec: str) -> None:
+    """Three in ten, elsewhere in each frame: history is clamped to what the others show, and black is not shown."""
+    frames = [floor_frame(index, (32, 44)) for index in range(16)]
+    broken = []
+    for frame in frames:
+        bad = np.random.default_rng([frame.index, 9]).random((1, 1, *frame.size)) < 0.3
+        noisy = {name: frame[name] for name in ("color", "glossy", "indirect", "visibility")}
+        broken.append(frame.with_channels(**{n: np.where(bad, np.float32(nan), v) for n, v in noisy.items()}))
+    whole, holed = (Session(load_denoiser(spec)) for _ in range(2))
+    expected, found = ([s.denoise(f).mean() for f in fs][8:] for s, fs in ((whole, frames), (holed, broken)))
+    assert np.mean(found) == pytest.approx(np.mean(expected), rel=0.03)
 
 
 @pytest.mark.filterwarnings("ignore::UserWarning")

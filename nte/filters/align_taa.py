@@ -11,7 +11,7 @@ from torch import Tensor
 
 from nte.denoiser import Filter, Result, State, require_size, sanitised
 from nte.filters.align import Aligned, SearchOptions, align
-from nte.filters.blocks import clamp_history, fetch_finite, keep_where_bad, neighbourhood_moments, remembered, restarts
+from nte.filters.blocks import clamp_history, fetch_finite, keep_where_bad, remembered, restarts, usable_moments
 from nte.filters.estimated import matched_grey
 from nte.frames.frame import Frame
 from nte.frames.scalars import sequence_exposure
@@ -97,7 +97,7 @@ class AlignTaa(Filter[AlignTaaOptions]):
         """The blended image, and where it has a history."""
         past, found = fetch_finite(warp_catmull_rom, state.output, aligned.motion)
         past, valid = past.clamp(min=0), aligned.valid & found
-        moments = neighbourhood_moments(current)
+        moments = usable_moments(frame, "color")
         width: Tensor | float = 1.0
         if self.options.tolerance == "adaptive" and guides is not None and state.guides is not None:
             apart = (guides - warp(state.guides, aligned.motion).image).abs()

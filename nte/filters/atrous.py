@@ -43,7 +43,7 @@ def atrous_step(
     guides: tensors (N, ·, H, W) that the weights depend on. edge(p, q, distance) receives their values at both ends of
     a pair of pixels, as slices (N, ·, h, w), and returns the two edge-stopping weights (N, 1, h, w), or the same tensor
     twice if they are symmetric; a pixel's own weight is 1. variance (N, K, H, W): of the values, with noise independent
-    from pixel to pixel; it becomes Σ h² w² variance / (Σ h w)² (SVGF, Eq. 4 and below). kernel: h along one axis from
+    from pixel to pixel; it becomes Σ h² w² variance / (Σ h w)² (SVGF, section 4.3). kernel: h along one axis from
     the centre outwards, beginning with 1; (1, 1, 1, 1) is a 7×7 window.
 
     Every unordered pair is visited once, strip by strip of rows, and contributes to both of its pixels, so that

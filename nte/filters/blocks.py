@@ -57,6 +57,12 @@ def neighbourhood_moments(image: Tensor, size: int = 3, step: int = 1, known: Te
     return Moments(mean, torch.where(judged, deviation, float("inf")))
 
 
+def usable_moments(frame: Frame, target: str) -> Moments:
+    """Compute μ and σ of 3×3 pixels of a light of the frame; bad pixels, which are black, do not count."""
+    known = frame[mask_of(target)] > 0
+    return neighbourhood_moments(frame[target], known=None if known.all() else known)
+
+
 def clamp_history(history: Tensor, moments: Moments, width: float = 1.0) -> Tensor:
     """Clamp history (N, C, H, W), per channel, to μ ± width·σ of the current neighbourhood (Salvi 2015)."""
     reach = width * moments.deviation
@@ -66,9 +72,8 @@ def clamp_history(history: Tensor, moments: Moments, width: float = 1.0) -> Tens
 def clip_history(history: Tensor, moments: Moments, width: float = 1.0) -> Tensor:
     """Move history (N, C, H, W) along the line to μ until it lies in the box μ ± width·σ, which keeps its hue."""
     away = history - moments.mean
-    reach = (width * moments.deviation).clamp(min=1e-8)
-    outside = (away.abs() / reach).amax(1, keepdim=True).clamp(min=1)
-    return moments.mean + away / outside
+    outside = torch.where(away == 0, 0.0, away.abs() / (width * moments.deviation))  # infinite where σ is 0
+    return moments.mean + away / outside.amax(1, keepdim=True).clamp(min=1)
 
 
 def accumulate(current: Tensor, history: Tensor, valid: Tensor, alpha: float) -> Tensor:

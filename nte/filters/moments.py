@@ -13,6 +13,7 @@ from nte.color import luminance
 from nte.filters.atrous import Edge, atrous_step
 
 WINDOW = (1.0, 1.0, 1.0, 1.0)  # kernel of 7×7 pixels of equal weight
+APART = (1, 4, 16)  # px between the pixels of that window, when unknown pixels are filled
 ROUNDING = 1e-4  # as a share of a length: a mean of whole lengths, fetched between pixels, is less by so much at most
 TILE, HALO = 32, 3  # px: side of a tile, and the margin that the window needs around it
 
@@ -80,18 +81,24 @@ def estimated_variance(moments: Tensor, length: Tensor, young: float, edge: Edge
 def told_by_others(
     light: Tensor, moments: Tensor, known: Tensor, edge: Edge, guides: Sequence[Tensor]
 ) -> tuple[Tensor, Tensor]:
-    """Fill light (N, C, H, W) and moments (N, 2, H, W) where they are not `known` from the same surface in 7×7 pixels.
+    """Fill light (N, C, H, W) and moments (N, 2, H, W) where they are not `known`, from the same surface nearby.
 
     known (N, 1, H, W), bool: whether the frame or its history is usable. Unknown pixels would count as black and darken
-    their neighbours. Where nothing around is known either, the result is 0. edge and guides: as in
+    their neighbours. They take the mean of 7×7 pixels, which lie farther apart where nothing nearer is known, about as
+    far as the five levels of the à-trous filter reach. What is still unknown then is 0. edge and guides: as in
     `estimated_variance`.
     """
     if known.all():
         return light, moments
-    both, share = torch.cat([light, moments], 1), known.to(light.dtype)
-    around = atrous_step(torch.cat([both * share, share], 1), 1, edge, guides, kernel=WINDOW).values
-    found = around[:, :-1] / around[:, -1:].where(around[:, -1:] > 0, 1.0)
-    both = torch.where(known, both, found)
+    both = torch.cat([light, moments], 1)
+    for step in APART:
+        share = known.to(light.dtype)
+        around = atrous_step(torch.cat([both * share, share], 1), step, edge, guides, kernel=WINDOW).values
+        found, share = around[:, :-1], around[:, -1:]
+        both = torch.where(known, both, found / share.where(share > 0, 1.0))
+        known = known | (share > 0)
+        if known.all():
+            break
     return both[:, :-2], both[:, -2:]
 
 

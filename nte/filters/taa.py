@@ -16,8 +16,8 @@ from nte.filters.blocks import (
     clip_history,
     fetch_history,
     keep_where_bad,
-    neighbourhood_moments,
     remembered,
+    usable_moments,
 )
 from nte.filters.composition import Target
 from nte.frames.frame import Frame
@@ -60,7 +60,7 @@ class Taa(Filter[TaaOptions]):
             limited = history
             if self.options.clamp != "none":
                 limit = clamp_history if self.options.clamp == "clamp" else clip_history
-                limited = limit(history, neighbourhood_moments(current))
+                limited = limit(history, usable_moments(frame, self.target))
             output = accumulate(current, limited, valid, self.options.alpha)
             output = keep_where_bad(output, history, valid, frame, self.target)
         return Result(output), remembered(output, valid, frame, self.target)

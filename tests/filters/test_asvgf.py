@@ -8,6 +8,7 @@ from nte.denoiser import Session
 from nte.filters.asvgf import Asvgf, AsvgfOptions, stratify
 from nte.filters.reproject import geometry_of
 from nte.filters.svgf import Svgf, SvgfOptions
+from nte.frames.channels import COMPONENTS, width_of
 from nte.frames.frame import Frame
 from tests.filters.sequences import noisy_frames, run, still_channels
 
@@ -85,6 +86,20 @@ def test_the_unit_of_light_does_not_matter(make: type[Svgf], unit: float) -> Non
 
 def error(image: np.ndarray, frame: Frame) -> float:
     return float(np.sqrt(np.square(image - frame["reference"]).mean()))
+
+
+@pytest.mark.parametrize("target", COMPONENTS)
+def test_so_does_each_component_where_its_own_light_changed(target: str) -> None:
+    channels, shape = still_channels((37, 50)), (1, 37, 50)
+    channels |= {"gradient": gradient_of(shape, 1.0, 1.0), f"gradient_{target}": gradient_of(shape, 0.0, 1.0)}
+    frames = [
+        frame.with_channels(**{target: frame["color"][:, : width_of(target)].clip(max=1)})
+        for frame in noisy_frames(4, channels)
+    ]
+    changed = run(Asvgf(AsvgfOptions(target)), frames)  # type: ignore[arg-type]
+    for image, frame in zip(changed[1:], frames[1:], strict=True):
+        (alone,) = run(Svgf(SvgfOptions(target)), [frame])  # type: ignore[arg-type]
+        np.testing.assert_allclose(image, alone, rtol=1e-4, atol=1e-5)
 
 
 @pytest.mark.parametrize("batch", [1, 2])

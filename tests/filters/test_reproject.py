@@ -189,10 +189,10 @@ def test_widths_are_slopes_and_a_silhouette_is_none() -> None:
 
 def test_bad_numbers_are_misses() -> None:
     depth = torch.tensor([float("nan"), float("inf"), -1, 2]).view(1, 1, 2, 2)
-    normal = torch.tensor([float("nan"), float("inf"), 1, 1]).view(1, 1, 2, 2).expand(1, 3, 2, 2)
+    normal = torch.tensor([float("nan"), float("inf"), 1, 3**-0.5]).view(1, 1, 2, 2).expand(1, 3, 2, 2)
     surface = geometry_of(depth, normal)
     assert surface.depth.flatten().tolist() == [float("inf")] * 3 + [2]
-    assert surface.normal[0, 0].flatten().tolist() == [0, 0, 1, 1]
+    assert surface.normal[0, 0].flatten().tolist() == pytest.approx([0, 0, 3**-0.5, 3**-0.5])
     assert torch.isfinite(surface.depth_width).all()
     assert torch.isfinite(surface.normal_width).all()
 

@@ -154,6 +154,17 @@ def test_nothing_crosses_an_edge_between_surfaces_however_noisy(kind: str) -> No
 
 
 @pytest.mark.parametrize("make", FILTERS)
+@pytest.mark.parametrize("length", [0.5, 0.98, 1.009])
+def test_normals_of_another_length_filter_as_unit_vectors_do(make: type[Svgf], length: float) -> None:
+    """Averaged over a pixel, or rounded to 8 bits, they are too short; their direction is what counts."""
+    channels = still_channels((24, 36)) | {"gradient": np.full((1, 2, 24, 36), np.nan, np.float32)}
+    other = channels | {"normal": channels["normal"] * np.float32(length)}
+    pairs = zip(noisy_frames(3, channels), noisy_frames(3, other), strict=True)
+    for expected, found in zip(*(run(make(), frames) for frames in zip(*pairs, strict=True)), strict=True):
+        np.testing.assert_allclose(found, expected, rtol=1e-3, atol=1e-5)
+
+
+@pytest.mark.parametrize("make", FILTERS)
 def test_a_reset_is_a_new_start_bit_for_bit(make: type[Svgf]) -> None:
     frames = without_gradient(noisy_frames(5, still_channels(batch=2)))
     frames[3] = replace(frames[3], reset=np.array([0, 1], np.float32))

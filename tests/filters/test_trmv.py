@@ -306,15 +306,31 @@ def test_small_things_before_the_sky_keep_their_light(options: dict[str, Any]) -
         assert inside == pytest.approx(level, rel=0.15), name
 
 
-def test_shadows_are_there_at_once_when_a_lamp_is_switched_on() -> None:
+@pytest.mark.parametrize("options", [{}, {"warm_up": False}, {"shadow": "traditional", "warm_up": False}])
+def test_shadows_are_there_at_once_when_a_lamp_is_switched_on(options: dict[str, Any]) -> None:
     """Where there was no direct light, the visibility of 1 was nothing that history could hold."""
     frames = [plane(index) for index in range(10)]
     dark = {"direct": np.zeros((1, 3, 20, 28), np.float32), "visibility": np.ones((1, 1, 20, 28), np.float32)}
     dark["shadow_motion"] = np.full((1, 2, 20, 28), np.nan, np.float32)
-    found = run([frame.with_channels(**dark) if frame.index < 8 else frame for frame in frames])
+    found = run([frame.with_channels(**dark) if frame.index < 8 else frame for frame in frames], **options)
     assert found[7]["visibility"].min() > 0.999
     for image in found[8:]:
         assert image["visibility"].mean() == pytest.approx(0.5, abs=0.05)
+
+
+@pytest.mark.filterwarnings("ignore::nte.frames.bad.BadPixelWarning")
+@pytest.mark.parametrize("options", VARIANTS)
+def test_where_the_vector_is_unknown_there_is_no_history(options: dict[str, Any]) -> None:
+    """No shadow and no reflection either, whose own vectors would say where history is."""
+    unknown = np.arange(20)[:, None] < 8
+    alone = {"visibility": np.ones((1, 1, 20, 28)), "reflection_covariance": np.full((1, 3, 20, 28), np.nan)}
+    alone |= {name: np.full((1, 2, 20, 28), np.nan) for name in ("shadow_motion", "reflection_motion")}
+    still = np.where(unknown, np.nan, np.zeros((1, 2, 20, 28)))
+    frames = [plane(i, motion=still, previous_forward_motion=still, **alone) for i in range(3)]
+    found = run(frames, EVERYTHING, **options)[-1]
+    for name in COMPONENTS:
+        assert (found[f"{name}_alpha"][..., :8, :] == 1).all(), name
+        assert (found[f"{name}_alpha"][..., 8:, :] < 1).all() or "none" in options.values(), name
 
 
 def test_without_vectors_history_is_not_used() -> None:

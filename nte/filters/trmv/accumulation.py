@@ -19,6 +19,7 @@ WIDEST = 5.0  # px, largest deviation of the clean-up filter
 _APART = 4  # px between the pixels of the clamp's neighbourhood, where a filter of varying width is wide
 _EPSILON = 1e-3  # of Eq. 8, in units of the frame's mean light, so that it means the same in scenes of any unit
 _NOTHING = 1e6  # variance of a pixel without information, so that it weighs nothing as history
+_PARTLY = 2.0  # variance from which history has been fetched in part from such pixels; that of any other is at most 1
 
 
 class History(NamedTuple):
@@ -103,11 +104,13 @@ def weigh(
     where history is not valid, and 0 where it is but nothing is `known` of the current frame.
 
     With `warm_up`, α is at least v / (1 + v), which gives the smallest variance of the blend: 1/2, 1/3, … for a history
-    that began one, two, … frames ago, and more if it was doubted since.
+    that began one, two, … frames ago, and more if it was doubted since. Without it, that holds only for history that
+    is partly unknown.
     """
-    default = torch.full_like(variance, options.alpha)
-    if options.warm_up:
-        default = torch.maximum(default, variance / (1 + variance))
+    least = variance / (1 + variance)
+    if not options.warm_up:
+        least = torch.where(variance > _PARTLY, least, 0.0)
+    default = least.clamp(min=options.alpha)
     used = default if trust is None else 1 - trust * (1 - default)
     used = used if known is None else used * known
     return Weight(default, torch.where(valid, used, 1.0))

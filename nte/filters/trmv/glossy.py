@@ -146,15 +146,14 @@ def glossy_reprojection(motion: Tensor, glossy: Tensor, inputs: FrameInputs) -> 
     reflector, as judged by its roughness; this test is not in the paper. Only points near s^C, on the reflector,
     reflect the same light; otherwise light of other surfaces, black on diffuse ones, would be used as history.
     """
-    vectors = traditional_motion(torch.where(glossy, motion, inputs.traditional.motion))
-    if inputs.before is None:
-        return vectors
-    there = pixel_centres(motion) + vectors.motion
-    same = (fetch_nearest(inputs.before.roughness, there) - inputs.gbuffer.roughness).abs() < ROUGHNESS
-    reflector = same & (fetch_nearest(inputs.before.depth, there) > 0)
-    stays = glossy & ~reflector & vectors.valid
+    vectors, used = traditional_motion(motion), glossy
+    if inputs.before is not None:
+        there = pixel_centres(motion) + vectors.motion
+        same = (fetch_nearest(inputs.before.roughness, there) - inputs.gbuffer.roughness).abs() < ROUGHNESS
+        reflector = same & (fetch_nearest(inputs.before.depth, there) > 0)
+        used = glossy & (reflector | ~vectors.valid)
     return Reprojection(
-        torch.where(stays, inputs.traditional.motion, vectors.motion),
-        torch.where(stays, inputs.traditional.valid, vectors.valid),
+        torch.where(used, vectors.motion, inputs.traditional.motion),
+        torch.where(used, vectors.valid, inputs.traditional.valid),
         inputs.traditional.disoccluded,
     )

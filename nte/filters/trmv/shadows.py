@@ -95,8 +95,12 @@ def deviation_for(size: Sequence[int]) -> float:
 
 def shadow_reprojection(splatted: Splatted, traditional: Reprojection) -> Reprojection:
     """Find where each pixel's shadow was; fully lit pixels use the traditional vector."""
-    motion = torch.where(splatted.shadowed, splatted.motion, traditional.motion)
-    return traditional_motion(motion)._replace(disoccluded=traditional.disoccluded)
+    vectors = traditional_motion(splatted.motion)
+    return Reprojection(
+        torch.where(splatted.shadowed, vectors.motion, traditional.motion),
+        torch.where(splatted.shadowed, vectors.valid, traditional.valid),
+        traditional.disoccluded,
+    )
 
 
 def planarity(now: GBuffer, before: GBuffer, traditional: Reprojection, vectors: Reprojection) -> Tensor:
