@@ -140,7 +140,7 @@ class ForeignSequence:
                     raise NteError(f"{path}: '{channel.name}' is {found}, expected {expected} like {first}")
                 given[channel.name] = values
             ours = to_ours(given, self.how, self.cameras[index] if self.cameras else None)
-            self.lost.look(given, ours, self.how.depth.sky)
+            self.lost.look(given, ours)
             self.odd.look(ours, {channel.name: channel.files[index] for channel in self.inputs})
             yield ours
 
@@ -156,7 +156,7 @@ class ForeignSequence:
             self._refuse_change(name, (first_path, first), (path, found))
         if found is None:
             return None
-        values = read(stored, name, source, found)
+        values = read(stored, name, source, found, self.how.depth.sky)
         if (empty := outside(path, parts, source, found)) is not None:
             values = np.where(empty, np.nan if name in VECTORS or CHANNELS[name].nan_means else 0, values)
         if name in VECTORS:
