@@ -19,11 +19,14 @@ from nte.motion.geometric import scatter_forward_motion
 _RINGS = 8  # px; unknown vectors this close to known ones are filled by depth
 
 
-def to_ours(given: Mapping[str, Pixels], how: ChannelMap, camera: Camera | None = None) -> dict[str, Pixels]:
+def to_ours(
+    given: Mapping[str, Pixels], how: ChannelMap, camera: Camera | None = None, aspect: float = 1.0
+) -> dict[str, Pixels]:
     """Convert decoded channels (C, H, W) from the conventions of the map `how` to nte's, under the same names.
 
-    camera: needed for normals in camera space, and for depth along the ray if the map has no field of view. Misses
-    get depth, normal, position and instance 0. Radiance is left as it is. Unknown vectors are NaN.
+    camera: needed for normals in camera space, and for depth along the ray if the map has no field of view; where it
+    has one, aspect is the width of a pixel in units of its height. Misses get depth, normal, position and instance 0.
+    Radiance is left as it is. Unknown vectors are NaN.
     """
     ours = {name: np.asarray(values, np.float32) for name, values in given.items()}
     if "albedo" in ours:
@@ -39,7 +42,7 @@ def to_ours(given: Mapping[str, Pixels], how: ChannelMap, camera: Camera | None 
         ours["shutter_motion"] = ours["shutter_motion"] * np.float32(how.shutter)
     for name in DEPTHS:
         if name in ours:
-            ours[name] = _depth(ours[name], how, camera)
+            ours[name] = _depth(ours[name], how, camera, aspect)
     if "position" in ours and "depth" not in ours:  # some producers write infinity or NaN for a miss
         ours["position"] = np.where(np.isfinite(ours["position"]).all(0), ours["position"], 0)
     if "depth" in ours:
@@ -53,7 +56,7 @@ def to_ours(given: Mapping[str, Pixels], how: ChannelMap, camera: Camera | None 
     return ours
 
 
-def _depth(stored: Pixels, how: ChannelMap, camera: Camera | None) -> Pixels:
+def _depth(stored: Pixels, how: ChannelMap, camera: Camera | None, aspect: float) -> Pixels:
     """Convert stored depth to depth (1, H, W) along the view axis in scene units, 0 for misses.
 
     The sky is infinite already (`nte.importing.layers.read`).
@@ -61,7 +64,8 @@ def _depth(stored: Pixels, how: ChannelMap, camera: Camera | None) -> Pixels:
     counted = stored * np.float32(np.sign(how.depth.scale))
     hit = (counted > 0) & (counted < np.inf)  # false for NaN
     if how.depth.along == "ray":
-        counted = counted * cosine_to_axis(camera or camera_of_fov(how.vertical_fov, stored.shape[1:]), stored)
+        camera = camera or camera_of_fov(how.vertical_fov, stored.shape[1:], aspect)
+        counted = counted * cosine_to_axis(camera, stored)
     return np.where(hit, np.where(hit, counted, 0) * np.float32(abs(how.depth.scale)), 0).astype(np.float32)
 
 

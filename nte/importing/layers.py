@@ -194,6 +194,8 @@ def missing(
         hint = ", of which the map may name one by its full name"
     if not source.view and (views := [view for part in parts for view in part.views]):
         hint = f"; it has the views {', '.join(views)}: choose one with view=NAME"
+    if reduced := [part.full(name) for part in parts for name in part.subsampled]:
+        hint += f"; without a value for every pixel: {', '.join(reduced)}"
     needed = f"{count} components" if count > 1 else "1 component"
     below = f" with the prefix '{prefix}'" if prefix else ""
     return NteError(f"{path}: no {wanted}{below} for '{name}' ({needed}); the file has {listed}{hint}")
