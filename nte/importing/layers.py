@@ -137,9 +137,7 @@ def partly_there(stored: Stored, source: Source, prefix: str) -> bool:
     return any(name in stored or _below(stored, name) for name in full)
 
 
-def read(
-    stored: Stored, name: str, source: Source, found: Found, sky: float = np.inf
-) -> npt.NDArray[np.generic]:
+def read(stored: Stored, name: str, source: Source, found: Found, sky: float = np.inf) -> npt.NDArray[np.generic]:
     """Read and decode channel `name` (C, H, W), float32: layers are summed, then value = stored · scale + offset.
 
     Unknown vectors become NaN; stored depths of the size `sky` or more, or at the end of half floats, infinite. Ids are
