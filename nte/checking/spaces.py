@@ -41,8 +41,8 @@ def changed_alike(previous: Frame, current: Frame, visible: Tensor) -> Spaces:
         least = NORMAL
         if name == "position":
             least = FOOTPRINT * float(now.diff(dim=3).norm(dim=1)[0][chosen[:, :-1]].median().nan_to_num(0))
-        pair = (values[0].double()[:, chosen][:, ::step] for values in (now, before))
-        found[name] = _alike(*pair, least, centred=name == "position")
+        ours, theirs = (values[0].double()[:, chosen][:, ::step] for values in (now, before))
+        found[name] = _alike(ours, theirs, least, centred=name == "position")
     return found
 
 
