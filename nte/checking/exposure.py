@@ -16,6 +16,7 @@ ALIKE = 1.35  # blocks whose ratio is within this factor of the median agree
 ENOUGH = 12  # least number of blocks that tell an orientation
 UNLIKE = 0.05  # median difference of the logarithms from which on the blocks are not those of one picture
 FLIPPED = 0.25  # the picture was turned over if that leaves at most this share of the difference
+SAME = 1e-3  # relative difference of one image in half floats and in float32
 AGREE = 0.7  # share of blocks that must agree; with fewer it is noise or another light, not another scale
 
 
@@ -25,6 +26,7 @@ class ExposureTally:
     def __init__(self) -> None:
         self._color: Tensor | None = None
         self._reference: Tensor | None = None
+        self._same = True  # so far colour and reference are one image
 
     def add(self, frame: Frame) -> None:
         """Add a PyTorch frame of batch 1, if it has both channels; pixels that are bad in one of them count as 0."""
@@ -32,6 +34,8 @@ class ExposureTally:
             return
         both = torch.cat([frame["color"], frame["reference"]], 1)
         good = (both.isfinite() & (both >= 0)).all(1, keepdim=True)
+        apart = (frame["color"] - frame["reference"]).abs() > SAME * frame["reference"].abs()
+        self._same &= not bool((apart & good).any())
         height, width = frame.size
         blocks = -(-height // BLOCK), -(-width // BLOCK)
         sums = F.adaptive_avg_pool2d(torch.where(good, both, 0.0), blocks).double()  # the same blocks when turned over
@@ -43,9 +47,12 @@ class ExposureTally:
         """Yield a finding if colour is brighter or darker than the reference by about the same factor everywhere.
 
         It is a fault if the factor exceeds 1.5 and over 70 % of the blocks agree; also if only one of the two is black,
-        and if the two are each other's mirror image.
+        and if the two are each other's mirror image. A reference that is the colour itself is only noted.
         """
         if self._color is None or self._reference is None:
+            return
+        if self._same and float(self._color.sum()) > 0:
+            yield Finding("reference", "is the same image as color", "the same frames without noise", False)
             return
         as_it_is = _unlike(self._color, self._reference)
         flipped = {how: _unlike(self._color, self._reference.flip(sides)) for how, sides in FLIPS.items()}

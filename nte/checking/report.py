@@ -15,6 +15,7 @@ from nte.checking.guides import GuideTally
 from nte.checking.judge import Judgement, Verdict, judge_votes
 from nte.checking.objects import object_votes
 from nte.checking.order import Order, depth_order, judge_order
+from nte.checking.spaces import Spaces, changed_alike, judge_spaces
 from nte.checking.still import Stillness, stillness, without_motion
 from nte.checking.values import Finding, Tally, judge_values, tally_values
 from nte.checking.votes import Votes
@@ -83,6 +84,7 @@ class _Vectors:
     votes: list[Votes] = field(default_factory=list)
     still: list[Stillness] = field(default_factory=list)
     orders: list[Order] = field(default_factory=list)
+    spaces: list[Spaces] = field(default_factory=list)
     errors: dict[tuple[str, str, str], Mean] = field(default_factory=lambda: defaultdict(Mean))
     disoccluded: Mean = field(default_factory=Mean)
     invalid: Mean = field(default_factory=Mean)
@@ -100,6 +102,7 @@ class _Vectors:
         if not vote:
             return
         self.still.append(stillness(previous, current))
+        self.spaces.append(changed_alike(previous, current, visible_in_both(previous, current, dual)))
         if "depth" in current and "depth" in previous:
             self.orders.append(depth_order(previous, current))
         votes = Votes()
@@ -137,10 +140,11 @@ def check(clip: Clip | Path | str) -> CheckReport:
             vectors.add(previous, current, len(clip) <= PAIRS + 1 or current.index in voting)
         previous = current
     judgement = _judge_vectors(clip, vectors)
-    order = judge_order(vectors.orders) if judgement.verdict == "plausible" else ()
+    right = judgement.verdict == "plausible"
+    along = [*judge_order(vectors.orders), *judge_spaces(vectors.spaces)] if right else []
     light = list(exposure.judge())
     turned = () if ORIENTATION in (f.expected for f in light) else flips.judge()  # the reference is turned over itself
-    findings = [*judge_values(tallies), *light, *turned, *geometry.judge(), *order, *guides.judge()]
+    findings = [*judge_values(tallies), *light, *turned, *geometry.judge(), *along, *guides.judge()]
     judgement = _judge(judgement, findings)
     total = Votes()
     for votes in vectors.votes:

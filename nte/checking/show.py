@@ -56,7 +56,7 @@ def draw(clip: Clip, index: int) -> RGB:
     dual = frame_vectors(current, previous.get("depth"))
     traditional = traditional_motion(current["motion"])
     visible = visible_in_both(previous, current, dual)
-    length = max(1.0, float(current["motion"].nan_to_num().square().sum(1).sqrt().quantile(0.99)))
+    length = max(1.0, typical_length(current["motion"]))
     warped = {
         "unwarped": previous["albedo"],
         "traditional vectors": warp(previous["albedo"], traditional.motion).image,
@@ -73,6 +73,12 @@ def draw(clip: Clip, index: int) -> RGB:
         *(_residual(f"|residual|, {name}", current["albedo"] - image) for name, image in warped.items()),
     ]
     return grid(pictures, columns=3)
+
+
+def typical_length(motion: Tensor) -> float:
+    """Return the length that 99 % of vectors (1, 2, H, W) stay below, in pixels; others than finite ones are 0."""
+    lengths = motion.nan_to_num(0, 0, 0).square().sum(1).sqrt().numpy()
+    return float(np.percentile(lengths, 99))  # PyTorch's quantile takes no more than 16 million values
 
 
 def _pixels(tensor: Tensor) -> npt.NDArray[np.float32]:

@@ -67,3 +67,5 @@ def _require_cameras(path: Path, cameras: object, frames: int) -> None:
                 matrix = np.empty(0, np.float32)
             if matrix.shape != (4, 4) or not np.isfinite(matrix).all():
                 raise NteError(f"{path}: 'cameras[{index}].{key}' is no 4x4 matrix of finite numbers")
+            if np.linalg.det(matrix.astype(np.float64)) == 0:
+                raise NteError(f"{path}: 'cameras[{index}].{key}' has no inverse: expected the matrix of a camera")

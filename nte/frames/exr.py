@@ -34,6 +34,8 @@ class Part(NamedTuple):
     layers: dict[str, npt.NDArray[np.generic]]  # channel name → (H, W), as stored
     views: tuple[str, ...] = ()  # all views of a part that holds several, the default one first
     outside: npt.NDArray[np.bool_] | None = None  # (H, W): outside the data window, where layers are 0; None: nowhere
+    subsampled: tuple[str, ...] = ()  # channels that are no layers, as they have less than one value per pixel
+    aspect: float = 1.0  # width of a pixel in units of its height
 
     def full(self, channel: str) -> str:
         """Return the full layered name of a channel: the part's name is the layer of a channel that names none."""
@@ -43,11 +45,12 @@ class Part(NamedTuple):
 def read_layers(path: Path, size: tuple[int, int] | None = None) -> dict[str, npt.NDArray[np.generic]]:
     """Read every channel of an OpenEXR file: full layered name → array (H, W), float16, float32 or uint32 as stored.
 
-    The arrays have the size of the display window; pixels outside the data window are 0. Parts of a multi-part file
-    are merged; the part's name is the layer of a channel that names none itself. size: the (height, width) that is
-    expected. Raises NteError for a file that is missing, not OpenEXR, truncated, deep or subsampled; for a file that
-    has another size or promises more pixels than it can hold, before any memory is allocated for them; and if two
-    parts have a channel of the same name, as the two eyes of a stereo image do.
+    The arrays have the size of the display window; pixels outside the data window are 0, and subsampled channels are
+    left out. Parts of a multi-part file are merged; the part's name is the layer of a channel that names none itself.
+    size: the (height, width) that is expected. Raises NteError for a file that is missing, not OpenEXR, truncated, deep
+    or of luminance and subsampled chroma; for a file that has another size or promises more pixels than it can hold,
+    before any memory is allocated for them; and if two parts have a channel of the same name, as the two eyes of a
+    stereo image do.
     """
     return merge_parts(path, read_parts(path, size))
 
@@ -94,7 +97,7 @@ def load_exr(path: Path, size: tuple[int, int] | None = None) -> tuple[OpenEXR.F
         raise NteError(f"{path}: the OpenEXR file is truncated or damaged: render or copy it again") from error
     promised = [bool(header.get("channels")) for header in headers]
     # How the library reports some truncated files: a part that it could not decode has no channels.
-    if [bool(part.layers) for part in parts] != promised or not any(promised):
+    if [bool(part.layers or part.subsampled) for part in parts] != promised or not any(promised):
         raise NteError(f"{path}: the OpenEXR file is truncated or empty: render or copy it again")
     return file, parts
 
@@ -173,15 +176,18 @@ def split_views(parts: Iterable[Part]) -> list[Part]:
 def _read_part(path: Path, part: OpenEXR.Part, one_of_several: bool) -> Part:
     if part.header["type"] in (OpenEXR.deepscanline, OpenEXR.deeptile):
         raise NteError(f"{path}: deep OpenEXR files are not supported: flatten it first")
-    for name, channel in part.channels.items():
-        if channel.xSampling != 1 or channel.ySampling != 1:
-            chroma = " (luminance and chroma: save it as RGB)" if name[-2:] in ("RY", "BY") else ""
-            raise NteError(f"{path}: channel '{name}' is subsampled: expected one value per pixel{chroma}")
-    layers = {name: _to_display_window(part.header, channel.pixels) for name, channel in part.channels.items()}
+    subsampled = tuple(name for name, c in part.channels.items() if (c.xSampling, c.ySampling) != (1, 1))
+    if chroma := [name for name in subsampled if name[-2:] in ("RY", "BY")]:  # Y alone would be another picture
+        what = f"channel '{chroma[0]}' is subsampled"
+        raise NteError(f"{path}: {what}: expected one value per pixel (luminance and chroma: save it as RGB)")
+    full = {name: channel.pixels for name, channel in part.channels.items() if name not in subsampled}
+    layers = {name: _to_display_window(part.header, pixels) for name, pixels in full.items()}
     name = str(part.header.get("name", "")) if one_of_several else ""
     outside = ~_to_display_window(part.header, np.ones(window_size(part.header["dataWindow"]), np.bool_))
     view, views = str(part.header.get("view", "")), tuple(part.header.get("multiView", ()))
-    return Part(name, view, layers, views, outside if outside.any() else None)
+    aspect = float(part.header.get("pixelAspectRatio", 1))
+    aspect = aspect if 0 < aspect < np.inf else 1.0
+    return Part(name, view, layers, views, outside if outside.any() else None, subsampled, aspect)
 
 
 def _to_display_window(header: dict[str, object], pixels: npt.NDArray[Value]) -> npt.NDArray[Value]:

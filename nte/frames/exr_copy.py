@@ -36,9 +36,12 @@ def copy_exr(source: Path, out: Path, planes: Planes, dark_counts: bool = True) 
     pixels (`nte.frames.clip.half_keeps`, with the same dark_counts), and whole numbers become float32 if the new pixels
     are not whole numbers that fit. A file with lossy compression gets ZIP compression, so that nothing more is lost.
     Mip maps keep only the full size. Raises NteError, and writes nothing, for a channel that the file does not have,
-    for a name that two parts have, and for new pixels of another size.
+    for a name that two parts have, for a file with subsampled channels, and for new pixels of another size.
     """
     file, parts = load_exr(source)
+    if reduced := [name for part in parts for name in part.subsampled]:
+        what = f"channel '{reduced[0]}' is subsampled, which cannot be written"
+        raise NteError(f"{source}: {what}: remove it, or import the frames as a clip")
     left: dict[str | Place, npt.NDArray[np.floating]] = dict(planes.items())
     if any(isinstance(key, str) for key in left):
         merge_parts(source, parts)  # raises if two channels have one name

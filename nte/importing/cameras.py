@@ -59,16 +59,16 @@ def load_cameras(path: Path, frames: int) -> list[Camera]:
     return found
 
 
-def camera_of_fov(vertical_fov: float, size: tuple[int, ...]) -> Camera:
+def camera_of_fov(vertical_fov: float, size: tuple[int, ...], aspect: float = 1.0) -> Camera:
     """Make a centred perspective camera at the origin that looks along +z.
 
-    vertical_fov: in degrees. size: (height, width) in pixels.
+    vertical_fov: in degrees. size: (height, width) in pixels. aspect: a pixel's width in units of its height.
     """
     near, far = 0.1, 100.0
     focal = 0.5 / np.tan(np.radians(vertical_fov) / 2)
     projection = np.array(
         [
-            [focal * size[0] / size[1], 0, 0.5, 0],
+            [focal * size[0] / (size[1] * aspect), 0, 0.5, 0],
             [0, -focal, 0.5, 0],
             [0, 0, far / (far - near), -near * far / (far - near)],
             [0, 0, 1, 0],

@@ -20,6 +20,8 @@ from nte.motion.conventions import UNITS, Convention
 
 MAPS = Path(__file__).parent / "maps"  # the maps that ship with nte, NAME.yaml each
 SKY = "sky"  # an entry of `unknown` that stands for the vectors of misses
+NORMALS = ("normal", "geometric_normal")  # channels that follow the map's group `normal`
+DEPTHS = ("depth", "shutter_depth")  # channels that follow the group `depth`
 _CHOICES = {
     "points": ("to", "from"), "axes": ("xy", "yx"), "y_axis": ("down", "up"), "unit": ("pixels", "uv", "ndc"),
     "space": ("world", "camera"), "along": ("axis", "ray"), "over": ("shutter", "frame"),
@@ -157,7 +159,14 @@ def load_channel_map(path: Path, overrides: Sequence[str] = ()) -> ChannelMap:
         raise NteError(f"{path}: 'vertical_fov' is {found.vertical_fov}, expected degrees between 0 and 180")
     if not 0 < found.shutter <= 1:
         raise NteError(f"{path}: 'shutter' is {found.shutter}, expected the open share of the frame, in (0, 1]")
-    for name in ("normal", "depth"):
+    for name in NORMALS if found.normal.encoded else ():
+        if name in found.channels and min(scale := found.channels[name].scale) < 0:  # n/2 + 1/2 is never negative
+            instead = f"scale: {[2 * k for k in scale]}, offset: {[-1 if k > 0 else 1 for k in scale]}"
+            raise NteError(
+                f"{path}: 'channels.{name}.scale' is {scale}, which acts on what is stored, before 'normal.encoded': "
+                f"instead of both give {instead}"
+            )
+    for name in (*NORMALS, *DEPTHS):
         if name in found.channels and not found.optional and (needed := needs_camera(found, name)):
             raise NteError(f"{path}: {needed}")
     return found
@@ -165,9 +174,9 @@ def load_channel_map(path: Path, overrides: Sequence[str] = ()) -> ChannelMap:
 
 def needs_camera(how: ChannelMap, name: str) -> str:
     """Say in words for the user what camera a channel of the map lacks; return an empty text if it lacks none."""
-    if name == "normal" and how.normal.space == "camera" and not how.cameras:
+    if name in NORMALS and how.normal.space == "camera" and not how.cameras:
         return "'normal.space' is camera: 'cameras' must name the JSON file of the cameras"
-    if name == "depth" and how.depth.along == "ray" and not (how.cameras or how.vertical_fov):
+    if name in DEPTHS and how.depth.along == "ray" and not (how.cameras or how.vertical_fov):
         return "'depth.along' is ray: give 'vertical_fov' in degrees, or 'cameras'"
     return ""
 

@@ -10,7 +10,7 @@ import torch
 from nte.frames.channels import VECTORS
 from nte.frames.clip import Pixels
 from nte.importing.cameras import Camera, camera_of_fov
-from nte.importing.channel_map import SKY, ChannelMap
+from nte.importing.channel_map import DEPTHS, NORMALS, SKY, ChannelMap
 from nte.importing.ids import UNNAMED
 from nte.motion.camera import points_from_depth
 from nte.motion.conventions import Convention
@@ -19,32 +19,35 @@ from nte.motion.geometric import scatter_forward_motion
 _RINGS = 8  # px; unknown vectors this close to known ones are filled by depth
 
 
-def to_ours(given: Mapping[str, Pixels], how: ChannelMap, camera: Camera | None = None) -> dict[str, Pixels]:
+def to_ours(
+    given: Mapping[str, Pixels], how: ChannelMap, camera: Camera | None = None, aspect: float = 1.0
+) -> dict[str, Pixels]:
     """Convert decoded channels (C, H, W) from the conventions of the map `how` to nte's, under the same names.
 
-    camera: needed for normals in camera space, and for depth along the ray if the map has no field of view. Misses
-    get depth, normal, position and instance 0. Radiance is left as it is. Unknown vectors are NaN.
+    camera: needed for normals in camera space, and for depth along the ray if the map has no field of view; where it
+    has one, aspect is the width of a pixel in units of its height. Misses get depth, normal, position and instance 0.
+    Radiance is left as it is. Unknown vectors are NaN.
     """
     ours = {name: np.asarray(values, np.float32) for name, values in given.items()}
     if "albedo" in ours:
         ours["albedo"] = np.clip(ours["albedo"], 0, 1)
-    if "normal" in ours:
-        normal = decoded(ours["normal"]) if how.normal.encoded else ours["normal"]
-        rotation = camera.view[:3, :3].T if camera and how.normal.space == "camera" else np.eye(3)
-        ours["normal"] = unit(np.einsum("ij,jhw->ihw", rotation, normal)).astype(np.float32)
+    rotation = camera.view[:3, :3].T if camera and how.normal.space == "camera" else np.eye(3)
+    for name in (name for name in NORMALS if name in ours):
+        normal = decoded(ours[name]) if how.normal.encoded else ours[name]
+        ours[name] = unit(np.einsum("ij,jhw->ihw", rotation, normal)).astype(np.float32)
     for name in VECTORS:
         if name in ours:
             ours[name] = convert_vectors(ours[name], getattr(how, name).convention())
     if "shutter_motion" in ours and how.shutter_motion.over == "frame":
         ours["shutter_motion"] = ours["shutter_motion"] * np.float32(how.shutter)
-    for name in ("depth", "shutter_depth"):
+    for name in DEPTHS:
         if name in ours:
-            ours[name] = _depth(ours[name], how, camera)
+            ours[name] = _depth(ours[name], how, camera, aspect)
     if "position" in ours and "depth" not in ours:  # some producers write infinity or NaN for a miss
         ours["position"] = np.where(np.isfinite(ours["position"]).all(0), ours["position"], 0)
     if "depth" in ours:
-        hit = ours["depth"] > 0
-        ours |= {name: np.where(hit, ours[name], 0) for name in ("normal", "position", "instance") if name in ours}
+        hit, of_surfaces = ours["depth"] > 0, (*NORMALS, "position", "instance")
+        ours |= {name: np.where(hit, ours[name], 0) for name in of_surfaces if name in ours}
         if "instance" in ours:
             ours["instance"] = np.where(hit & (ours["instance"] == 0), np.float32(UNNAMED), ours["instance"])
         for name in VECTORS:
@@ -53,12 +56,16 @@ def to_ours(given: Mapping[str, Pixels], how: ChannelMap, camera: Camera | None 
     return ours
 
 
-def _depth(stored: Pixels, how: ChannelMap, camera: Camera | None) -> Pixels:
-    """Convert stored depth to depth (1, H, W) along the view axis in scene units, 0 for misses."""
+def _depth(stored: Pixels, how: ChannelMap, camera: Camera | None, aspect: float) -> Pixels:
+    """Convert stored depth to depth (1, H, W) along the view axis in scene units, 0 for misses.
+
+    The sky is infinite already (`nte.importing.layers.read`).
+    """
     counted = stored * np.float32(np.sign(how.depth.scale))
-    hit = (counted > 0) & (counted < how.depth.sky)  # false for NaN
+    hit = (counted > 0) & (counted < np.inf)  # false for NaN
     if how.depth.along == "ray":
-        counted = counted * cosine_to_axis(camera or camera_of_fov(how.vertical_fov, stored.shape[1:]), stored)
+        camera = camera or camera_of_fov(how.vertical_fov, stored.shape[1:], aspect)
+        counted = counted * cosine_to_axis(camera, stored)
     return np.where(hit, np.where(hit, counted, 0) * np.float32(abs(how.depth.scale)), 0).astype(np.float32)
 
 

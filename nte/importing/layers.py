@@ -137,11 +137,11 @@ def partly_there(stored: Stored, source: Source, prefix: str) -> bool:
     return any(name in stored or _below(stored, name) for name in full)
 
 
-def read(stored: Stored, name: str, source: Source, found: Found) -> npt.NDArray[np.generic]:
+def read(stored: Stored, name: str, source: Source, found: Found, sky: float = np.inf) -> npt.NDArray[np.generic]:
     """Read and decode channel `name` (C, H, W), float32: layers are summed, then value = stored · scale + offset.
 
-    Unknown vectors become NaN, and depths at the end of half floats infinite. Ids are float64, which holds those of
-    32 bits.
+    Unknown vectors become NaN; stored depths of the size `sky` or more, or at the end of half floats, infinite. Ids are
+    float64, which holds those of 32 bits.
     """
     kind = CHANNELS[name].kind
     scale, offset = (np.reshape(np.array(n, np.float64), (-1, 1, 1)) for n in (source.scale, source.offset))
@@ -152,8 +152,8 @@ def read(stored: Stored, name: str, source: Source, found: Found) -> npt.NDArray
     if rest := layers[found.dark_from :]:
         values = np.where(values.max(0) < _DARK, np.sum([values, *rest], axis=0), values)
     if kind == "depth":  # what cannot be stored: the sky of writers that clamp
-        clamped = stored[found.names[0][0]].dtype == np.float16 and np.abs(values) >= HALF_MAX
-        values = np.where(clamped, np.inf, values)
+        end = HALF_MAX if stored[found.names[0][0]].dtype == np.float16 else np.inf
+        values = np.where(np.abs(values) >= min(sky, end), np.inf, values)
     if name in VECTORS:
         values = np.where(np.isfinite(values).all(0), values, np.nan)
     rounded = np.float16 if stored[found.names[0][0]].dtype == np.float16 else np.float32  # as the file has it
@@ -168,12 +168,14 @@ def read(stored: Stored, name: str, source: Source, found: Found) -> npt.NDArray
 
 
 def step(stored: Stored, source: Source, found: Found) -> float:
-    """Measure the steps in which a channel is stored in half floats: their median, decoded; 0 for other types."""
-    planes = [stored[name] for name in found.names[0] if stored[name].dtype == np.float16]
-    if not planes:
-        return 0.0
-    steps = np.spacing(np.abs(np.stack(planes).clip(-HALF_MAX / 2, HALF_MAX / 2))).astype(np.float64)
-    return float(np.nanmedian(steps) * max(map(abs, source.scale)))
+    """Measure the steps in which a channel is stored in half floats: their median, decoded; 0 for other types.
+
+    Values that are not finite do not count.
+    """
+    halves = [stored[name].ravel() for name in found.names[0] if stored[name].dtype == np.float16]
+    sizes = np.abs(np.concatenate([np.empty(0, np.float16), *halves]))
+    steps = np.spacing(sizes[sizes < HALF_MAX]).astype(np.float64)  # without NaN
+    return float(np.median(steps) * max(map(abs, source.scale))) if steps.size else 0.0
 
 
 def missing(
@@ -190,6 +192,8 @@ def missing(
         hint = ", of which the map may name one by its full name"
     if not source.view and (views := [view for part in parts for view in part.views]):
         hint = f"; it has the views {', '.join(views)}: choose one with view=NAME"
+    if reduced := [part.full(name) for part in parts for name in part.subsampled]:
+        hint += f"; without a value for every pixel: {', '.join(reduced)}"
     needed = f"{count} components" if count > 1 else "1 component"
     below = f" with the prefix '{prefix}'" if prefix else ""
     return NteError(f"{path}: no {wanted}{below} for '{name}' ({needed}); the file has {listed}{hint}")

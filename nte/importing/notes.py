@@ -48,8 +48,8 @@ class LostValues:
         self._pixels = self._cut = self._hits = 0
         self._albedo, self._depth = Range(), Range()
 
-    def look(self, stored: Mapping[str, Pixels], ours: Mapping[str, Pixels], sky: float) -> None:
-        """Add a frame of channels (C, H, W), before and after conversion. sky: larger stored depths are misses."""
+    def look(self, stored: Mapping[str, Pixels], ours: Mapping[str, Pixels]) -> None:
+        """Add a frame of channels (C, H, W), before and after conversion; depths of the sky are infinite."""
         if "albedo" in stored:
             values = stored["albedo"]
             self._albedo.add(values)
@@ -57,7 +57,7 @@ class LostValues:
             self._cut += int(((values < _CUT[0]) | (values > _CUT[1])).any(0).sum())
         if "depth" in stored:
             depth = np.abs(stored["depth"])
-            self._depth.add(stored["depth"][(depth > 0) & (depth < sky)])
+            self._depth.add(stored["depth"][depth > 0])
             self._hits += int((ours["depth"] > 0).sum())
 
     def notes(self) -> Iterator[str]:

@@ -67,6 +67,7 @@ class ForeignSequence:
         self.cameras: list[Camera] = load_cameras(_beside(self.map, how.cameras), len(self)) if how.cameras else []
         self.ids = Ids()
         self.first: dict[str, tuple[Path, Found | None]] = {}
+        self.subsampled: set[str] = set()
         self.odd, self.lost, self.coarse = OddValues(), LostValues(), CoarseVectors()
 
     def __len__(self) -> int:
@@ -130,6 +131,7 @@ class ForeignSequence:
                 path = channel.files[index]
                 if path not in parts:
                     parts[path] = read_parts(path)
+                    self.subsampled |= {part.full(name) for part in parts[path] for name in part.subsampled}
                 values = self._read(channel, index, parts[path])
                 if values is None:
                     continue
@@ -139,8 +141,9 @@ class ForeignSequence:
                     first = self.inputs[0].files[0]
                     raise NteError(f"{path}: '{channel.name}' is {found}, expected {expected} like {first}")
                 given[channel.name] = values
-            ours = to_ours(given, self.how, self.cameras[index] if self.cameras else None)
-            self.lost.look(given, ours, self.how.depth.sky)
+            aspect = parts[self.files[index]][0].aspect
+            ours = to_ours(given, self.how, self.cameras[index] if self.cameras else None, aspect)
+            self.lost.look(given, ours)
             self.odd.look(ours, {channel.name: channel.files[index] for channel in self.inputs})
             yield ours
 
@@ -156,7 +159,7 @@ class ForeignSequence:
             self._refuse_change(name, (first_path, first), (path, found))
         if found is None:
             return None
-        values = read(stored, name, source, found)
+        values = read(stored, name, source, found, self.how.depth.sky)
         if (empty := outside(path, parts, source, found)) is not None:
             values = np.where(empty, np.nan if name in VECTORS or CHANNELS[name].nan_means else 0, values)
         if name in VECTORS:
@@ -205,6 +208,8 @@ class ForeignSequence:
             if found
         )
         yield f"read {', '.join(taken)}"
+        if self.subsampled:
+            yield f"left out: {', '.join(sorted(self.subsampled))}: subsampled, without a value for every pixel"
         yield from self.odd.notes()
         yield from self.lost.notes()
         yield from self.coarse.notes()

@@ -4,7 +4,9 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+import torch
 
+from nte.checking.show import typical_length
 from nte.cli import main
 from nte.cli.check import picture_names
 from nte.errors import NteError
@@ -27,6 +29,13 @@ def test_two_paths_that_make_one_name_are_refused() -> None:
     assert picture_names([Path("/a/b/c"), Path("/d/b/c"), Path("/d/e/f")]) == ["a_b_c.png", "d_b_c.png", "e_f.png"]
     with pytest.raises(NteError, match=r"^/a_b/c and /a/b_c: the picture of each would be a_b_c\.png: check them one"):
         picture_names([Path("/a_b/c"), Path("/a/b_c")])
+
+
+def test_vectors_of_a_large_image_have_a_typical_length() -> None:
+    motion = torch.zeros(1, 2, 1, 2**24 + 1)  # more than PyTorch's quantile takes: an image of 8K has 33 million
+    motion[0, :, 0, : 2**20] = torch.tensor([[3.0], [-4.0]])
+    motion[0, 0, 0, 0] = torch.nan
+    assert typical_length(motion) == 5
 
 
 def test_a_clip_with_nothing_to_draw_stops_nobody(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:

@@ -14,9 +14,10 @@ from tests.synthetic import Pixels, disc_frame, write_clip
 MOVING = {"velocity": (5.0, -2.0), "wall_velocity": (-3.0, 1.5), "size": (64, 96)}
 
 
-def ball_normals(size: tuple[int, int]) -> Pixels:
-    """(3, H, W): a hemisphere that fills the image, all directions that face the viewer."""
-    y, x = (np.linspace(-0.7, 0.7, n) for n in size)
+def ball_normals(size: tuple[int, int], index: int = 0) -> Pixels:
+    """(3, H, W): a hemisphere that fills the image, all directions that face the viewer; it moves with the wall."""
+    left, down = np.multiply(MOVING["wall_velocity"], index)
+    y, x = (np.linspace(-0.6, 0.6, n) - 1.2 * moved / n for n, moved in zip(size, (down, left), strict=True))
     x, y = np.meshgrid(x, y)
     return np.stack([x, -y, np.sqrt(1 - x**2 - y**2)]).astype(np.float32)
 
@@ -24,7 +25,8 @@ def ball_normals(size: tuple[int, int]) -> Pixels:
 def checked(folder: Path, change: Callable[[dict[str, Pixels], int], dict[str, Pixels]]) -> CheckReport:
     frames = [disc_frame(i, **MOVING) for i in range(3)]  # type: ignore[arg-type]
     for i, frame in enumerate(frames):
-        frame["normal"] = ball_normals((64, 96))
+        frame["normal"] = ball_normals((64, 96), i)
+        frame["color"] = frame["color"] * np.random.default_rng(i).uniform(0.9, 1.1, (1, 64, 96)).astype(np.float32)
         frame |= {name: np.asarray(values, np.float32) for name, values in change(frame, i).items()}
     return check(Clip(write_clip(folder / "clip", frames)))
 
@@ -75,6 +77,14 @@ def test_a_few_bad_pixels_of_the_reference_are_counted_and_named(tmp_path: Path)
     told = describe(report)
     assert "note: reference: not finite, or negative in 3 pixels of reference, the first in frame 2" in told
     assert told.startswith("clip: plausible")
+
+
+def test_a_reference_that_is_the_noisy_image_is_noted(tmp_path: Path) -> None:
+    """The reference is read from the same files as the colour: up to the rounding of half floats they are one image."""
+    told = "note: reference: is the same image as color; expected the same frames without noise"
+    assert told in describe(checked(tmp_path / "a", lambda f, i: {"reference": f["color"]}))
+    once = describe(checked(tmp_path / "b", lambda f, i: {"reference": f["color"]} if i else {}))
+    assert told not in once
 
 
 def test_one_direction_is_not_taken_for_an_encoding(tmp_path: Path) -> None:

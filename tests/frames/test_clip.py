@@ -63,7 +63,7 @@ def test_bad_pixels_survive_for_the_denoiser_to_see(tmp_path: Path) -> None:
 
 
 def test_a_frame_has_its_channels_index_and_the_clip_s_scalars_and_cameras(tmp_path: Path) -> None:
-    cameras = [{"view": np.full((4, 4), i).tolist(), "projection": np.eye(4).tolist()} for i in range(3)]
+    cameras = [{"view": np.diag([i + 1] * 4).tolist(), "projection": np.eye(4).tolist()} for i in range(3)]
     clip = Clip(write_clip(tmp_path / "c", small_frames(3), exposure=2.5, depth_scale=4, shutter=0.5, cameras=cameras))
     assert len(clip) == 3
     assert [frame.index for frame in clip] == [0, 1, 2]
@@ -72,7 +72,7 @@ def test_a_frame_has_its_channels_index_and_the_clip_s_scalars_and_cameras(tmp_p
     assert frame["color"].shape == (1, 3, *SIZE)
     assert (frame.exposure, frame.depth_scale, frame.shutter) == ([2.5], [4], [0.5])
     assert frame.view.shape == (1, 4, 4)
-    assert (frame.view == 2).all()
+    np.testing.assert_array_equal(frame.view[0], np.diag([3] * 4))
     assert set(frame.channels) == set(clip.channels)
     bare = Clip(write_clip(tmp_path / "bare", small_frames(1))).frame(0)
     assert bare.exposure is bare.depth_scale is bare.shutter is bare.view is None
@@ -257,6 +257,10 @@ GOOD = {"format": "nte-clip/1", "width": 16, "height": 12, "frames": 1}
         (GOOD | {"cameras": []}, "'cameras' has 0 for 1 frames"),
         (GOOD | {"cameras": [{"view": [[1]]}]}, r"'cameras\[0\]\.view' is no 4x4 matrix"),
         (GOOD | {"cameras": [7]}, r"'cameras\[0\]\.view' is no 4x4 matrix"),
+        (
+            GOOD | {"cameras": [{"view": np.eye(4).tolist(), "projection": [[0] * 4] * 4}]},
+            r"'cameras\[0\]\.projection' has no inverse: expected the matrix of a camera",
+        ),
     ],
 )
 def test_a_wrong_clip_json_is_named_with_its_key(tmp_path: Path, info: object, message: str) -> None:

@@ -14,6 +14,8 @@ from hypothesis.extra.numpy import arrays
 
 from nte.errors import NteError
 from nte.frames.exr import read_exr, read_layers, read_parts, split_views, write_exr
+from nte.frames.exr_copy import copy_exr
+from tests.subsampled import write_subsampled
 
 Planes = dict[str, npt.NDArray[np.float32]]
 
@@ -172,6 +174,23 @@ def test_chroma_at_half_the_size_is_refused_by_name(tmp_path: Path, monkeypatch:
     monkeypatch.setattr(OpenEXR, "File", Halved)
     with pytest.raises(NteError, match=r"a\.exr: channel 'RY' is subsampled: .*luminance and chroma: save it as RGB"):
         read_layers(tmp_path / "a.exr")
+
+
+def test_a_subsampled_channel_beside_the_picture_is_left_out(tmp_path: Path) -> None:
+    picture = planes(size=(8, 12), names=("R", "G", "B"))
+    height, width = picture["R"].shape
+    extra = {"matte.V": np.ones((height // 2, width // 2), np.float16)}
+    file = write_subsampled(tmp_path / "a.exr", picture | extra)
+    found = read_layers(file)
+    assert found.keys() == picture.keys()
+    for name, plane in picture.items():
+        np.testing.assert_array_equal(found[name], plane)
+    (part,) = read_parts(file)
+    assert part.subsampled == ("matte.V",)
+    assert read_parts(write_subsampled(tmp_path / "b.exr", picture))[0].subsampled == ()
+    with pytest.raises(NteError, match=r"a\.exr: channel 'matte\.V' is subsampled, which cannot be written: remove it"):
+        copy_exr(file, tmp_path / "out" / "a.exr", picture)
+    assert not (tmp_path / "out").exists()
 
 
 def test_deep_files_are_refused(tmp_path: Path) -> None:

@@ -81,12 +81,16 @@ UNIT = np.array([[0.6, -0.8, 0.0], [0.0, 0.6, 0.8]], np.float32)
     [
         ("normal", UNIT / 2 + 0.5, {}, {"normal": {"encoded": True}}, UNIT),
         ("normal", UNIT / 2 + 0.5, {"scale": 2, "offset": -1}, {}, UNIT),
+        ("normal", UNIT * [1, -1, 1] / 2 + 0.5, {"scale": [2, -2, 2], "offset": [-1, 1, -1]}, {}, UNIT),
+        ("geometric_normal", UNIT / 2 + 0.5, {}, {"normal": {"encoded": True}}, UNIT),
         ("normal", UNIT * [1, 1, -1], {"scale": [1, 1, -1]}, {}, UNIT),
         ("normal", 255 * (UNIT / 2 + 0.5), {"scale": 1 / 255}, {"normal": {"encoded": True}}, UNIT),
         ("depth", [[-3.0], [-7.0]], {}, {"depth": {"scale": -1}}, [[3], [7]]),
         ("depth", [[-300.0], [0.0]], {}, {"depth": {"scale": -0.01}}, [[3], [0]]),
         ("depth", [[300.0], [2e8]], {}, {"depth": {"scale": 0.01, "sky": 1e8}}, [[3], [0]]),
         ("depth", [[0.25], [1.0]], {"scale": 40, "offset": 2}, {}, [[12], [42]]),
+        ("depth", [[300.0], [1e10]], {"scale": 0.01}, {}, [[3], [0]]),
+        ("depth", [[-0.25], [-20.0]], {"scale": 400}, {"depth": {"scale": -0.01, "sky": 20}}, [[1], [0]]),
         ("depth", [[np.inf], [np.nan]], {}, {}, [[0], [0]]),
         ("depth", [[3.4e38], [2.0]], {}, {"depth": {"scale": 100}}, [[0], [200]]),
         ("depth", [[3.4e38], [2.0]], {"scale": 100}, {}, [[0], [200]]),
@@ -326,6 +330,34 @@ def test_vectors_in_coarse_steps_are_told(
     said = capsys.readouterr().out
     assert told in said
     assert ("coarse: " in said) is bool(told)
+
+
+@pytest.mark.filterwarnings("error")
+def test_half_floats_of_which_none_is_known_have_no_steps(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    unknown = named("v", "xy", np.full((2, *SMALL), np.nan, np.float16))
+    source = write(tmp_path / "shots", [image("R", "G", "B") | unknown] * 2)
+    assert not imported(tmp_path, source, {"channels": COLOR | {"motion": "v"}}).frame(1)["motion"].any()
+    said = capsys.readouterr()
+    assert "unknown: 108 pixels of motion" in said.out
+    assert "warning" not in said.err
+
+
+def test_every_normal_of_a_surface_is_turned_to_the_world(tmp_path: Path) -> None:
+    view = np.eye(4)
+    view[:3, :3] = rotation(0.7)
+    camera = {"view": view.tolist(), "projection": camera_of_fov(50, SMALL).projection.tolist()}
+    (tmp_path / "cameras.json").write_text(json.dumps([camera]))
+    world = np.array([0.48, 0.6, -0.64])
+    planes = np.full((3, *SMALL), np.reshape(view[:3, :3] @ world, (3, 1, 1)), np.float32)
+    depth = np.ones(SMALL, np.float32)
+    depth[0] = 0
+    source = write(tmp_path / "shots", [image("R", "G", "B") | named("N", "XYZ", planes) | {"Z": depth}])
+    channels = COLOR | {"normal": "N", "geometric_normal": "N", "depth": "Z"}
+    about = {"channels": channels, "normal": {"space": "camera"}, "cameras": "cameras.json"}
+    found = imported(tmp_path, source, about).frame(0)
+    for name in ("normal", "geometric_normal"):
+        np.testing.assert_allclose(found[name][0, :, 1], np.repeat(world[:, None], SMALL[1], 1), atol=1e-3)
+        assert not found[name][0, :, 0].any()  # the sky has none
 
 
 def test_large_unknown_regions_move_like_what_is_around_them_and_do_not_take_long(tmp_path: Path) -> None:
@@ -572,6 +604,15 @@ def test_bad_pixels_of_the_reference_are_counted_and_named(
         ({"channels": {"color": " | "}}, "expected a layer"),
         ({"channels": {"color": ""}}, "expected a layer"),
         ({"channels": {"color": "."}, "depth": {"sky": float("nan")}}, "'depth.sky' is nan"),
+        ({"channels": {"color": ".", "shutter_depth": "Z"}, "depth": {"along": "ray"}}, "'depth.along' is ray: give"),
+        (
+            {"channels": {"color": ".", "geometric_normal": "N"}, "normal": {"space": "camera"}},
+            "'normal.space' is camera: 'cameras' must name",
+        ),
+        (
+            {"channels": {"color": ".", "normal": {"scale": [1, -1, 1]}}, "normal": {"encoded": True}},
+            "instead of both give scale: [2.0, -2.0, 2.0], offset: [-1, 1, -1]",
+        ),
         ({"channels": "beauty"}, "channels"),
         ({"channels": ["beauty"]}, "list is not a subclass of Dict"),
     ],

@@ -6,6 +6,7 @@ from typing import Any
 
 import numpy as np
 import numpy.typing as npt
+import OpenEXR
 import pytest
 import yaml
 
@@ -18,6 +19,7 @@ from nte.importing.channel_map import load_channel_map
 from nte.importing.convert import with_motion
 from nte.importing.write import write_imported
 from tests.importing.producers import MOVING, engine, named, scene, write_layers, write_map
+from tests.subsampled import write_subsampled
 from tests.synthetic import disc_frame
 
 
@@ -59,6 +61,36 @@ def test_a_field_of_view_is_enough_for_ray_lengths(tmp_path: Path) -> None:
     assert run(source, map_path, tmp_path / "clip") == 0
     found = Clip(tmp_path / "clip").frame(1)
     np.testing.assert_allclose(found["depth"][0], frames[1]["depth"], rtol=1e-4)
+
+
+@pytest.mark.parametrize("aspect", [2.0, 0.5, 1.0])
+def test_a_field_of_view_with_pixels_that_are_not_square(tmp_path: Path, aspect: float) -> None:
+    """A wall across the view axis: the length of its rays follows from where pixels lie when they are shown."""
+    height, width = size = 24, 36
+    y, x = np.mgrid[:height, :width] + 0.5
+    focal = height / 2 / np.tan(np.radians(25))
+    rays = 5 * np.sqrt(1 + ((x - width / 2) * aspect / focal) ** 2 + ((y - height / 2) / focal) ** 2)
+    layers = {name: np.ones(size, np.float32) for name in "RGB"} | {"Z": rays.astype(np.float32)}
+    (tmp_path / "shots").mkdir()
+    header = {"type": OpenEXR.scanlineimage, "pixelAspectRatio": aspect}
+    with OpenEXR.File(header, layers) as file:
+        file.write(str(tmp_path / "shots" / "a.1.exr"))
+    about = {"channels": {"color": ".", "depth": "Z"}, "depth": {"along": "ray"}, "vertical_fov": 50.0}
+    assert run(tmp_path / "shots", write_map(tmp_path / "map.yaml", about), tmp_path / "clip") == 0
+    np.testing.assert_allclose(Clip(tmp_path / "clip").frame(0)["depth"], 5, rtol=1e-4)
+
+
+def test_subsampled_channels_are_left_out_and_said(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    (tmp_path / "shots").mkdir()
+    layers = {name: np.ones((8, 12), np.float32) for name in "RGB"} | {"matte.V": np.ones((4, 6), np.float32)}
+    write_subsampled(tmp_path / "shots" / "a.1.exr", layers)
+    about: dict[str, Any] = {"channels": {"color": ".", "roughness": "matte"}, "optional": True}
+    assert run(tmp_path / "shots", write_map(tmp_path / "map.yaml", about), tmp_path / "clip") == 0
+    assert "left out: matte.V: subsampled, without a value for every pixel" in capsys.readouterr().out
+    assert Clip(tmp_path / "clip").channels == ("color",)
+    write_map(tmp_path / "map.yaml", about | {"optional": False})
+    assert run(tmp_path / "shots", tmp_path / "map.yaml", tmp_path / "other") == 2
+    assert "the file has B, G, R; without a value for every pixel: matte.V" in capsys.readouterr().err
 
 
 @pytest.mark.parametrize(

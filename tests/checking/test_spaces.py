@@ -1,0 +1,46 @@
+"""Normals and positions of a moving camera's space change alike; in the world, what stands still keeps them."""
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from tests.checking.room import camera
+from tests.checking.test_geometry import Change, checked, in_view
+from tests.synthetic import Pixels
+
+ROTATION = "one rotation takes those of a frame to those of the next, as in the space of a moving camera"
+RIGID = "one rigid motion takes those of a frame to those of the next, as in the space of a moving camera"
+
+
+def all_in_view(f: dict[str, Pixels], i: int) -> dict[str, Pixels]:
+    place, axes = camera(i)
+    position = np.einsum("ij,jhw->ihw", axes, f["position"] - place.reshape(3, 1, 1))
+    return in_view(f, i) | {"position": np.where(f["depth"] > 0, position, 0)}
+
+
+@pytest.mark.parametrize(
+    ("change", "without", "told"),
+    [
+        (in_view, ("position",), [("normal", ROTATION)]),
+        (in_view, ("position", "depth", "instance"), [("normal", ROTATION)]),
+        (all_in_view, (), [("normal", ROTATION), ("position", RIGID)]),
+        (all_in_view, ("normal",), [("position", RIGID)]),
+        (lambda f, i: all_in_view(f, 0), (), []),  # another world, which stands still
+    ],
+)
+def test_the_space_of_a_moving_camera_is_noted(
+    tmp_path: Path, change: Change, without: tuple[str, ...], told: list[tuple[str, str]]
+) -> None:
+    report = checked(tmp_path, change, without)
+    assert report.verdict == "plausible"
+    assert [(f.channel, f.found) for f in report.findings if "takes those" in f.found] == told
+
+
+def test_a_frame_that_differs_by_itself_says_nothing(tmp_path: Path) -> None:
+    """Noise in the normals, and one frame in another space than the rest: no motion of a camera explains it."""
+    rng = np.random.default_rng(0)
+    noisy = checked(tmp_path / "a", lambda f, i: {"normal": f["normal"] + 0.1 * rng.normal(size=f["normal"].shape)})
+    once = checked(tmp_path / "b", lambda f, i: in_view(f, i) if i == 3 else {}, ("position",))
+    for report in (noisy, once):
+        assert not any("takes those" in f.found for f in report.findings)
