@@ -52,7 +52,8 @@ def levels(scene: MitsubaScene, shapes: Sequence[Shape], moving: Iterable[str], 
     """Make `count` scenes of two levels out of one scene.
 
     shapes: the scene's shapes. moving: names of shapes. Returns an empty list if a moving shape cannot be grouped, or
-    if the XML has instances of its own, which Mitsuba (3.9.1) refuses to take into a second scene. Lights, and shapes that stand still and cannot be grouped, stay where they are.
+    if the XML has instances of its own, which Mitsuba (3.9.1) refuses to take into a second scene. Lights, and shapes
+    that stand still and cannot be grouped, stay where they are.
     """
     moving = set(moving)
     free = [shape for shape in shapes if not can_be_grouped(shape)]
