@@ -3,27 +3,25 @@
 import json
 import tempfile
 import warnings
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Callable
 from pathlib import Path
-from typing import Any
 
 import numpy as np
-import numpy.typing as npt
 import onnx
 import torch
 
 from nte.errors import NteError
-from nte.files import make_folder, only_writer_of, write_whole
+from nte.files import make_folder, only_writer_of, refuse_to_replace, write_whole
 from nte.frames.channels import CHANNELS, Channel, Kind, width_of
-from nte.frames.frame import Frame
 from nte.models.cost import cost_of
 from nte.models.trainable import TrainableDenoiser
 from nte.recurrence import FORWARD, MEASURED, SCALARS
 from nte.runtime.description import FORMAT, METADATA_KEY, UNSEALED, seal
 from nte.runtime.session import OnnxDenoiser
+from nte.runtime.trial import trial_frames
+from nte.runtime.vectors import INDEX, write_vectors
 from nte.version import __version__
 
-Numbers = npt.NDArray[Any]
 OPSET = 18
 SMALLEST = 16
 
@@ -49,12 +47,16 @@ CHECK_FRAMES = 20
 TYPICAL, WORST = 1e-4, 0.05  # limits of |a − b| / (|b| + 0.01): of its 99.9th percentile, and of its maximum
 
 
-def export(run: Path | str, out: Path | str, force: bool = False, progress: Callable[[str], None] = print) -> Path:
+def export(
+    run: Path | str, out: Path | str, force: bool = False, progress: Callable[[str], None] = print,
+    vectors: Path | str | None = None,
+) -> Path:  # fmt: skip
     """Export a trained run as one ONNX file, checked against PyTorch, and return its path.
 
     run: a run folder, which stands for its last checkpoint, or a .safetensors file in one. out: the file to write.
-    progress: called with a line of text for each size at which both agree. Raises NteError if the results differ, and
-    if `out` exists without `force`.
+    progress: called with a line of text for each size at which both agree. vectors: a folder, to which inputs and
+    outputs of four frames are written, by which a port of the model is checked. Raises NteError if the results differ,
+    and if `out`, or vectors in that folder, exist without `force`.
 
     >>> model = nte.export("runs/mine", "mine.onnx", progress=lambda line: None)
     >>> nte.load_denoiser("mine.onnx").target
@@ -62,9 +64,13 @@ def export(run: Path | str, out: Path | str, force: bool = False, progress: Call
     """
     from nte.training.run import load_run
 
-    out = Path(out)
+    out, folder = Path(out), None if vectors is None else Path(vectors)
+    if folder is not None:
+        refuse_to_replace([folder / INDEX], force)
     with only_writer_of(out, force):
         export_onnx(load_run(Path(run)), out, progress)
+        if folder is not None:
+            write_vectors(out, folder)
     return out
 
 
@@ -104,7 +110,7 @@ def compare_with_torch(
     ours, theirs = None, None
     errors = []
     with torch.no_grad():
-        for frame in _test_sequence((*exported.needs, *exported.optional), size, CHECK_FRAMES):
+        for frame in trial_frames((*exported.needs, *exported.optional), size, CHECK_FRAMES):
             expected, ours = denoiser.step(frame, ours)
             if not np.isfinite(expected.image).all():
                 raise NteError(
@@ -116,56 +122,6 @@ def compare_with_torch(
             errors.append(np.abs(found.image - expected.image) / (np.abs(expected.image) + 0.01))
     every = np.concatenate([e.ravel() for e in errors])
     return float(np.quantile(every, 0.999)), float(every.max())
-
-
-def _test_sequence(names: Iterable[str], size: tuple[int, int], frames: int, seed: int = 0) -> Iterator[Frame]:
-    """Random frames with these channels, and with those from which exposure and scattered motion are computed.
-
-    They have all that a graph must cope with: motion across borders, disocclusions, sky, bad pixels.
-    """
-    rng = np.random.default_rng(seed)
-    rows = [CHANNELS[name] for name in dict.fromkeys(("color", "depth", "motion", *names))]
-    first: list[Kind] = ["radiance", "motion"]  # depth and ids stay the same: the scene moves only by its vectors
-    rows.sort(key=lambda row: (row.kind not in first, row.storage == "derived"))
-    still = {row.name: _values(row, rng, size) for row in rows if row.kind in ("depth", "id")}
-    for index in range(frames):
-        made = dict(still)
-        for row in rows:
-            if row.name == FORWARD:
-                made[row.name] = _against(made["motion"], rng)
-            elif row.name not in still:
-                made[row.name] = _values(row, rng, size)
-        yield Frame({name: values.astype(np.float32) for name, values in made.items()}, index)
-
-
-def _values(row: Channel, rng: np.random.Generator, size: tuple[int, int]) -> Numbers:
-    """Random values (2, C, H, W) of a channel, without structure; light and vectors have some bad values."""
-    shape = 2, width_of(row.name), *size
-    match row.kind:
-        case "radiance":
-            light = rng.exponential(1.0, shape).astype(np.float32) * rng.random((2, 1, 1, 1), np.float32) * 10
-            light[rng.random(shape) < 1e-3] = rng.choice([np.nan, np.inf, -1.0])
-            return light
-        case "motion":
-            motion = rng.normal(0, 2, (2, 2, 1, 1)) + rng.normal(0, 0.2, shape)
-            motion[rng.random((2, *size))[:, None].repeat(2, 1) < 1e-3] = rng.choice([np.nan, 1e20])
-            return motion
-        case "depth":
-            return np.where(rng.random(shape) < 0.05, 0, 4)
-        case "direction" | "point":
-            return rng.uniform(-0.6, 0.6, shape)
-        case "id":
-            return rng.integers(0, 4, shape)
-        case _:
-            return rng.random(shape)
-
-
-def _against(motion: Numbers, rng: np.random.Generator) -> Numbers:
-    """A previous_forward_motion that fits a motion: a tenth of the pixels is hidden by others, some are unknown."""
-    batch, _, *size = motion.shape
-    forward = -motion + np.where(rng.random((batch, 1, *size)) < 0.1, 6.0, 0.0)
-    forward[rng.random((batch, *size))[:, None].repeat(2, 1) < 0.02] = np.nan
-    return forward
 
 
 def _graph(denoiser: TrainableDenoiser) -> onnx.ModelProto:
