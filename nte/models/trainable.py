@@ -18,7 +18,7 @@ from nte.denoiser import Denoiser, Result, require_extras
 from nte.errors import NteError
 from nte.frames.channels import CHANNELS
 from nte.frames.frame import Frame
-from nte.motion.geometric import scatter_forward_motion
+from nte.motion.geometric import complete_forward_motion
 from nte.recurrence import DENOISED, FORWARD, NetworkState, Recurrent, begin, hand_on
 
 
@@ -41,7 +41,8 @@ class TrainableDenoiser(nn.Module, Denoiser):
     `forward` has one parameter per input, named after a channel (N, C, H, W) in `needs` or `optional`, a recurrent
     tensor, or one of `reset`, `exposure` and `depth_scale` (N,). A network whose inputs depend on its settings names
     them in `inputs` instead, and its `forward` takes `*tensors` in that order. An optional channel is None where a
-    frame lacks it, except previous_forward_motion, which is then scattered from motion and depth. `forward` returns a
+    frame lacks it, except previous_forward_motion, which is then scattered from motion and depth, as it is where it is
+    NaN everywhere: a network that takes it needs both. `forward` returns a
     tensor for each of `outputs`: the image (N, C, H, W) in the units of the target's channel, the new values of the
     recurrent tensors, and the extras; a light component (`components`) that is an extra is the output denoised_NAME. It
     must sanitise its inputs itself (nte.frames.usable), so that the exported
@@ -90,9 +91,9 @@ class TrainableDenoiser(nn.Module, Denoiser):
         given = frame.torch(device)
         channels: dict[str, Tensor | None] = {name: given[name] for name in self.needs}
         channels |= {name: given.get(name) for name in self.optional}
-        if FORWARD in self.inputs and channels.get(FORWARD) is None:
-            channels[FORWARD] = scatter_forward_motion(given["motion"], given["depth"])
         taken = self.inputs
+        if FORWARD in taken:
+            channels[FORWARD] = complete_forward_motion(channels[FORWARD], given["motion"], given["depth"])
         state, reset = begin(frame, state, self.recurrent, lambda shape: torch.zeros(shape, device=device), taken)
         scalars = {name: torch.tensor(value, device=device) for name, value in state.scalars.known().items()}
         inputs = {**channels, **scalars, **state.tensors, "reset": torch.tensor(reset, device=device)}

@@ -1,8 +1,6 @@
 """The export of a trained network as one ONNX graph with its conventions, checked before it is written."""
 
 import json
-import tempfile
-import warnings
 from collections.abc import Callable
 from pathlib import Path
 
@@ -18,11 +16,12 @@ from nte.models.trainable import TrainableDenoiser
 from nte.recurrence import FORWARD, MEASURED, SCALARS
 from nte.runtime.description import FORMAT, METADATA_KEY, UNSEALED, seal
 from nte.runtime.session import OnnxDenoiser
+from nte.runtime.switch import KNOWN, scatter_inside
+from nte.runtime.tracing import traced
 from nte.runtime.trial import trial_frames
 from nte.runtime.vectors import INDEX, write_vectors
 from nte.version import __version__
 
-OPSET = 18
 SMALLEST = 16
 
 LAYOUT = "float32 (N, C, H, W); x to the right, y down, pixel centres at +0.5"
@@ -34,7 +33,8 @@ CONVENTIONS_OF_KINDS: dict[Kind, str] = {  # other kinds are described by their 
 }
 CONVENTIONS = {
     "motion": "pixels, current to previous: previous = current + motion",
-    FORWARD: "pixels, previous frame to the current one; NaN = unknown, 0 = stands still",
+    FORWARD: "pixels, previous frame to the current one; NaN = unknown, 0 = stands still; if all of an image is NaN, "
+    "the graph makes it from motion and depth",
 }
 OF_SEQUENCES = {
     "reset": "(N,), 1 starts a sequence: history is ignored",
@@ -127,25 +127,21 @@ def compare_with_torch(
 def _graph(denoiser: TrainableDenoiser) -> onnx.ModelProto:
     """Trace the denoiser with free batch, height and width; its optional channels are inputs too.
 
-    Uses the tracing exporter: on two cores it takes 2 s, where torch.export needs 150 s to reason about the sizes of 75
-    shifted images. If tracing silently froze a size, the check at several sizes would find it.
+    If tracing silently froze a size, the check at several sizes would find it.
     """
     shapes = {name: tensor.shape(2, 64, 96) for name, tensor in denoiser.recurrent.items()}
     shapes |= {name: (2, width_of(name), 64, 96) for name in denoiser.inputs if name in CHANNELS}
     example = tuple(torch.rand(shapes[name]) if name in shapes else torch.ones(2) for name in denoiser.inputs)
-    axes = {name: {0: "batch", 2: "height", 3: "width"} for name in (*shapes, *denoiser.outputs)}
+    inputs = [KNOWN if name == FORWARD else name for name in denoiser.inputs]
+    axes = {name: {0: "batch", 2: "height", 3: "width"} for name in (*shapes, KNOWN, *denoiser.outputs)}
     axes |= {name: {0: "batch"} for name in SCALARS}
     for name, tensor in denoiser.recurrent.items():
         if tensor.scale > 1:
             smaller = {0: "batch", 2: f"height_{tensor.scale}", 3: f"width_{tensor.scale}"}
             axes |= {name: smaller, tensor.source: smaller}
-    with tempfile.TemporaryDirectory() as folder, warnings.catch_warnings(), torch.no_grad():
-        warnings.simplefilter("ignore")  # the tracer warns about frozen sizes, which the check would find
-        torch.onnx.export(
-            denoiser, example, f"{folder}/graph.onnx", dynamo=False, input_names=list(denoiser.inputs),
-            output_names=list(denoiser.outputs), dynamic_axes=axes, opset_version=OPSET,
-        )  # fmt: skip
-        model = onnx.load(f"{folder}/graph.onnx")
+    model = traced(denoiser, example, inputs, denoiser.outputs, axes)
+    if any(i.name == KNOWN for i in model.graph.input):
+        scatter_inside(model)
     onnx.helper.set_model_props(model, {METADATA_KEY: json.dumps(_description(denoiser))})
     onnx.checker.check_model(model)
     return model

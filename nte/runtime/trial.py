@@ -19,7 +19,8 @@ def trial_frames(
     """Make random frames (NumPy) with these channels, and with those from which exposure and vectors are computed.
 
     They have all that a graph must cope with: motion across borders, disocclusions, surfaces that hide each other, sky,
-    bad pixels. size: (height, width). batch: number of sequences.
+    bad pixels; in every fourth frame the first sequence does not know its previous_forward_motion. size: (height,
+    width). batch: number of sequences.
     """
     rng = np.random.default_rng(seed)
     rows = [CHANNELS[name] for name in dict.fromkeys(("color", "depth", "motion", *names))]
@@ -31,6 +32,7 @@ def trial_frames(
         for row in rows:
             if row.name == FORWARD:
                 made[row.name] = _against(made["motion"], rng)
+                made[row.name][: index % 4 == 3] = np.nan
             elif row.name not in still:
                 made[row.name] = _values(row, rng, batch, size)
         yield Frame({name: values.astype(np.float32) for name, values in made.items()}, index)

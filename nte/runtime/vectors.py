@@ -16,7 +16,6 @@ from nte.errors import NteError
 from nte.files import make_folder, only_writer, remove, write_whole
 from nte.frames.frame import Frame
 from nte.frames.scalars import sequence_scalars
-from nte.recurrence import FORWARD
 from nte.runtime.description import METADATA_KEY, read_description, recurrent_of
 from nte.runtime.trial import trial_frames
 
@@ -25,7 +24,6 @@ Listed: TypeAlias = dict[str, dict[str, Any]]  # input or output → its file an
 
 INDEX = "vectors.json"
 FRAMES, SIZE = 4, (40, 48)
-UNKNOWN_FRAME = 3  # in which the engine knows no previous_forward_motion
 TOLERANCE = 1e-3  # limit of |a − b| / (|b| + 0.01): a hundred times the rounding of another order of summation
 
 
@@ -67,10 +65,7 @@ def _inputs(frame: Frame, scalars: tuple[Values, Values]) -> dict[str, Values]:
     """What a graph may take of a frame, besides its state; scalars are those of the sequence."""
     exposure, depth_scale = scalars
     reset = np.full(1, frame.index == 0, np.float32)
-    given: dict[str, Values] = {**frame.channels, "reset": reset, "exposure": exposure, "depth_scale": depth_scale}
-    if frame.index == UNKNOWN_FRAME and FORWARD in given:
-        given[FORWARD] = np.full_like(given[FORWARD], np.nan)
-    return given
+    return {**frame.channels, "reset": reset, "exposure": exposure, "depth_scale": depth_scale}
 
 
 def _written(folder: Path, index: int, values: dict[str, Values]) -> Listed:
