@@ -19,7 +19,7 @@ from nte.errors import NteError
 from nte.frames.channels import CHANNELS
 from nte.frames.frame import Frame
 from nte.motion.geometric import complete_forward_motion
-from nte.recurrence import DENOISED, FORWARD, NetworkState, Recurrent, begin, hand_on
+from nte.recurrence import DENOISED, FORWARD, SCALARS, NetworkState, Recurrent, begin, hand_on
 
 
 @dataclass
@@ -47,7 +47,8 @@ class TrainableDenoiser(nn.Module, Denoiser):
     recurrent tensors, and the extras; a light component (`components`) that is an extra is the output denoised_NAME. It
     must sanitise its inputs itself (nte.frames.usable), so that the exported
     graph does so too. A network that takes `exposure` without `color`, or `depth_scale` without `depth`, lists that
-    channel as optional: they are measured from it.
+    channel as optional: they are measured from it. The exposure may change from frame to frame, so a network that
+    carries exposed light carries its exposure too: nte.models.carrying.
 
     The direct children of the module are its steps: nte bench --steps measures each of them, in PyTorch and in the
     exported graph.
@@ -71,7 +72,7 @@ class TrainableDenoiser(nn.Module, Denoiser):
     @property
     def outputs(self) -> tuple[str, ...]:
         """Names of the outputs of `forward`, in order."""
-        made = [tensor.source for tensor in self.recurrent.values() if tensor.source not in CHANNELS]
+        made = [tensor.source for tensor in self.recurrent.values() if tensor.source not in (*CHANNELS, *SCALARS)]
         return tuple(dict.fromkeys(["image", *made, *map(self._output_of, self.extras)]))
 
     def _output_of(self, extra: str) -> str:
@@ -103,4 +104,4 @@ class TrainableDenoiser(nn.Module, Denoiser):
             raise NteError(f"{type(self).__name__}.forward gives {found}, expected a tuple: {', '.join(self.outputs)}")
         outputs = dict(zip(self.outputs, made, strict=True))
         result = Result(outputs["image"], {name: outputs[self._output_of(name)] for name in extras}).like(frame)
-        return result, hand_on(state, self.recurrent, channels | outputs)
+        return result, hand_on(state, self.recurrent, channels | scalars | outputs)

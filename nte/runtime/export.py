@@ -38,8 +38,8 @@ CONVENTIONS = {
 }
 OF_SEQUENCES = {
     "reset": "(N,), 1 starts a sequence: history is ignored",
-    "exposure": "(N,), 0.18 / exp(mean log luminance of the first frame), constant over a sequence",
-    "depth_scale": "(N,), median hit depth of the first frame, constant over a sequence",
+    "exposure": "(N,), 0.18 / exp(mean log luminance of the first frame); it may change from frame to frame",
+    "depth_scale": "(N,), median hit depth of the first frame",
 }
 
 CHECK_SIZES = ((64, 96), (45, 77), (16, 16))
@@ -136,7 +136,9 @@ def _graph(denoiser: TrainableDenoiser) -> onnx.ModelProto:
     axes = {name: {0: "batch", 2: "height", 3: "width"} for name in (*shapes, KNOWN, *denoiser.outputs)}
     axes |= {name: {0: "batch"} for name in SCALARS}
     for name, tensor in denoiser.recurrent.items():
-        if tensor.scale > 1:
+        if tensor.components == 0:
+            axes[name] = {0: "batch"}
+        elif tensor.scale > 1:
             smaller = {0: "batch", 2: f"height_{tensor.scale}", 3: f"width_{tensor.scale}"}
             axes |= {name: smaller, tensor.source: smaller}
     model = traced(denoiser, example, inputs, denoiser.outputs, axes)

@@ -1,6 +1,7 @@
 """Random frames with everything that a denoiser must cope with: the trial of an exported graph."""
 
 from collections.abc import Iterable, Iterator
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -8,6 +9,7 @@ import numpy.typing as npt
 
 from nte.frames.channels import CHANNELS, Channel, Kind, width_of
 from nte.frames.frame import Frame
+from nte.frames.scalars import sequence_scalars
 from nte.recurrence import FORWARD
 
 Numbers = npt.NDArray[Any]
@@ -19,14 +21,16 @@ def trial_frames(
     """Make random frames (NumPy) with these channels, and with those from which exposure and vectors are computed.
 
     They have all that a graph must cope with: motion across borders, disocclusions, surfaces that hide each other, sky,
-    bad pixels; in every fourth frame the first sequence does not know its previous_forward_motion. size: (height,
-    width). batch: number of sequences.
+    bad pixels. In the third frame, and in every fourth from there, the exposure becomes four times as large; in the
+    next one the first sequence does not know its previous_forward_motion; then the exposure falls back.
+    size: (height, width). batch: number of sequences.
     """
     rng = np.random.default_rng(seed)
     rows = [CHANNELS[name] for name in dict.fromkeys(("color", "depth", "motion", *names))]
     first: list[Kind] = ["radiance", "motion"]  # depth and ids stay the same: the scene moves only by its vectors
     rows.sort(key=lambda row: (row.kind not in first, row.storage == "derived"))
     still = {row.name: _values(row, rng, batch, size) for row in rows if row.kind in ("depth", "id")}
+    exposure: Numbers | None = None
     for index in range(frames):
         made = dict(still)
         for row in rows:
@@ -35,7 +39,9 @@ def trial_frames(
                 made[row.name][: index % 4 == 3] = np.nan
             elif row.name not in still:
                 made[row.name] = _values(row, rng, batch, size)
-        yield Frame({name: values.astype(np.float32) for name, values in made.items()}, index)
+        frame = Frame({name: values.astype(np.float32) for name, values in made.items()}, index)
+        exposure = sequence_scalars(frame)[0] if exposure is None else exposure
+        yield replace(frame, exposure=exposure * np.float32(4 if index % 4 > 1 else 1))
 
 
 def _values(row: Channel, rng: np.random.Generator, batch: int, size: tuple[int, int]) -> Numbers:

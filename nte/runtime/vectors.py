@@ -14,7 +14,6 @@ import onnxruntime
 
 from nte.errors import NteError
 from nte.files import make_folder, only_writer, remove, write_whole
-from nte.frames.frame import Frame
 from nte.frames.scalars import sequence_scalars
 from nte.runtime.description import METADATA_KEY, read_description, recurrent_of
 from nte.runtime.trial import trial_frames
@@ -43,13 +42,15 @@ def write_vectors(model: Path, folder: Path) -> None:
     info = read_description(model, session.get_modelmeta().custom_metadata_map.get(METADATA_KEY), inputs, outputs)
     recurrent = recurrent_of(info, inputs)
     state = {name: np.zeros(tensor.shape(1, *SIZE), np.float32) for name, tensor in recurrent.items()}
-    first: tuple[Values, Values] | None = None
+    depth_scale: Values | None = None
     frames: list[dict[str, Listed]] = []
     with only_writer(folder):
         remove(folder / INDEX)  # until the end, the folder says that it is not finished
         for frame in trial_frames((*info["needs"], *info["optional"]), SIZE, FRAMES, batch=1):
-            first = first or sequence_scalars(frame)
-            offered = _inputs(frame, first) | state
+            exposure, measured = sequence_scalars(frame)
+            depth_scale = measured if depth_scale is None else depth_scale
+            reset = np.full(1, frame.index == 0, np.float32)
+            offered = {**frame.channels, "reset": reset, "exposure": exposure, "depth_scale": depth_scale, **state}
             fed = {name: offered[name] for name in inputs}
             made = dict(zip(outputs, session.run(outputs, fed), strict=True))
             state = {name: (fed | made)[tensor.source] for name, tensor in recurrent.items()}
@@ -59,13 +60,6 @@ def write_vectors(model: Path, folder: Path) -> None:
             frames.append({part: _written(folder, frame.index, values) for part, values in parts.items()})
         index = {"model": model.name, "tolerance": TOLERANCE, "frames": frames}
         write_whole(folder / INDEX, lambda path: path.write_text(json.dumps(index, indent=1) + "\n", "utf-8"))
-
-
-def _inputs(frame: Frame, scalars: tuple[Values, Values]) -> dict[str, Values]:
-    """What a graph may take of a frame, besides its state; scalars are those of the sequence."""
-    exposure, depth_scale = scalars
-    reset = np.full(1, frame.index == 0, np.float32)
-    return {**frame.channels, "reset": reset, "exposure": exposure, "depth_scale": depth_scale}
 
 
 def _written(folder: Path, index: int, values: dict[str, Values]) -> Listed:

@@ -208,7 +208,7 @@ def test_files_that_are_no_model_of_ours(model: Path, tmp_path: Path) -> None:
     for metadata in ({}, {"nte": "not JSON"}, {"nte": "[1]"}, {"nte": json.dumps({"format": "nte-onnx/9\n\x1b"})}):
         onnx.helper.set_model_props(foreign, metadata)
         onnx.save(foreign, tmp_path / "foreign.onnx")
-        with pytest.raises(NteError, match=r"foreign\.onnx: .* in the model's metadata, expected 'nte-onnx/1'") as said:
+        with pytest.raises(NteError, match=r"foreign\.onnx: .* in the model's metadata, expected 'nte-onnx/2'") as said:
             OnnxDenoiser(tmp_path / "foreign.onnx")
         assert str(said.value).isprintable()
     whole = model.read_bytes()
