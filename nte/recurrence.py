@@ -14,7 +14,7 @@ import numpy.typing as npt
 
 from nte.denoiser import refuse_other_size
 from nte.frames.frame import Array, Frame
-from nte.frames.scalars import known_scalars
+from nte.frames.scalars import given_scalars, known_scalars
 
 SCALARS = ("reset", "exposure", "depth_scale")  # (N,), offered to every network, which need not use them
 MEASURED = {"exposure": "color", "depth_scale": "depth"}  # scalar → the channel it is measured from if not given
@@ -24,14 +24,19 @@ Numbers = npt.NDArray[np.float32]
 
 
 class Recurrent(NamedTuple):
-    """A tensor (N, components, ⌈H/scale⌉, ⌈W/scale⌉) that is carried on; 0 at first, ignored after a reset."""
+    """A tensor that is carried on: an image (N, components, ⌈H/scale⌉, ⌈W/scale⌉), or numbers (N,) for 0 components.
 
-    source: str  # name of the output or channel of this frame that the next frame gets
+    It is 0 at first, and ignored after a reset.
+    """
+
+    source: str  # name of the output or input of this frame that the next frame gets
     components: int
     scale: int = 1
 
-    def shape(self, batch: int, height: int, width: int) -> tuple[int, int, int, int]:
+    def shape(self, batch: int, height: int, width: int) -> tuple[int, ...]:
         """Return the tensor's shape for a batch of frames of this height and width."""
+        if self.components == 0:
+            return (batch,)
         return batch, self.components, -(-height // self.scale), -(-width // self.scale)
 
 
@@ -42,15 +47,17 @@ class SequenceScalars(NamedTuple):
     depth_scale: Numbers  # (N,), NaN until a frame with a surface
 
     def begun(self, frame: Frame, reset: Numbers) -> "SequenceScalars":
-        """Take from `frame` the scalars of sequences that start with it and the scalars that are still unknown.
+        """Take the scalars that `frame` gives; measure those of sequences that start with it, or that are unknown.
 
         reset (N,): 1 where a sequence starts.
         """
+        known = self
         starts = [(reset > 0) | np.isnan(carried) for carried in self]
-        if not np.any(starts):
-            return self
-        own = zip(starts, known_scalars(frame), self, strict=True)
-        return SequenceScalars(*(np.where(start, scalar, carried) for start, scalar, carried in own))
+        if np.any(starts):
+            own = zip(starts, known_scalars(frame), self, strict=True)
+            known = SequenceScalars(*(np.where(start, scalar, carried) for start, scalar, carried in own))
+        given = zip(given_scalars(frame), known, strict=True)
+        return SequenceScalars(*(carried if scalar is None else scalar for scalar, carried in given))
 
     def known(self) -> dict[str, Numbers]:
         """Return both scalars by name, with 1 for those that are unknown."""
@@ -94,7 +101,7 @@ def begin(
 
 
 def hand_on(state: NetworkState, recurrent: Mapping[str, Recurrent], made: Mapping[str, Any]) -> NetworkState:
-    """Return the state after a frame. made: the frame's outputs and channels, by name."""
+    """Return the state after a frame. made: the frame's outputs and inputs, by name."""
     return state._replace(tensors={name: made[tensor.source] for name, tensor in recurrent.items()})
 
 

@@ -40,6 +40,7 @@ class TinyNetwork(TrainableDenoiser):
         {
             "irradiance": Recurrent("next_irradiance", 3),
             "features": Recurrent("next_features", 4, scale=2),
+            "previous_exposure": Recurrent("exposure", 0),
         }
     )
     conventions = MappingProxyType({"alpha": "weight of the current frame"})
@@ -53,12 +54,13 @@ class TinyNetwork(TrainableDenoiser):
 
     def forward(
         self, indirect: Tensor, diffuse_albedo: Tensor, motion: Tensor, reset: Tensor, exposure: Tensor,
-        irradiance: Tensor, features: Tensor, emission: Tensor | None = None,
+        irradiance: Tensor, features: Tensor, previous_exposure: Tensor, emission: Tensor | None = None,
     ) -> tuple[Tensor, ...]:  # fmt: skip
         """(image, next_irradiance, next_features, alpha)."""
         texture = divisor(usable_reflectance(diffuse_albedo))
         light = usable_radiance(indirect * per_sequence(exposure), BRIGHTEST) / texture
         continues = per_sequence(reset) == 0
+        irradiance = irradiance * torch.where(continues, per_sequence(exposure / previous_exposure), 1.0)
         past = warp(irradiance, usable_vector(motion)).image
         known = continues & (past.abs() < float("inf")).all(1, keepdim=True)
         past = torch.where(known, past, light)

@@ -12,10 +12,13 @@ def add(commands: Commands) -> None:
     parser = command(commands, "export", _export, text, "train")
     parser.add_argument("source", type=Path, metavar="RUN", help="run folder, or a .safetensors file in one")
     parser.add_argument("--out", type=Path, required=True, metavar="MODEL.onnx", help="file to write")
+    parser.add_argument(
+        "--vectors", type=Path, metavar="FOLDER", help="write inputs and outputs of four frames there, to check ports"
+    )
     add_force(parser)
 
 
 def _export(options: argparse.Namespace) -> None:
     from nte.runtime.export import export
 
-    print(export(options.source, options.out, options.force))
+    print(export(options.source, options.out, options.force, vectors=options.vectors))

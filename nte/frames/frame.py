@@ -22,11 +22,11 @@ class Frame:
     """Channels of one frame as (N, C, H, W) arrays, all NumPy or all PyTorch, with its scalars and camera.
 
     exposure, depth_scale, shutter and reset are (N,). view and projection are (N, 4, 4) for column vectors, world →
-    view → [0, 1]² with y down. exposure and depth_scale belong to the whole sequence; None means that they are
-    estimated from the first frame. shutter is the open share of the frame that `shutter_motion` spans, in (0, 1];
-    None means 1. reset is above 0 for batch elements that start a new sequence. clean_guides tells whether albedo and
-    normal are free of noise and antialiased, each the mean over its pixel; None means unknown, and they count as
-    noisy.
+    view → [0, 1]² with y down. exposure and depth_scale hold for this frame and those after it, until one gives others;
+    None in the first frame means that they are estimated from it. shutter is the open share of the frame that
+    `shutter_motion` spans, in (0, 1]; None means 1. reset is above 0 for batch elements that start a new sequence.
+    clean_guides tells whether albedo and normal are free of noise and antialiased, each the mean over its pixel; None
+    means unknown, and they count as noisy.
 
     Raises NteError if an array is not (N, C, H, W), if channels differ in batch or size, and if NumPy and PyTorch are
     mixed. `frame[name]` raises NteError for a channel that is missing.

@@ -51,6 +51,14 @@ def known_scalars(frame: Frame) -> tuple[npt.NDArray[np.float32], npt.NDArray[np
     return exposure, depth_scale
 
 
+def given_scalars(frame: Frame) -> tuple[npt.NDArray[np.float32] | None, npt.NDArray[np.float32] | None]:
+    """Return the frame's own (exposure (N,), depth_scale (N,)), None for one that it lacks.
+
+    Raises NteError if they are not positive numbers.
+    """
+    return _given(frame, "exposure"), _given(frame, "depth_scale")
+
+
 def given_exposure(frame: Frame) -> npt.NDArray[np.float32] | None:
     """Return the frame's own exposure (N,), or None if it has none. Raises NteError if it is not positive."""
     return _given(frame, "exposure")

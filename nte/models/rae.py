@@ -8,6 +8,7 @@ import math
 from collections.abc import Sequence
 from dataclasses import dataclass, field
 from itertools import pairwise
+from types import MappingProxyType
 
 import torch
 import torch.nn.functional as F
@@ -38,9 +39,18 @@ class RaeConfig(LightConfig):
 
 
 class RecurrentAutoencoder(TrainableDenoiser):
-    """A recurrent autoencoder for one kind of light. The state holds one hidden image per level."""
+    """A recurrent autoencoder for one kind of light. The state holds one hidden image per level.
+
+    Hidden images are learned and have no unit: a change of the exposure is a change of the light to them.
+    """
 
     Config = RaeConfig
+    conventions = MappingProxyType(
+        {
+            "exposure": "(N,), 0.18 / exp(mean log luminance of the first frame), constant over a sequence: what is "
+            "carried cannot follow a change"
+        }
+    )
     config: RaeConfig
     inputs: tuple[str, ...] = ()  # depends on the settings
 

@@ -78,11 +78,12 @@ def make_network(config: NetworkConfig) -> TrainableDenoiser:
     for name, tensor in network.recurrent.items():
         if name in {*CHANNELS, *SCALARS}:
             raise NteError(f"network '{config.kind}' carries '{name}', which is an input already: give it another name")
-        if tensor.source in CHANNELS and tensor.source not in network.inputs:
+        if tensor.source in {*CHANNELS, *SCALARS} and tensor.source not in network.inputs:
             raise NteError(f"network '{config.kind}' carries '{tensor.source}' on, which its forward does not take")
-        if min(tensor.components, tensor.scale) < 1:
+        if tensor.scale < 1 or tensor.components < 0 or (tensor.components == 0) != (tensor.source in SCALARS):
             raise NteError(
-                f"network '{config.kind}' carries '{name}' as {tensor}, expected components and scale from 1"
+                f"network '{config.kind}' carries '{name}' as {tensor}, expected components and scale from 1, and 0 "
+                f"components only for {', '.join(SCALARS)}"
             )
     if both := [name for name in network.outputs if name in network.inputs]:
         raise NteError(f"network '{config.kind}' takes and gives '{both[0]}': give what it gives another name")

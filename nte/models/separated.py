@@ -14,6 +14,7 @@ from torch import Tensor, nn
 from nte.color import per_sequence
 from nte.frames.channels import CHANNELS, COMPONENTS, TEXTURES, width_of
 from nte.frames.usable import BRIGHTEST, usable_depth, usable_radiance
+from nte.models.carrying import Carrying, scaled
 from nte.models.filtering import Blending, Filtered, KernelApplication, padded
 from nte.models.kernels import Downsample
 from nte.models.prediction import KernelConfig, KernelHeads, ScaleKernels, Trunk
@@ -57,7 +58,7 @@ class SeparatedDenoiser(TrainableDenoiser):
     """A recurrent denoiser of `color` that filters visibility, glossy and indirect light separately.
 
     Extras: the filtered components by their names, in the units of their channels. The state holds the last outputs of
-    all three, exposed, and the last depth.
+    all three, exposed, and the last depth and exposure.
     """
 
     Config = SeparatedConfig
@@ -74,8 +75,9 @@ class SeparatedDenoiser(TrainableDenoiser):
         self.needs: tuple[str, ...] = tuple(dict.fromkeys([*COMPONENTS, *GUIDES, "emission", "motion", *config.inputs]))
         self.optional: tuple[str, ...] = (*vectors, *(() if "color" in self.needs else ("color",)))
         self.recurrent = {f"{name}_history": Recurrent(f"next_{name}", width_of(name)) for name in COMPONENTS}
-        self.carried = tuple(self.recurrent)
-        self.recurrent |= self.reprojection.recurrent
+        lights = [f"{name}_history" for name in COMPONENTS if CHANNELS[name].kind == "radiance"]
+        self.carrying = Carrying(self.recurrent, dict.fromkeys(lights, scaled))
+        self.recurrent |= self.reprojection.recurrent | self.carrying.recurrent
         self.inputs = (*self.needs, *vectors, "reset", "exposure", "depth_scale", *self.recurrent)
         self.prediction = LightsPrediction(self.reading.width + sum(WIDTHS), config)
         self.kernels = LightsKernels()
@@ -90,10 +92,10 @@ class SeparatedDenoiser(TrainableDenoiser):
         """
         given = dict(zip(self.inputs, tensors, strict=True))
         seen: SeenLights = self.reading(given)
-        carried = torch.cat([given[name] for name in self.carried], 1)
         moved = self.reprojection(
-            given["motion"], given.get(FORWARD), seen.depth, given.get("previous_depth"), given["reset"], carried
-        )
+            given["motion"], given.get(FORWARD), seen.depth, given.get("previous_depth"), given["reset"],
+            self.carrying(given),
+        )  # fmt: skip
         noisy = torch.cat(list(seen.lights.values()), 1)
         warped = torch.where(moved.valid, moved.carried, noisy)
         readable = (moved.valid | ~moved.continues).to(noisy.dtype)

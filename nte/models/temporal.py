@@ -13,6 +13,7 @@ from torch import Tensor, nn
 
 from nte.color import luminance
 from nte.errors import NteError
+from nte.models.carrying import Carrying, compressed_moments, scaled
 from nte.models.filtering import Blending, KernelApplication, Mixing, padded
 from nte.models.prediction import TAPS, KernelConfig, KernelHeads, Memory, Trunk
 from nte.models.reading import LightConfig, Reader, Seen
@@ -74,8 +75,8 @@ class Past(NamedTuple):
 class TemporalDenoiser(TrainableDenoiser):
     """A recurrent, kernel-predicting denoiser of one kind of light.
 
-    The state holds the last output, exposed, and demodulated if so configured, the last depth, and what the settings
-    `moments`, `history_length` and `feature_history` ask for.
+    The state holds the last output, exposed, and demodulated if so configured, the last depth and exposure, and what
+    the settings `moments`, `history_length` and `feature_history` ask for.
     """
 
     Config = TemporalConfig
@@ -94,8 +95,10 @@ class TemporalDenoiser(TrainableDenoiser):
         self.extras = ("disoccluded", "valid", *(("alpha",) if config.temporal else ()))
         remembers = config.temporal or config.feed_warped
         self.carried = ({"history": components} if remembers else {}) | config.carries
+        exposed = {"history": scaled, "moments": compressed_moments} if self.reading.is_radiance else {}
+        self.carrying = Carrying(self.carried, {name: exposed[name] for name in exposed if name in self.carried})
         self.recurrent = {name: Recurrent(f"next_{name}", width) for name, width in self.carried.items()}
-        self.recurrent |= self.reprojection.recurrent
+        self.recurrent |= self.reprojection.recurrent | self.carrying.recurrent
         self.inputs = (*self.needs, *vectors, "reset", *self.reading.scalars, *self.recurrent)
 
         width = self.reading.width + components * config.feed_warped + 2 * config.feed_masks
@@ -117,10 +120,10 @@ class TemporalDenoiser(TrainableDenoiser):
         """
         given = dict(zip(self.inputs, tensors, strict=True))
         seen: Seen = self.reading(given)
-        carried = torch.cat([given[name] for name in self.carried], 1) if self.carried else None
         moved: Reprojected = self.reprojection(
-            given["motion"], given.get(FORWARD), seen.depth, given.get("previous_depth"), given["reset"], carried
-        )
+            given["motion"], given.get(FORWARD), seen.depth, given.get("previous_depth"), given["reset"],
+            self.carrying(given),
+        )  # fmt: skip
         past = self._past(seen, moved)
 
         height, width = seen.light.shape[-2:]

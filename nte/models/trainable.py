@@ -18,8 +18,8 @@ from nte.denoiser import Denoiser, Result, require_extras
 from nte.errors import NteError
 from nte.frames.channels import CHANNELS
 from nte.frames.frame import Frame
-from nte.motion.geometric import scatter_forward_motion
-from nte.recurrence import DENOISED, FORWARD, NetworkState, Recurrent, begin, hand_on
+from nte.motion.geometric import complete_forward_motion
+from nte.recurrence import DENOISED, FORWARD, SCALARS, NetworkState, Recurrent, begin, hand_on
 
 
 @dataclass
@@ -41,12 +41,14 @@ class TrainableDenoiser(nn.Module, Denoiser):
     `forward` has one parameter per input, named after a channel (N, C, H, W) in `needs` or `optional`, a recurrent
     tensor, or one of `reset`, `exposure` and `depth_scale` (N,). A network whose inputs depend on its settings names
     them in `inputs` instead, and its `forward` takes `*tensors` in that order. An optional channel is None where a
-    frame lacks it, except previous_forward_motion, which is then scattered from motion and depth. `forward` returns a
+    frame lacks it, except previous_forward_motion, which is then scattered from motion and depth, as it is where it is
+    NaN everywhere: a network that takes it needs both. `forward` returns a
     tensor for each of `outputs`: the image (N, C, H, W) in the units of the target's channel, the new values of the
     recurrent tensors, and the extras; a light component (`components`) that is an extra is the output denoised_NAME. It
     must sanitise its inputs itself (nte.frames.usable), so that the exported
     graph does so too. A network that takes `exposure` without `color`, or `depth_scale` without `depth`, lists that
-    channel as optional: they are measured from it.
+    channel as optional: they are measured from it. The exposure may change from frame to frame, so a network that
+    carries exposed light carries its exposure too: nte.models.carrying.
 
     The direct children of the module are its steps: nte bench --steps measures each of them, in PyTorch and in the
     exported graph.
@@ -70,7 +72,7 @@ class TrainableDenoiser(nn.Module, Denoiser):
     @property
     def outputs(self) -> tuple[str, ...]:
         """Names of the outputs of `forward`, in order."""
-        made = [tensor.source for tensor in self.recurrent.values() if tensor.source not in CHANNELS]
+        made = [tensor.source for tensor in self.recurrent.values() if tensor.source not in (*CHANNELS, *SCALARS)]
         return tuple(dict.fromkeys(["image", *made, *map(self._output_of, self.extras)]))
 
     def _output_of(self, extra: str) -> str:
@@ -90,9 +92,9 @@ class TrainableDenoiser(nn.Module, Denoiser):
         given = frame.torch(device)
         channels: dict[str, Tensor | None] = {name: given[name] for name in self.needs}
         channels |= {name: given.get(name) for name in self.optional}
-        if FORWARD in self.inputs and channels.get(FORWARD) is None:
-            channels[FORWARD] = scatter_forward_motion(given["motion"], given["depth"])
         taken = self.inputs
+        if FORWARD in taken:
+            channels[FORWARD] = complete_forward_motion(channels[FORWARD], given["motion"], given["depth"])
         state, reset = begin(frame, state, self.recurrent, lambda shape: torch.zeros(shape, device=device), taken)
         scalars = {name: torch.tensor(value, device=device) for name, value in state.scalars.known().items()}
         inputs = {**channels, **scalars, **state.tensors, "reset": torch.tensor(reset, device=device)}
@@ -102,4 +104,4 @@ class TrainableDenoiser(nn.Module, Denoiser):
             raise NteError(f"{type(self).__name__}.forward gives {found}, expected a tuple: {', '.join(self.outputs)}")
         outputs = dict(zip(self.outputs, made, strict=True))
         result = Result(outputs["image"], {name: outputs[self._output_of(name)] for name in extras}).like(frame)
-        return result, hand_on(state, self.recurrent, channels | outputs)
+        return result, hand_on(state, self.recurrent, channels | scalars | outputs)

@@ -85,26 +85,41 @@ def dual_motion(
 def frame_vectors(frame: Frame, previous_depth: Tensor | None = None) -> Reprojection:
     """Compute the best vectors that a PyTorch frame allows.
 
-    They are dual vectors if the frame has previous_forward_motion, or motion and depth from which to scatter it;
-    without depth they are the traditional ones. previous_depth (N, 1, H, W): depth of the previous frame, if known, for
-    a sharper disocclusion mask.
+    They are dual vectors if the frame has previous_forward_motion, or motion and depth from which to scatter it: where
+    it is missing, or NaN everywhere. Without both they are the traditional ones. previous_depth (N, 1, H, W): depth of
+    the previous frame, if known, for a sharper disocclusion mask.
 
     >>> frame = nte.Clip("data/clips/disc_000").frame(1).torch()
     >>> vectors = nte.frame_vectors(frame)
     >>> bool(vectors.disoccluded.any())  # behind the disc, which moves
     True
     """
-    forward = frame.get("previous_forward_motion")
+    forward, depth = frame.get("previous_forward_motion"), frame.get("depth")
+    if depth is not None:
+        forward = complete_forward_motion(forward, frame["motion"], depth)
     if forward is None:
-        if "depth" not in frame:
-            return traditional_motion(frame["motion"])
-        forward = scatter_forward_motion(frame["motion"], frame["depth"])
-    return dual_motion(frame["motion"], forward, frame.get("depth"), previous_depth)
+        return traditional_motion(frame["motion"])
+    return dual_motion(frame["motion"], forward, depth, previous_depth)
 
 
 def infinite_sky(depth: Tensor) -> Tensor:
     """Return depth (N, 1, H, W) with misses, stored as 0, set to infinity: the form in which depths are compared."""
     return torch.where(depth > 0, depth, float("inf"))
+
+
+def complete_forward_motion(forward_motion: Tensor | None, motion: Tensor, depth: Tensor) -> Tensor:
+    """Return previous_forward_motion (N, 2, H, W), px, scattered in each sequence of the batch that does not know it.
+
+    forward_motion (N, 2, H, W): px, on the previous frame, to the current one. A sequence knows nothing of it where all
+    of it is NaN; None stands for that in the whole batch. motion (N, 2, H, W) and depth (N, 1, H, W): as
+    `scatter_forward_motion` takes them.
+    """
+    if forward_motion is None:
+        return scatter_forward_motion(motion, depth)
+    unknown = forward_motion.isnan().flatten(1).all(1)
+    if not unknown.any():
+        return forward_motion
+    return torch.where(unknown.view(-1, 1, 1, 1), scatter_forward_motion(motion, depth), forward_motion)
 
 
 def scatter_forward_motion(motion: Tensor, depth: Tensor) -> Tensor:

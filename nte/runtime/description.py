@@ -14,7 +14,7 @@ from nte.recurrence import FORWARD, SCALARS, Recurrent
 Description: TypeAlias = dict[str, Any]  # the JSON in a model's metadata, by its keys
 Shapes: TypeAlias = Mapping[str, Sequence[Any]]  # input of a graph → its shape: sizes, or names of free ones
 
-FORMAT = "nte-onnx/1"
+FORMAT = "nte-onnx/2"
 METADATA_KEY = "nte"
 UNSEALED = "0" * 64  # placeholder of the checksum in the metadata
 _SEAL = re.compile(rb'"sha256": "([0-9a-f]{64})"')
@@ -63,14 +63,15 @@ def read_description(path: Path, text: str | None, inputs: Shapes, outputs: Sequ
         "cost": isinstance(cost, list) and all(isinstance(line, str) for line in cost),
         "sha256": isinstance(info.get("sha256"), str),
         "state": isinstance(state, dict)
-        and all(isinstance(source, str) and (source in outputs or source in CHANNELS) for source in state.values()),
+        and all(isinstance(source, str) and source in {*outputs, *CHANNELS, *SCALARS} for source in state.values()),
         "scales": isinstance(scales, dict) and all(type(n) is int and 0 < n < 2**16 for n in scales.values()),
     }
     if wrong := next((key for key, fits in known.items() if not fits), None):
         raise NteError(f"{path}: '{wrong}' in the model's metadata is {info.get(wrong)!r:.60}: export it again")
     taken = {*info["needs"], *info["optional"], FORWARD, *SCALARS}
     for name, shape in inputs.items():
-        if name not in taken and not (name in state and len(shape) == 4 and type(shape[1]) is int):
+        fits = len(shape) == 1 or (len(shape) == 4 and type(shape[1]) is int)
+        if name not in taken and not (name in state and fits):
             raise NteError(f"{path}: 'state' in the model's metadata is {state!r:.60}: export it again")
     if "image" not in outputs:
         raise NteError(f"{path}: the graph has no output 'image': export it again")
@@ -84,7 +85,7 @@ def recurrent_of(info: Description, inputs: Shapes) -> dict[str, Recurrent]:
     """
     scales = info.get("scales", {})
     return {
-        name: Recurrent(source, inputs[name][1], scales.get(name, 1))
+        name: Recurrent(source, inputs[name][1] if len(inputs[name]) == 4 else 0, scales.get(name, 1))
         for name, source in info["state"].items()
         if name in inputs
     }

@@ -1,30 +1,27 @@
 """The export of a trained network as one ONNX graph with its conventions, checked before it is written."""
 
 import json
-import tempfile
-import warnings
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Callable
 from pathlib import Path
-from typing import Any
 
 import numpy as np
-import numpy.typing as npt
 import onnx
 import torch
 
 from nte.errors import NteError
-from nte.files import make_folder, only_writer_of, write_whole
+from nte.files import make_folder, only_writer_of, refuse_to_replace, write_whole
 from nte.frames.channels import CHANNELS, Channel, Kind, width_of
-from nte.frames.frame import Frame
 from nte.models.cost import cost_of
 from nte.models.trainable import TrainableDenoiser
 from nte.recurrence import FORWARD, MEASURED, SCALARS
 from nte.runtime.description import FORMAT, METADATA_KEY, UNSEALED, seal
 from nte.runtime.session import OnnxDenoiser
+from nte.runtime.switch import KNOWN, scatter_inside
+from nte.runtime.tracing import traced
+from nte.runtime.trial import trial_frames
+from nte.runtime.vectors import INDEX, write_vectors
 from nte.version import __version__
 
-Numbers = npt.NDArray[Any]
-OPSET = 18
 SMALLEST = 16
 
 LAYOUT = "float32 (N, C, H, W); x to the right, y down, pixel centres at +0.5"
@@ -36,12 +33,13 @@ CONVENTIONS_OF_KINDS: dict[Kind, str] = {  # other kinds are described by their 
 }
 CONVENTIONS = {
     "motion": "pixels, current to previous: previous = current + motion",
-    FORWARD: "pixels, previous frame to the current one; NaN = unknown, 0 = stands still",
+    FORWARD: "pixels, previous frame to the current one; NaN = unknown, 0 = stands still; if all of an image is NaN, "
+    "the graph makes it from motion and depth",
 }
 OF_SEQUENCES = {
     "reset": "(N,), 1 starts a sequence: history is ignored",
-    "exposure": "(N,), 0.18 / exp(mean log luminance of the first frame), constant over a sequence",
-    "depth_scale": "(N,), median hit depth of the first frame, constant over a sequence",
+    "exposure": "(N,), 0.18 / exp(mean log luminance of the first frame); it may change from frame to frame",
+    "depth_scale": "(N,), median hit depth of the first frame",
 }
 
 CHECK_SIZES = ((64, 96), (45, 77), (16, 16))
@@ -49,12 +47,16 @@ CHECK_FRAMES = 20
 TYPICAL, WORST = 1e-4, 0.05  # limits of |a − b| / (|b| + 0.01): of its 99.9th percentile, and of its maximum
 
 
-def export(run: Path | str, out: Path | str, force: bool = False, progress: Callable[[str], None] = print) -> Path:
+def export(
+    run: Path | str, out: Path | str, force: bool = False, progress: Callable[[str], None] = print,
+    vectors: Path | str | None = None,
+) -> Path:  # fmt: skip
     """Export a trained run as one ONNX file, checked against PyTorch, and return its path.
 
     run: a run folder, which stands for its last checkpoint, or a .safetensors file in one. out: the file to write.
-    progress: called with a line of text for each size at which both agree. Raises NteError if the results differ, and
-    if `out` exists without `force`.
+    progress: called with a line of text for each size at which both agree. vectors: a folder, to which inputs and
+    outputs of four frames are written, by which a port of the model is checked. Raises NteError if the results differ,
+    and if `out`, or vectors in that folder, exist without `force`.
 
     >>> model = nte.export("runs/mine", "mine.onnx", progress=lambda line: None)
     >>> nte.load_denoiser("mine.onnx").target
@@ -62,9 +64,13 @@ def export(run: Path | str, out: Path | str, force: bool = False, progress: Call
     """
     from nte.training.run import load_run
 
-    out = Path(out)
+    out, folder = Path(out), None if vectors is None else Path(vectors)
+    if folder is not None:
+        refuse_to_replace([folder / INDEX], force)
     with only_writer_of(out, force):
         export_onnx(load_run(Path(run)), out, progress)
+        if folder is not None:
+            write_vectors(out, folder)
     return out
 
 
@@ -104,7 +110,7 @@ def compare_with_torch(
     ours, theirs = None, None
     errors = []
     with torch.no_grad():
-        for frame in _test_sequence((*exported.needs, *exported.optional), size, CHECK_FRAMES):
+        for frame in trial_frames((*exported.needs, *exported.optional), size, CHECK_FRAMES):
             expected, ours = denoiser.step(frame, ours)
             if not np.isfinite(expected.image).all():
                 raise NteError(
@@ -118,78 +124,26 @@ def compare_with_torch(
     return float(np.quantile(every, 0.999)), float(every.max())
 
 
-def _test_sequence(names: Iterable[str], size: tuple[int, int], frames: int, seed: int = 0) -> Iterator[Frame]:
-    """Random frames with these channels, and with those from which exposure and scattered motion are computed.
-
-    They have all that a graph must cope with: motion across borders, disocclusions, sky, bad pixels.
-    """
-    rng = np.random.default_rng(seed)
-    rows = [CHANNELS[name] for name in dict.fromkeys(("color", "depth", "motion", *names))]
-    first: list[Kind] = ["radiance", "motion"]  # depth and ids stay the same: the scene moves only by its vectors
-    rows.sort(key=lambda row: (row.kind not in first, row.storage == "derived"))
-    still = {row.name: _values(row, rng, size) for row in rows if row.kind in ("depth", "id")}
-    for index in range(frames):
-        made = dict(still)
-        for row in rows:
-            if row.name == FORWARD:
-                made[row.name] = _against(made["motion"], rng)
-            elif row.name not in still:
-                made[row.name] = _values(row, rng, size)
-        yield Frame({name: values.astype(np.float32) for name, values in made.items()}, index)
-
-
-def _values(row: Channel, rng: np.random.Generator, size: tuple[int, int]) -> Numbers:
-    """Random values (2, C, H, W) of a channel, without structure; light and vectors have some bad values."""
-    shape = 2, width_of(row.name), *size
-    match row.kind:
-        case "radiance":
-            light = rng.exponential(1.0, shape).astype(np.float32) * rng.random((2, 1, 1, 1), np.float32) * 10
-            light[rng.random(shape) < 1e-3] = rng.choice([np.nan, np.inf, -1.0])
-            return light
-        case "motion":
-            motion = rng.normal(0, 2, (2, 2, 1, 1)) + rng.normal(0, 0.2, shape)
-            motion[rng.random((2, *size))[:, None].repeat(2, 1) < 1e-3] = rng.choice([np.nan, 1e20])
-            return motion
-        case "depth":
-            return np.where(rng.random(shape) < 0.05, 0, 4)
-        case "direction" | "point":
-            return rng.uniform(-0.6, 0.6, shape)
-        case "id":
-            return rng.integers(0, 4, shape)
-        case _:
-            return rng.random(shape)
-
-
-def _against(motion: Numbers, rng: np.random.Generator) -> Numbers:
-    """A previous_forward_motion that fits a motion: a tenth of the pixels is hidden by others, some are unknown."""
-    batch, _, *size = motion.shape
-    forward = -motion + np.where(rng.random((batch, 1, *size)) < 0.1, 6.0, 0.0)
-    forward[rng.random((batch, *size))[:, None].repeat(2, 1) < 0.02] = np.nan
-    return forward
-
-
 def _graph(denoiser: TrainableDenoiser) -> onnx.ModelProto:
     """Trace the denoiser with free batch, height and width; its optional channels are inputs too.
 
-    Uses the tracing exporter: on two cores it takes 2 s, where torch.export needs 150 s to reason about the sizes of 75
-    shifted images. If tracing silently froze a size, the check at several sizes would find it.
+    If tracing silently froze a size, the check at several sizes would find it.
     """
     shapes = {name: tensor.shape(2, 64, 96) for name, tensor in denoiser.recurrent.items()}
     shapes |= {name: (2, width_of(name), 64, 96) for name in denoiser.inputs if name in CHANNELS}
     example = tuple(torch.rand(shapes[name]) if name in shapes else torch.ones(2) for name in denoiser.inputs)
-    axes = {name: {0: "batch", 2: "height", 3: "width"} for name in (*shapes, *denoiser.outputs)}
+    inputs = [KNOWN if name == FORWARD else name for name in denoiser.inputs]
+    axes = {name: {0: "batch", 2: "height", 3: "width"} for name in (*shapes, KNOWN, *denoiser.outputs)}
     axes |= {name: {0: "batch"} for name in SCALARS}
     for name, tensor in denoiser.recurrent.items():
-        if tensor.scale > 1:
+        if tensor.components == 0:
+            axes[name] = {0: "batch"}
+        elif tensor.scale > 1:
             smaller = {0: "batch", 2: f"height_{tensor.scale}", 3: f"width_{tensor.scale}"}
             axes |= {name: smaller, tensor.source: smaller}
-    with tempfile.TemporaryDirectory() as folder, warnings.catch_warnings(), torch.no_grad():
-        warnings.simplefilter("ignore")  # the tracer warns about frozen sizes, which the check would find
-        torch.onnx.export(
-            denoiser, example, f"{folder}/graph.onnx", dynamo=False, input_names=list(denoiser.inputs),
-            output_names=list(denoiser.outputs), dynamic_axes=axes, opset_version=OPSET,
-        )  # fmt: skip
-        model = onnx.load(f"{folder}/graph.onnx")
+    model = traced(denoiser, example, inputs, denoiser.outputs, axes)
+    if any(i.name == KNOWN for i in model.graph.input):
+        scatter_inside(model)
     onnx.helper.set_model_props(model, {METADATA_KEY: json.dumps(_description(denoiser))})
     onnx.checker.check_model(model)
     return model

@@ -69,18 +69,16 @@ class OnnxDenoiser(Denoiser):
         """Denoise one frame; return the result and the state for the next frame.
 
         state: the state that the previous step returned; None starts a sequence. extras: names of further outputs of
-        the graph. A missing previous_forward_motion is scattered from motion and depth. Raises NteError for a channel
-        that is missing or has the wrong type or shape, for unknown extras, and for a size that changes within a
-        sequence.
+        the graph. The graph scatters a missing previous_forward_motion from motion and depth. Raises NteError for a
+        channel that is missing or has the wrong type or shape, for unknown extras, and for a size that changes within
+        a sequence.
         """
         require_extras(self, extras, self.path)
         arrays = frame.numpy()
         feed = {name: self._checked(arrays, name) for name in self.needs}
-        if FORWARD in self._inputs:
+        if FORWARD in self._inputs:  # the graph makes it where it is NaN everywhere
             given = FORWARD in arrays
-            feed[FORWARD] = (
-                self._checked(arrays, FORWARD) if given else scatter_forward_motion(arrays["motion"], arrays["depth"])
-            )
+            feed[FORWARD] = self._checked(arrays, FORWARD) if given else np.full_like(feed["motion"], np.nan)
         state, reset = begin(arrays, state, self._recurrent, lambda shape: np.zeros(shape, np.float32), self._inputs)
         feed |= {"reset": reset, **state.scalars.known(), **state.tensors}
         sources = (tensor.source for tensor in self._recurrent.values())
@@ -110,25 +108,3 @@ class OnnxDenoiser(Denoiser):
         if min(frame.size) < self.info["smallest"]:
             raise NteError(f"frame {frame.index}: size {frame.size}, expected at least {self.info['smallest']} pixels")
         return np.ascontiguousarray(array)
-
-
-def scatter_forward_motion(motion: Pixels, depth: Pixels) -> Pixels:
-    """Make previous_forward_motion (N, 2, H, W), in pixels, by scattering −motion to x + motion.
-
-    motion: (N, 2, H, W), pixels, current → previous. depth: (N, 1, H, W), 0 = infinitely far. Where several vectors
-    arrive, the nearest surface wins, and of equally near ones the last pixel; where none arrives, the result is NaN.
-    nte.motion.geometric.scatter_forward_motion computes the same with PyTorch.
-    """
-    batch, _, height, width = motion.shape
-    y, x = np.indices((height, width), np.float32) + np.float32(0.5)
-    forward = np.full((batch, 2, height * width), np.nan, np.float32)
-    for n in range(batch):
-        px, py = x + motion[n, 0], y + motion[n, 1]
-        valid = (px >= 0) & (px <= width) & (py >= 0) & (py <= height)
-        column = np.minimum(px[valid].astype(np.int64), width - 1)
-        row = np.minimum(py[valid].astype(np.int64), height - 1)
-        far = np.where(depth[n, 0][valid] > 0, depth[n, 0][valid], np.inf)
-        # NumPy assigns in order, so the last of several writes to a pixel stays: nearest last.
-        order = np.argsort(-far, kind="stable")
-        forward[n][:, (row * width + column)[order]] = -motion[n][:, valid][:, order]
-    return forward.reshape(motion.shape)

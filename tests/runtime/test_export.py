@@ -33,11 +33,12 @@ def test_one_file_with_free_sizes_and_its_conventions(model: Path) -> None:
         "motion": ["batch", 2, "height", "width"], "previous_forward_motion": ["batch", 2, "height", "width"],
         "reset": ["batch"], "exposure": ["batch"], "depth_scale": ["batch"],
         "history": ["batch", 3, "height", "width"], "previous_depth": ["batch", 1, "height", "width"],
+        "previous_exposure": ["batch"],
     }  # fmt: skip
     described = json.loads({p.key: p.value for p in graph.metadata_props}["nte"])
-    assert described["format"] == "nte-onnx/1"
+    assert described["format"] == "nte-onnx/2"
     assert described["needs"] == ["color", "albedo", "normal", "depth", "motion"]
-    assert set(dimensions) - {"history", "previous_depth"} <= described["conventions"].keys()
+    assert set(dimensions) - {*described["state"]} <= described["conventions"].keys()
 
 
 @pytest.mark.slow

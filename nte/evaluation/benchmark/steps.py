@@ -109,6 +109,8 @@ def grouped(events: list[Row], runs: int) -> dict[str, float]:
     for event in sorted(events, key=lambda event: event.get("ts", 0)):
         if event.get("cat") != "Node" or not event["name"].endswith("_kernel_time") or event["ts"] < begun[0]:
             continue
+        if event.get("args", {}).get("op_name") == "If":  # what its branch takes is listed operator by operator
+            continue
         scopes = event["name"].split("/")
         step = scopes[1] if scopes[0] == "" and len(scopes) > 2 else step
         spent[step] = spent.get(step, 0.0) + event["dur"] / 1e3 / runs
