@@ -382,7 +382,7 @@ def test_results_are_replaced_only_by_force(clip: Path, tmp_path: Path) -> None:
     evaluate([clip], ["taa"], out, force=True)
     assert json.loads((out / "metrics.json").read_text())["means"].keys() == {"taa"}
     assert (out / "notes.txt").read_text() == "mine"
-    with pytest.raises(NteError, match="is a file"):
+    with pytest.raises(NteError, match=r"notes\.txt: cannot be made a folder"):
         evaluate([clip], ["noisy"], out / "notes.txt", force=True)
 
 
