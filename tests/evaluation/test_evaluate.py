@@ -396,9 +396,10 @@ def test_what_was_stopped_while_it_wrote_is_written_again_by_the_same_evaluation
         raise KeyboardInterrupt
 
     out = tmp_path / "out"
-    with monkeypatch.context() as patched, pytest.raises(KeyboardInterrupt):
+    with monkeypatch.context() as patched:
         patched.setattr("nte.evaluation.evaluate.write_report", stop)
-        evaluate([clip], ["noisy"], out)
+        with pytest.raises(KeyboardInterrupt):
+            evaluate([clip], ["noisy"], out)
     with pytest.raises(NteError, match="out: exists"):
         evaluate([clip], ["taa"], out)
     evaluate([clip], ["noisy"], out)
