@@ -249,7 +249,7 @@ def test_a_wrong_override_is_named(tmp_path: Path, override: str, message: str) 
         # The resolver's name is that of another key: a LANG of «C» would be a good name for a run.
         ("runs: oc.env\nname: ${${runs}:LANG}\n" + GOOD[8:], "'name': .* calls a resolver"),
         ("runs: oc\nname: ${${runs}.env:LANG}\n" + GOOD[8:], "'name': .* calls a resolver"),
-        ("runs: oc.env\nname: ${ ${runs} : LANG }\n" + GOOD[8:], "'name': .* calls a resolver"),
+        ("runs: oc.env\nname: '${ ${runs} : LANG }'\n" + GOOD[8:], "'name': .* calls a resolver"),
         ("data: {clips: ['${oc.env:HOME}']}", r"'data.clips\[0\]': .* calls a resolver"),
         (GOOD + "sed: 1\n", "'sed': unknown key, did you mean seed[?] expected one of name, seed, "),
         (GOOD + "seed: one\n", "'seed': Value 'one'"),
