@@ -15,7 +15,7 @@ ROOT = Path(nte.__file__).parent
 LAYERS = (
     "version errors",
     "config files interrupt options memory progress text_table",
-    "frames jobs",
+    "frames jobs unfinished",
     "color motion",
     "denoiser",
     "recurrence",

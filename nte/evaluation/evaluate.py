@@ -8,10 +8,11 @@ from nte.errors import NteError
 from nte.evaluation.report.page import write_report
 from nte.evaluation.results import Evaluation, gathered
 from nte.evaluation.units import ClipScores, ClipUnit, elsewhere, require_scorable, score_clip
-from nte.files import already_there, only_writer
+from nte.files import already_there, only_writer, require_writable
 from nte.frames.clip import Clip, clip_labels, find_clips
 from nte.jobs import require_jobs
 from nte.registry import load_denoiser
+from nte.unfinished import MARK, begin, finish, is_unfinished
 
 OURS = ("metrics.json", "index.html")  # all files that an evaluation writes, and that force replaces
 Advance = Callable[[int, int, str], None]  # frames done, frames in all, clip and frame
@@ -39,7 +40,7 @@ def evaluate(
     instead; they must see `out` and the working directory under the same paths. Both need specifications, and progress
     is then told after each clip. The numbers are the same, except for times. One frame of one clip is in memory at a
     time, besides the denoisers' states. Raises NteError, before any work is done, for missing clips, channels or
-    denoisers, and for an `out` that exists without `force`.
+    denoisers, and for an `out` that holds anything without `force`, unless the same evaluation was killed there.
 
     >>> found = nte.evaluate("data/clips", ["noisy", "taa"], "report")
     >>> means = found.metrics["means"]
@@ -57,8 +58,10 @@ def evaluate(
     loaded = _loaded(denoisers, device)
     for label, clip in opened.items():
         require_scorable(label, clip, loaded, first)
-    _require_free(out, force)
+    command = {"evaluate": folders, "denoisers": list(loaded), "first": first, "lights": lights and list(lights)}
     with only_writer(out):
+        require_writable(out)
+        _require_free(out, force or is_unfinished(out, command))
         units = {
             label: ClipUnit(label, clip.folder, tuple(loaded), first, None if lights is None else tuple(lights), device)
             for label, clip in opened.items()
@@ -69,8 +72,10 @@ def evaluate(
         else:
             scores = _here(units, frames, loaded, progress)
         found = gathered([scores[label] for label in units])
+        begin(out, command)
         found.write(out)
         write_report(found, out)
+        finish(out)
     return found
 
 
@@ -130,8 +135,6 @@ def _elsewhere(
 
 
 def _require_free(out: Path, force: bool) -> None:
-    """Raise NteError if the folder for results is a file or, without `force`, holds something already."""
-    if out.exists() and not out.is_dir():
-        raise NteError(f"{out}: is a file: expected a folder for the results")
-    if not force and out.is_dir() and any(out.iterdir()):
+    """Raise NteError if the folder for results holds something already, without `force`."""
+    if not force and any(path.name != MARK for path in out.iterdir()):
         raise already_there(out, "folder", f"replace its {' and '.join(OURS)}")

@@ -2,6 +2,8 @@
 
 import json
 import math
+import os
+import subprocess
 from itertools import pairwise
 from pathlib import Path
 
@@ -15,6 +17,7 @@ from nte.evaluation.evaluate import evaluate
 from nte.evaluation.metrics import score
 from nte.evaluation.results import Evaluation, means_of
 from nte.evaluation.score_clip import mean
+from nte.files import temporary_name
 from nte.frames.clip import clip_labels, find_clips, frame_path, write_frame
 from nte.frames.clip_info import write_clip_info
 from nte.frames.reference import BadReferenceWarning
@@ -382,8 +385,37 @@ def test_results_are_replaced_only_by_force(clip: Path, tmp_path: Path) -> None:
     evaluate([clip], ["taa"], out, force=True)
     assert json.loads((out / "metrics.json").read_text())["means"].keys() == {"taa"}
     assert (out / "notes.txt").read_text() == "mine"
-    with pytest.raises(NteError, match="is a file"):
+    with pytest.raises(NteError, match=r"notes\.txt: cannot be made a folder"):
         evaluate([clip], ["noisy"], out / "notes.txt", force=True)
+
+
+def test_what_was_stopped_while_it_wrote_is_written_again_by_the_same_evaluation(
+    clip: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def stop(*_: object) -> None:
+        raise KeyboardInterrupt
+
+    out = tmp_path / "out"
+    with monkeypatch.context() as patched:
+        patched.setattr("nte.evaluation.evaluate.write_report", stop)
+        with pytest.raises(KeyboardInterrupt):
+            evaluate([clip], ["noisy"], out)
+    with pytest.raises(NteError, match="out: exists"):
+        evaluate([clip], ["taa"], out)
+    evaluate([clip], ["noisy"], out)
+    assert {path.name for path in out.iterdir()} == {"metrics.json", "index.html"}
+
+
+def test_leftovers_of_a_killed_process_are_in_nobodys_way(clip: Path, tmp_path: Path) -> None:
+    out = tmp_path / "out"
+    out.mkdir()
+    with subprocess.Popen(["true"]) as dead:
+        pass
+    for name in ("metrics.json", "evaluate"):  # the second: what workers of a cluster look for
+        path = temporary_name(out / name)
+        path.with_name(path.name.replace(f"_{os.getpid()}_", f"_{dead.pid}_")).touch()
+    evaluate([clip], ["noisy"], out)
+    assert {path.name for path in out.iterdir()} == {"metrics.json", "index.html"}
 
 
 def test_clips_are_found_below_a_folder_once_and_in_order(tmp_path: Path) -> None:
