@@ -36,7 +36,7 @@ def options_classes() -> dict[str, type[Options]]:
 def updated(page: str) -> str:
     """Return the text of the page with the tables as the classes have them now."""
     kinds = options_classes()
-    return MARK.sub(lambda mark: f"<!-- options: {mark[1]} -->\n{table(kinds[mark[1]])}<!-- end -->\n", page)
+    return MARK.sub(lambda mark: f"<!-- options: {mark[1]} -->\n\n{table(kinds[mark[1]])}\n<!-- end -->\n", page)
 
 
 def table(kind: type[Options]) -> str:
@@ -45,7 +45,8 @@ def table(kind: type[Options]) -> str:
     Options that share their meaning share a line. Those of another denoiser, unchanged, are left out.
     """
     rules, told = rules_of(kind), meanings(kind)
-    inherited = {(field.name, field.default) for field in fields(kind.__mro__[1])} if kind.__mro__[1].name else set()
+    above = kind.__mro__[1]
+    inherited = {(field.name, field.default) for field in fields(above)} if above in options_classes().values() else set()
     rows: dict[tuple[str, str], list[Field[Any]]] = {}  # (values, meaning) → options
     for field in fields(kind):
         if (field.name, field.default) not in inherited:

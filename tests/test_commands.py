@@ -15,9 +15,8 @@ from nte.filters.estimated import EstimateOptions
 from nte.filters.named import NAMES, filter_type, parse
 from nte.registry import parts_of
 from nte.training.config import load_train_config
-from tests.test_pages import PAGES, ROOT
+from tests.test_pages import PAGES, ROOT, blocks
 
-FENCED = re.compile(r"^```\n(.*?)^```", re.MULTILINE | re.DOTALL)
 INDENTED = re.compile(r"\n\n((?:    .*\n)+)")
 INLINE = re.compile(r"(?<!`)`([^`\n]+(?:\n[^`\n]+)?)`(?!`)")
 PARTIAL = re.compile(r"…|\[-|\|")  # a synopsis: `nte bench SPEC… [--json FILE]`
@@ -35,7 +34,7 @@ class Shown(NamedTuple):
 def commands(page: Path, program: str) -> Iterator[Shown]:
     """Each command of a page that begins with `program`."""
     text, name = page.read_text("utf-8"), page.relative_to(ROOT).as_posix()
-    for block in (*FENCED.findall(text), *INDENTED.findall(text)):
+    for block in (*blocks(text), *INDENTED.findall(text)):
         for line in block.replace("\\\n", " ").splitlines():
             if line.strip().startswith(f"{program} "):
                 command = re.sub(r"\s#\s.*", "", line.strip())
