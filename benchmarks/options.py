@@ -46,7 +46,9 @@ def table(kind: type[Options]) -> str:
     """
     rules, told = rules_of(kind), meanings(kind)
     above = kind.__mro__[1]
-    inherited = {(field.name, field.default) for field in fields(above)} if above in options_classes().values() else set()
+    inherited = (
+        {(field.name, field.default) for field in fields(above)} if above in options_classes().values() else set()
+    )
     rows: dict[tuple[str, str], list[Field[Any]]] = {}  # (values, meaning) → options
     for field in fields(kind):
         if (field.name, field.default) not in inherited:

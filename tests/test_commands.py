@@ -98,7 +98,11 @@ def test_the_command_takes_what_a_page_shows(shown: Shown, monkeypatch: pytest.M
         assert {word.strip("[]") for word in words if re.match(r"\[?--", word)} <= options_of(words)
         return
     options = parsed(words)
-    for spec in (getattr(options, "denoiser", None), *getattr(options, "denoisers", ()), *getattr(options, "specs", ())):
+    for spec in (
+        getattr(options, "denoiser", None),
+        *getattr(options, "denoisers", ()),
+        *getattr(options, "specs", ()),
+    ):
         if spec:
             require_options(spec)
     if options.command == "train" and options.config.is_file():

@@ -23,7 +23,7 @@ def on_files(files: Files, config: MkDocsConfig) -> Files:
     pages = [page for pattern in PAGES for page in sorted(ROOT.glob(pattern))]
     linked = {target for page in pages for target in targets(page) if target.exists() and target.suffix != ".md"}
     others = [file for file in files if not Path(file.abs_src_path or "/").is_relative_to(config.docs_dir)]  # a theme's
-    made = [copied(page, config) for page in pages]
+    made = [copied(path, config) for path in (*pages, *Path(__file__).parent.glob("*.[cj]s*"))]
     for target in sorted(linked):
         made.append(copied(target, config) if is_picture(target) else shown(target, config))
     return Files([*others, *made])
@@ -67,7 +67,9 @@ def shown(path: Path, config: MkDocsConfig) -> File:
         text = "\n\n".join(map(cell, json.loads(path.read_text("utf-8"))["cells"]))
     else:
         text = code(path)
-    return File.generated(config, f"{name}.md", content=f"---\ntitle: {name}\n---\n\n{text}\n", inclusion=InclusionLevel.NOT_IN_NAV)
+    return File.generated(
+        config, f"{name}.md", content=f"---\ntitle: {name}\n---\n\n{text}\n", inclusion=InclusionLevel.NOT_IN_NAV
+    )
 
 
 def code(path: Path) -> str:
