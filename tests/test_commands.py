@@ -3,6 +3,7 @@
 import argparse
 import re
 import shlex
+import shutil
 from collections.abc import Iterator
 from importlib import import_module
 from pathlib import Path
@@ -10,12 +11,15 @@ from typing import NamedTuple
 
 import pytest
 
-from nte.cli import _parser
+from nte.cli import _parser, main
 from nte.filters.estimated import EstimateOptions
 from nte.filters.named import NAMES, filter_type, parse
 from nte.registry import parts_of
 from nte.training.config import load_train_config
+from tests.evaluation.conftest import noisy_frames
+from tests.synthetic import write_clip
 from tests.test_pages import PAGES, ROOT, blocks
+from tests.training.runs import CONFIG
 
 INDENTED = re.compile(r"\n\n((?:    .*\n)+)")
 INLINE = re.compile(r"(?<!`)`([^`\n]+(?:\n[^`\n]+)?)`(?!`)")
@@ -151,3 +155,53 @@ def test_what_is_wrong_is_found() -> None:
     assert [shown.text for shown in commands(ROOT / "README.md", "nte") if "oidn:quality=fast" in shown.text] == [
         "nte bench    svgf asvgf oidn:quality=fast --size 1280x720"
     ]
+
+
+RUN = ("check", "denoise", "estimate", "evaluate", "export", "info", "import")  # neither renders nor trains for long
+
+
+@pytest.fixture(scope="module")
+def made(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A folder with what pages name: clips, a renderer's frames, a run and its model, recipes and configurations."""
+    folder = tmp_path_factory.mktemp("made")
+    for clip in ("data/quickstart/test/rooms_000", "data/mine", "data/shot"):
+        write_clip(folder / clip, noisy_frames(3))
+    for source in ("renders/noisy", "renders/clean"):  # loose frames, without clip.json
+        shutil.copytree(folder / "data/shot", folder / source, ignore=shutil.ignore_patterns("clip.json"))
+    for name in ("configs", "datasets"):
+        (folder / name).symlink_to(ROOT / name)
+    (folder / "tiny.yaml").write_text(CONFIG.format(clip="data/mine", runs="runs"))
+    with pytest.MonkeyPatch.context() as patch:
+        patch.chdir(folder)
+        assert main(["train", "tiny.yaml", "name=mine", "phases=[{steps: 2}]", "--device", "cpu"]) == 0
+        assert main(["export", "runs/mine", "--out", "demo/quickstart.onnx"]) == 0
+        shutil.copy("demo/quickstart.onnx", "mine.onnx")
+    return folder
+
+
+def inputs(words: list[str]) -> list[str]:
+    """What a command reads: its words up to --out that are paths, or name a run or a model among denoisers."""
+    written = {
+        words[i + 1] for i, word in enumerate(words[:-1]) if word in ("--out", "--picture", "--vectors", "--json")
+    }
+    paths = [word for word in words[1:] if re.fullmatch(r"[\w.-]+(/[\w.-]*)+|[\w-]+\.(onnx|yaml)", word)]
+    return [path for path in paths if path not in written]
+
+
+def test_inputs_of_a_command() -> None:
+    words = shlex.split("evaluate --clips data/a --denoisers taa:alpha=0.2 runs/b c.onnx --out reports/d")
+    assert inputs(words) == ["data/a", "runs/b", "c.onnx"]
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("page", ["README.md", "docs/start_artist.md", "docs/start_engine.md", "docs/symptoms.md"])
+def test_commands_of_a_page_run(page: str, made: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Those that take seconds, on small files in the place of what they name."""
+    monkeypatch.chdir(made)
+    ran = 0
+    for shown in commands(ROOT / page, "nte"):
+        words = shlex.split(shown.text)[1:]
+        if shown.is_whole and words[0] in RUN and all(Path(path).exists() for path in inputs(words)):
+            assert main([*words, *(["--force"] if words[0] != "info" else [])]) == 0, shown.text
+            ran += 1
+    assert ran >= 3

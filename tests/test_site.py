@@ -1,4 +1,4 @@
-"""The documentation as a site: it has every page and name, its pictures and tables are what the code makes, it builds."""
+"""The documentation as a site: it has every page and name, and its pictures and tables are what the code makes."""
 
 import re
 import shutil

@@ -9,7 +9,8 @@ Point = tuple[float, float]
 def drawing(width: int, height: int, parts: Iterable[str]) -> str:
     """Return the file. width, height: of the drawing, in its own units; pages scale it."""
     heads = "".join(
-        f'<marker id="{colour[1:]}" viewBox="0 0 10 10" refX="9" refY="5" markerWidth="7" markerHeight="7" orient="auto">'
+        f'<marker id="{colour[1:]}" viewBox="0 0 10 10" refX="9" refY="5" markerWidth="7" markerHeight="7" '
+        'orient="auto">'
         f'<path d="M0 0L10 5L0 10z" fill="{colour}"/></marker>'
         for colour in (INK, FAINT, NOW, PAST, GOOD, BAD)
     )

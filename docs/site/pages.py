@@ -1,4 +1,4 @@
-"""What the site is made of: the Markdown of the repository, at the same paths, so that links lead where they lead there.
+"""What the site is made of: the Markdown of the repository, at the same paths, so links lead where they lead there.
 
 A link to another file or folder of the repository leads to a page that shows it, and the picture of a page comes along.
 """
