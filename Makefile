@@ -1,6 +1,7 @@
 # make demo   everything once, from a bare machine: install, render, train, export, denoise, evaluate
 # make test   every test, the notebooks included
 # make lint   style and types
+# make docs   the documentation as a site: site/index.html
 # make coverage   the lines of nte/ that the fast tests leave out      make slow   the tests that make coverage left out
 # make paper  the published comparisons, with their data: a night or two       make bench   times, as ratios in one run
 PYTHON ?= python3
@@ -8,7 +9,7 @@ VENV := .venv
 BIN := $(VENV)/bin
 INSTALLED := $(VENV)/installed
 
-.PHONY: demo test fast slow coverage lint acceptance paper bench clean
+.PHONY: demo test fast slow coverage lint docs acceptance paper bench clean
 
 demo: $(INSTALLED)
 	$(BIN)/nte render datasets/quickstart.yaml --out data/quickstart
@@ -36,6 +37,10 @@ lint: $(INSTALLED)
 	$(BIN)/ruff format --check .
 	$(BIN)/mypy
 
+# Strict: a dead link, a missing anchor or a page outside the navigation is an error.
+docs: $(INSTALLED)
+	NO_MKDOCS_2_WARNING=1 $(BIN)/mkdocs build --strict
+
 # What the demo must have reached; run it after make demo.
 acceptance: $(INSTALLED)
 	$(BIN)/pytest -s tests/acceptance
@@ -59,8 +64,8 @@ bench: $(INSTALLED)
 $(INSTALLED): pyproject.toml constraints.txt
 	@$(PYTHON) -c "import sys; sys.version_info >= (3, 11) or sys.exit('nte needs Python 3.11 or newer, this is ' + sys.version.split()[0] + ': make PYTHON=python3.11 …')"
 	$(PYTHON) -m venv $(VENV)
-	$(BIN)/pip install --quiet --disable-pip-version-check -c constraints.txt -e '.[render,train,eval,import,cluster,compare,burst,dev]'
+	$(BIN)/pip install --quiet --disable-pip-version-check -c constraints.txt -e '.[render,train,eval,import,cluster,compare,burst,docs,dev]'
 	@touch $@
 
 clean:
-	rm -rf $(VENV) build dist *.egg-info .pytest_cache .mypy_cache .ruff_cache
+	rm -rf $(VENV) build dist site *.egg-info .pytest_cache .mypy_cache .ruff_cache

@@ -47,7 +47,7 @@ class Options:
         cls.name = name or cls.__name__
 
     def __post_init__(self) -> None:
-        for key, rule in _rules(type(self)).items():
+        for key, rule in rules_of(type(self)).items():
             value = getattr(self, key)
             if not rule.allows(value):
                 raise NteError(f"{self.name}: {key} is {value!r}, expected {rule.expected}")
@@ -67,7 +67,7 @@ class Options:
     @classmethod
     def choices(cls, option: str) -> tuple[str, ...]:
         """Return the words from which `option` (or `preset`) is chosen; empty for an option of another kind."""
-        return tuple(cls.presets) if option == "preset" else _rules(cls)[option].choices
+        return tuple(cls.presets) if option == "preset" else rules_of(cls)[option].choices
 
     @classmethod
     def parse(cls, given: Mapping[str, str], spec: str) -> Self:
@@ -76,7 +76,7 @@ class Options:
         spec: what the user typed; errors quote it. Raises NteError for an unknown key and for a value that is not
         allowed.
         """
-        rules, changes = _rules(cls), {}
+        rules, changes = rules_of(cls), {}
         for key, text in given.items():
             if key not in cls.names():
                 raise NteError(f"'{spec}': unknown option '{key}'; it has {', '.join(cls.names()) or 'none'}")
@@ -88,7 +88,7 @@ class Options:
         return cls.preset(given["preset"], **changes) if "preset" in given else cls(**changes)
 
 
-class _Rule(NamedTuple):
+class Rule(NamedTuple):
     """How a field's text is read, which values it may take, and the words by which an error describes them."""
 
     read: Callable[[str], Any]
@@ -97,12 +97,13 @@ class _Rule(NamedTuple):
     choices: tuple[str, ...] = ()
 
 
-def _rules(options: type[Options]) -> dict[str, _Rule]:
+def rules_of(options: type[Options]) -> dict[str, Rule]:
+    """Return the rule of each field."""
     hints = get_type_hints(options, include_extras=True)
     return {field.name: _rule(hints[field.name]) for field in fields(options)}
 
 
-def _rule(hint: Any) -> _Rule:
+def _rule(hint: Any) -> Rule:
     """The rule of a field with this type. Raises TypeError for a type that cannot be an option."""
     if get_origin(hint) is Annotated:
         kind, limit = get_args(hint)
@@ -110,18 +111,18 @@ def _rule(hint: Any) -> _Rule:
         return rule._replace(allows=lambda value: rule.allows(value) and limit.allows(value), expected=limit.expected)
     if get_origin(hint) is Literal:
         choices = get_args(hint)
-        return _Rule(str, lambda value: value in choices, f"one of {', '.join(choices)}", choices)
+        return Rule(str, lambda value: value in choices, f"one of {', '.join(choices)}", choices)
     if hint is bool:
-        return _Rule(_word, lambda value: isinstance(value, bool), "true or false")
+        return Rule(_word, lambda value: isinstance(value, bool), "true or false")
     if hint == bool | None:
         known = f"one of {AUTO}, true, false"
-        return _Rule(_word_or_auto, lambda value: value is None or isinstance(value, bool), known)
+        return Rule(_word_or_auto, lambda value: value is None or isinstance(value, bool), known)
     if hint is int:
-        return _Rule(int, _is_whole, "a whole number")
+        return Rule(int, _is_whole, "a whole number")
     if hint is float:
-        return _Rule(float, lambda value: isinstance(value, Real) and not isinstance(value, bool), "a number")
+        return Rule(float, lambda value: isinstance(value, Real) and not isinstance(value, bool), "a number")
     if hint == tuple[int, ...]:
-        return _Rule(_whole_numbers, _are_whole, "whole numbers such as 10-4-2-2")
+        return Rule(_whole_numbers, _are_whole, "whole numbers such as 10-4-2-2")
     raise TypeError(f"{hint} cannot be the type of an option")
 
 

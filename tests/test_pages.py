@@ -1,11 +1,13 @@
 """What the pages name is there, and their Python runs."""
 
+import json
 import re
 from importlib import import_module
 from pathlib import Path
 
 import pytest
 
+from nte.cli import main
 from tests.evaluation.conftest import noisy_frames
 from tests.synthetic import write_clip
 
@@ -42,12 +44,40 @@ def test_names_that_are_not_there_are_found() -> None:
     assert PLACE.findall("(`nte/filters/taa.py`, or configs/*.yaml)") == ["nte/filters/taa.py"]
 
 
-def test_denoisers_of_ones_own_as_the_page_shows_them(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+@pytest.fixture
+def own_page(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> str:
+    """The page about denoisers of one's own, in a folder with the clips that it names."""
     monkeypatch.chdir(tmp_path)
-    write_clip(tmp_path / "data" / "quickstart" / "test" / "rooms_000", noisy_frames(4))
-    blocks = re.findall(r"```python\n(.*?)```", (ROOT / "docs" / "own_denoisers.md").read_text("utf-8"), re.DOTALL)
-    assert len(blocks) == 2
+    for part in ("train", "test"):
+        write_clip(tmp_path / "data" / "quickstart" / part / "rooms_000", noisy_frames(5))
+    return (ROOT / "docs" / "own_denoisers.md").read_text("utf-8")
+
+
+def blocks(page: str, language: str = "") -> list[str]:
+    """The blocks between fences that name this language; a command line names none."""
+    found = re.findall(r"^```(\w*)\n(.*?)^```$", page, re.DOTALL | re.MULTILINE)
+    return [text for name, text in found if name == language]
+
+
+def test_denoisers_of_ones_own_as_the_page_shows_them(own_page: str) -> None:
     there: dict[str, object] = {"__name__": "own"}
-    for block in blocks:
+    for block in blocks(own_page.split("## A network")[0], "python"):
         exec(block, there)
-    assert (tmp_path / "mean_report" / "index.html").is_file()
+    assert Path("mean_report/index.html").is_file()
+    assert there["Lag"]
+
+
+@pytest.mark.slow
+def test_a_network_of_ones_own_as_the_page_shows_it(own_page: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    page = own_page.split("## A network")[1]
+    Path("blend.py").write_text(blocks(page, "python")[0])
+    Path("blend.yaml").write_text(blocks(page, "yaml")[0])
+    monkeypatch.syspath_prepend(Path.cwd())
+    commands = [line.split()[1:] for line in blocks(page)[0].splitlines() if line.startswith("nte ")]
+    for words in commands:
+        smaller = ["--device", "cpu", "data.crop=16", "phases=[{steps: 6}]"] if words[0] == "train" else []
+        assert main([*words, *smaller]) == 0, words
+    assert [words[0] for words in commands] == ["train", "export", "info", "evaluate"]
+    means = json.loads(Path("blend_report/metrics.json").read_text())["means"]
+    assert means["runs/blend"]["psnr"] == pytest.approx(means["blend.onnx"]["psnr"], abs=0.01)
+    assert means["runs/blend"]["psnr"] > means["noisy"]["psnr"]
