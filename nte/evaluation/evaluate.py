@@ -12,8 +12,12 @@ from nte.files import already_there, only_writer
 from nte.frames.clip import Clip, clip_labels, find_clips
 from nte.jobs import require_jobs
 from nte.registry import load_denoiser
+from nte.viewer.page import clear
+from nte.viewer.recorder import FOLDER, Recording
 
-OURS = ("metrics.json", "index.html")  # all files that an evaluation writes, and that force replaces
+OURS = ("metrics.json", "index.html", "layers")  # all that an evaluation writes, and that force replaces
+PLAYED = 24  # frames of each clip that the report plays
+CHANNELS = ("albedo", "normal", "depth", "motion")  # that the report shows besides what is compared
 Advance = Callable[[int, int, str], None]  # frames done, frames in all, clip and frame
 
 
@@ -28,8 +32,12 @@ def evaluate(
     progress: Advance | None = None,
     jobs: int = 1,
     scheduler: str | None = None,
+    played: int = PLAYED,
 ) -> Evaluation:
     """Run every denoiser over every clip, score its frames, and write `out`/metrics.json and index.html, the report.
+
+    The report plays `played` frames of each clip, around the one with the most disoccluded pixels; their linear values
+    lie in `out`/layers.
 
     clips: clip folders, or folders that hold clips. denoisers: specifications as for `load_denoiser`, or a mapping from
     a name for the rows to a denoiser. first: index of the first frame that is scored; every denoiser starts at frame 0.
@@ -46,9 +54,11 @@ def evaluate(
     >>> means["taa"]["psnr"] > means["noisy"]["psnr"]  # in decibels, over all clips and frames but the first
     True
     >>> sorted(path.name for path in Path("report").iterdir())
-    ['index.html', 'metrics.json']
+    ['index.html', 'layers', 'metrics.json']
     """
     require_jobs(jobs)
+    if played < 1:
+        raise NteError(f"played is {played}: expected at least one frame of each clip")
     if isinstance(denoisers, Mapping) and (jobs > 1 or scheduler is not None):
         raise NteError("denoisers are objects of this process: give specifications, or leave out jobs and scheduler")
     out = Path(out)
@@ -59,8 +69,11 @@ def evaluate(
         require_scorable(label, clip, loaded, first)
     _require_free(out, force)
     with only_writer(out):
+        clear(out)
+        named = None if lights is None else tuple(lights)
+        recording = Recording(out / FOLDER, played, CHANNELS)
         units = {
-            label: ClipUnit(label, clip.folder, tuple(loaded), first, None if lights is None else tuple(lights), device)
+            label: ClipUnit(label, clip.folder, tuple(loaded), first, named, device, recording=recording)
             for label, clip in opened.items()
         }
         frames = {label: len(clip) for label, clip in opened.items()}
