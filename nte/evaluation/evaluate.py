@@ -147,4 +147,4 @@ def _require_free(out: Path, force: bool) -> None:
     if out.exists() and not out.is_dir():
         raise NteError(f"{out}: is a file: expected a folder for the results")
     if not force and out.is_dir() and any(out.iterdir()):
-        raise already_there(out, "folder", f"replace its {' and '.join(OURS)}")
+        raise already_there(out, "folder", f"replace its {', '.join(OURS[:-1])} and {OURS[-1]}")

@@ -1,7 +1,6 @@
 """The evaluation of one clip, frame by frame: each denoiser's scores against the reference, and its times."""
 
 import statistics
-import time
 import warnings
 from collections.abc import Container, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
@@ -9,12 +8,13 @@ from dataclasses import dataclass, field, replace
 import torch
 from torch import Tensor
 
-from nte.denoiser import Denoiser, Noisy, Result, Session, State
+from nte.denoiser import Denoiser, Noisy, Session
 from nte.errors import NteError
 from nte.evaluation.metric_table import METRICS, Row
 from nte.evaluation.metrics import Scores, region_mean, regions_of, score, temporal_l1, temporal_l1_floor
 from nte.evaluation.record import record_extras, record_frame, record_output
 from nte.evaluation.targets import Truth, displayed, picture, read_truth
+from nte.evaluation.timed import Timed
 from nte.frames.channels import reference_of
 from nte.frames.clip import Clip
 from nte.frames.frame import Frame
@@ -174,7 +174,7 @@ class _Run:
 
     def __init__(self, spec: str, denoiser: Denoiser, channels: Iterable[str], device: str, extras: bool) -> None:
         self.spec, self.denoiser = spec, denoiser
-        self.timed = _Timed(denoiser, device)
+        self.timed = Timed(denoiser, device)
         self.session = Session(self.timed)
         self.components = tuple(name for name in denoiser.components if reference_of(name) in channels)
         self.scorers = {target: _Scorer() for target in (denoiser.target, *self.components)}
@@ -238,29 +238,6 @@ class _Scorer:
             **{name: mean(values) for name, values in per_frame.items()},
             "per_frame": per_frame,
         }
-
-
-class _Timed(Denoiser):
-    """A denoiser with a stop-watch around its step alone."""
-
-    def __init__(self, denoiser: Denoiser, device: str) -> None:
-        self.denoiser = denoiser
-        self.needs, self.optional, self.target = denoiser.needs, denoiser.optional, denoiser.target
-        self.extras = denoiser.extras
-        self.clock = torch.device(device)
-        self.seconds: list[float] = []
-
-    def step(self, frame: Frame, state: State | None, extras: tuple[str, ...] = ()) -> tuple[Result, State]:
-        self._wait()
-        start = time.perf_counter()
-        result = self.denoiser.step(frame, state, extras)
-        self._wait()
-        self.seconds.append(time.perf_counter() - start)
-        return result
-
-    def _wait(self) -> None:
-        if self.clock.type != "cpu":
-            torch.accelerator.synchronize(self.clock)
 
 
 def mean(values: Iterable[float | None]) -> float | None:

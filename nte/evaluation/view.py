@@ -120,8 +120,8 @@ def _data(entries: list[Row], rows: list[Row]) -> dict[str, Any]:
     """Collect what the viewer reads."""
     names = ", ".join(entry["name"] for entry in entries[:3]) + (", …" if len(entries) > 3 else "")
     data: dict[str, Any] = {
-        "title": names, "summary": "", "notes": [], "clips": entries, "rows": rows, "metrics": [], "tables": [],
-        "about": [],
+        "title": names, "summary": "", "notes": [], "note": "", "clips": entries, "rows": rows, "metrics": [],
+        "tables": [], "about": [],
     }  # fmt: skip
     if rows:
         from nte.evaluation.report.how import how_it_is_computed

@@ -14,7 +14,7 @@ from PIL import Image, ImageDraw, ImageFont
 
 from nte.errors import NteError
 from nte.files import write_whole
-from nte.frames.channels import CHANNELS, Channel
+from nte.frames.channels import CHANNELS
 from nte.frames.srgb import encode_srgb
 
 RGB = npt.NDArray[np.uint8]  # (H, W, 3)

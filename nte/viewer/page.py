@@ -29,7 +29,11 @@ _SHELL = """<!doctype html>
 </head>
 <body>
 <div id="app"></div>
-<noscript><h1>{title}</h1><p>The pictures and curves need JavaScript. These are the numbers.</p><pre>{text}</pre></noscript>
+<noscript>
+<h1>{title}</h1>
+<p>The pictures and curves need JavaScript. These are the numbers.</p>
+<pre>{text}</pre>
+</noscript>
 <script type="application/json" id="data">{data}</script>
 <script>{script}</script>
 </body>

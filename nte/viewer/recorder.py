@@ -1,4 +1,4 @@
-"""The pixels of a clip on their way to the viewer: what is an image, a channel, an output, and which frames are kept."""
+"""The pixels of a clip on their way to the viewer: what each image shows, and which frames are kept."""
 
 import re
 from collections.abc import Callable, Mapping
@@ -10,7 +10,7 @@ from typing import Any, Literal
 import numpy as np
 
 from nte.files import remove
-from nte.frames.channels import CHANNELS, reference_of
+from nte.frames.channels import CHANNELS
 from nte.frames.clip import Clip
 from nte.frames.scalars import sequence_scalars
 from nte.frames.show import scale_of

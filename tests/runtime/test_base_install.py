@@ -13,7 +13,7 @@ from nte.models.temporal import TemporalDenoiser
 from tests.synthetic import disc_clip
 
 pytestmark = pytest.mark.slow
-EXTRAS = ("torch", "mitsuba", "drjit", "matplotlib", "lightning_fabric", "safetensors", "onnx", "tensorboard", "jinja2")
+EXTRAS = ("torch", "mitsuba", "drjit", "matplotlib", "lightning_fabric", "safetensors", "onnx", "tensorboard")
 WITHOUT = f"import sys; sys.modules |= dict.fromkeys({EXTRAS!r}); "
 
 

@@ -55,7 +55,8 @@ export interface Data {
   heat: Record<"viridis" | "magma", [number, number, number][]>;
   title: string;
   summary: string;
-  notes: string[];
+  notes: string[]; // warnings
+  note: string; // how the frames were chosen
   clips: Clip[];
   rows: Row[];
   metrics: Metric[];

@@ -11,7 +11,7 @@ export const KEYS: [string, string][] = [
   ["Home End", "first and last frame"],
   ["Space", "play or stop"],
   ["1–9", "the image on the right; with Shift on the left"],
-  ["S F B A", "split, flip, side by side, all denoisers; F again flips"],
+  ["S F B A", "split, flip, side by side, all images; F again flips"],
   ["V D E M", "values, difference, signed error, FLIP map"],
   ["W", "arrows of the motion vectors"],
   ["+ − 0", "zoom in, zoom out, whole image; the wheel zooms at the pointer, dragging moves"],
@@ -71,6 +71,6 @@ export function listen() {
   });
   addEventListener("change", (event) => {
     const target = event.target as HTMLElement;
-    if (target.matches("select")) target.blur();
+    if (target.matches("select, input[type=checkbox]")) target.blur();
   });
 }

@@ -30,6 +30,7 @@ function Viewer() {
           {location.hash === "#2d" ? "Drawn without WebGL." : "This browser has no WebGL 2: pictures are drawn without it, more slowly."}
         </p>
       )}
+      {data.note && <p class="note">{data.note}</p>}
       <Numbers />
       <details><summary>Keys</summary>
         <dl class="keys">{KEYS.map(([keys, what]) => <><dt>{keys}</dt><dd>{what}</dd></>)}</dl>

@@ -49,7 +49,7 @@ function text(value: number): string {
 }
 
 const unitOf = (layer: Layer) =>
-  layer.shown === "picture" ? "8 bits, as displayed" : layer.unit === "radiance" ? "" : layer.unit;
+  layer.shown === "picture" ? "8 bits, as displayed" : layer.unit.replace(/^(1(, )?|radiance)/, "");
 
 export function Notes() {
   const notes = [...data.notes, ...(clip.value?.notes ?? [])];

@@ -1,5 +1,5 @@
 // The panes that the reader's choices ask for.
-import { clip, flipOf, flipped, gain, layout, left, mode, numbered, referenceOf, right, split, stops } from "./state";
+import { all, clip, flipOf, flipped, gain, layout, left, mode, referenceOf, right, split, stops } from "./state";
 import { titleOf } from "./data";
 import type { Clip, Layer } from "./data";
 import { gridOf } from "./panes";
@@ -13,8 +13,8 @@ export function scene(width: number, height: number): Pane[] {
   const whole = { x: 0, y: 0, width, height };
   if (mode.value === "difference") return [difference(found, whole, left.value, right.value)];
   if (layout.value === "all") {
-    const boxes = gridOf(numbered.value.length, width, height, found);
-    return numbered.value.map((layer, i) => pane(found, boxes[i], layer, "left"));
+    const boxes = gridOf(all.value.length, width, height, found);
+    return all.value.map((layer, i) => pane(found, boxes[i], layer, "left"));
   }
   const [ours, theirs] = [left.value, right.value];
   if (layout.value === "side") {

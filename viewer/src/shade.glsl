@@ -54,7 +54,7 @@ vec3 picture(vec3 v) {
     case 0: return display(v);
     case 1: return clamp(v, 0.0, 1.0);
     case 2: return clamp(v / full / 2.0 + 0.5, 0.0, 1.0);
-    case 3: return viridisAt(length(v) / full);
+    case 3: return viridisAt((components == 1 ? abs(v.r) : length(v)) / full);
     case 4: {
       uint hashed = uint(max(v.r, 0.0)) * 2654435769u;
       float value = v.r == 0.0 ? 0.0 : 0.6 + 0.4 * float(hashed & 255u) / 255.0;
@@ -80,7 +80,7 @@ vec3 signedColour(float t) {
 
 vec3 fetched(sampler2D from, ivec2 at) {
   vec3 v = texelFetch(from, at, 0).rgb;
-  return components == 1 && shown != 4 && shown != 7 && shown != 3 ? v.rrr : v; // one component of light is grey
+  return components == 1 ? v.rrr : v; // a single component is grey
 }
 
 vec3 shade(ivec2 at) {
@@ -90,7 +90,8 @@ vec3 shade(ivec2 at) {
   vec3 theirs = fetched(base, at);
   if (isBad(theirs)) return BAD;
   vec3 d = level(ours) - level(theirs);
-  return op == 1 ? clamp(abs(d) * gain, 0.0, 1.0) : signedColour((d.r + d.g + d.b) / 3.0 * gain);
+  float mean = (d.r + d.g + d.b) / (components == 2 ? 2.0 : 3.0);
+  return op == 1 ? clamp(abs(d) * gain, 0.0, 1.0) : signedColour(mean * gain);
 }
 
 void main() {

@@ -38,12 +38,12 @@ function fromHsv(hue: number, saturation: number, value: number): Colour {
   });
 }
 
-function picture(v: Colour, { shown, exposure, full, gain }: Look): Colour {
+function picture(v: Colour, grey: boolean, { shown, exposure, full, gain }: Look): Colour {
   switch (shown) {
     case "radiance": return each(v, (x) => display(x, exposure));
     case "reflectance": return each(v, (x) => clamp(x));
     case "direction": return each(v, (x) => clamp(x / full / 2 + 0.5));
-    case "heat": return heat(Math.hypot(...v) / full, "viridis");
+    case "heat": return heat((grey ? Math.abs(v[0]) : Math.hypot(...v)) / full, "viridis");
     case "labels": {
       const hashed = Math.imul(Math.max(v[0], 0), 2654435769) >>> 0;
       return fromHsv((hashed >>> 8) / 16777216, 0.65, v[0] === 0 ? 0 : 0.6 + (0.4 * (hashed & 255)) / 255);
@@ -64,23 +64,20 @@ function signedColour(t: number): Colour {
   return mix([0.07, 0.07, 0.07], x > 0 ? [0.86, 0.16, 0.11] : [0.1, 0.38, 0.9], Math.abs(x));
 }
 
-function fetched(pixels: Pixels, x: number, y: number, shown: Shown): Colour {
-  const grey = pixels.components === 1 && !["labels", "flip", "heat"].includes(shown);
-  return each([0, 1, 2], (c) => {
-    const component = grey ? 0 : c;
-    return component < pixels.components ? valueAt(pixels, x, y, component) : 0;
-  });
+function fetched(pixels: Pixels, x: number, y: number): Colour {
+  const count = pixels.components; // a single component is grey
+  return each([0, 1, 2], (c) => (count === 1 ? valueAt(pixels, x, y, 0) : c < count ? valueAt(pixels, x, y, c) : 0));
 }
 
 /** The colour of a pixel, in [0, 1]. base: what it is compared with, unless the operation is "value". */
 export function shade(image: Pixels, base: Pixels | undefined, x: number, y: number, look: Look): Colour {
-  const ours = fetched(image, x, y, look.shown);
+  const ours = fetched(image, x, y);
   if (!ours.every(Number.isFinite)) return BAD;
-  if (look.op === "value" || !base) return picture(ours, look);
-  const theirs = fetched(base, x, y, look.shown);
+  if (look.op === "value" || !base) return picture(ours, image.components === 1, look);
+  const theirs = fetched(base, x, y);
   if (!theirs.every(Number.isFinite)) return BAD;
   const d = each(ours, (v, i) => level(v, look) - level(theirs[i], look));
   return look.op === "difference"
     ? each(d, (v) => clamp(Math.abs(v) * look.gain))
-    : signedColour(((d[0] + d[1] + d[2]) / 3) * look.gain);
+    : signedColour(((d[0] + d[1] + d[2]) / (image.components === 2 ? 2 : 3)) * look.gain);
 }

@@ -99,7 +99,7 @@ function Title({ pane }: { pane: Pane }) {
   const absent = [pane.layer, pane.base].some(
     (layer) => layer && (!isThere(layer, frame.value) || isLost(found, layer, frame.value)));
   return (
-    <span class="name" style={{ ...place, top: `${pane.box.y / ratio + 8}px`, maxWidth: `${pane.box.width / ratio / 2 - 16}px` }}>
+    <span class="name" style={{ ...place, top: `${pane.box.y / ratio + 8}px`, maxWidth: `${pane.box.width / ratio / (isSplit() ? 2 : 1) - 16}px` }}>
       {pane.title}{absent ? ": not there for this frame" : ""}
     </span>
   );

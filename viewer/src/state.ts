@@ -5,7 +5,7 @@ import type { Clip, Layer } from "./data";
 import type { Part } from "./panes";
 import { isLost, isThere, load, peek } from "./pixels";
 
-export const LAYOUTS = { split: "Split", flip: "Flip", side: "Side by side", all: "All denoisers" } as const;
+export const LAYOUTS = { split: "Split", flip: "Flip", side: "Side by side", all: "All images" } as const;
 export type Layout = keyof typeof LAYOUTS;
 export const MODES = {
   value: "Values", difference: "Difference, left − right", signed: "Signed error against the reference", flip: "FLIP",
@@ -44,12 +44,20 @@ export const referenceOf = (layer: Layer) =>
 /** The map of the differences that an eye would see between a layer and its reference. */
 export const flipOf = (layer: Layer) =>
   layersOf("flip").find((other) => other.of === layer.of && other.channel === layer.channel) ?? null;
-/** What the keys 1 to 9 choose: the images, denoisers first. */
+/** The light that is looked at: that of the right image. */
+const light = computed(() => {
+  const lights = layersOf("image").map((layer) => layer.channel);
+  return right.value && lights.includes(right.value.channel) ? right.value.channel : lights[0];
+});
+/** What the keys 1 to 9 choose: the images of this light, denoisers first. */
 export const numbered = computed(() => {
-  const images = layersOf("image");
+  const images = layersOf("image").filter((layer) => layer.channel === light.value);
   const given = (layer: Layer) => layer.of === "reference" || layer.of === "noisy input";
   return [...images.filter((layer) => !given(layer)), ...images.filter(given)];
 });
+/** What the layout of all shows: the same, but maps only of those that have one. */
+export const all = computed(() => numbered.value.filter((layer) =>
+  mode.value === "signed" ? layer.of !== "reference" : mode.value !== "flip" || flipOf(layer)));
 
 export function chooseClip(index: number) {
   batch(() => {
@@ -96,7 +104,7 @@ export function goTo(wanted: number) {
 /** The layers that are in sight. */
 export const inSight = computed<Layer[]>(() => {
   const both = [left.value, right.value].filter((layer) => layer !== null);
-  const shown = layout.value === "all" && mode.value !== "difference" ? numbered.value : both;
+  const shown = layout.value === "all" && mode.value !== "difference" ? all.value : both;
   const more: (Layer | null)[] = [];
   if (mode.value === "signed") more.push(...shown.map(referenceOf));
   if (mode.value === "flip") more.push(...shown.map(flipOf));

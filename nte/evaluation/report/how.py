@@ -36,8 +36,8 @@ def how_it_is_computed(rows: list[Row], methods: Mapping[str, str] | None) -> li
         terms = [[spec, "; ".join(found)] for spec, found in settings.items()]
         sections.append({"title": "Settings", "text": text, "terms": terms})
     text = (
-        "SSIM and FLIP of a region are the mean of the whole image's map over it. A frame without any pixel of a region "
-        "is left out of that region's means."
+        "SSIM and FLIP of a region are the mean of the whole image's map over it. A frame without any pixel of a "
+        "region is left out of that region's means."
     )
     sections.append({"title": "Regions", "text": text, "terms": [list(pair) for pair in _REGIONS]})
     return sections
@@ -52,8 +52,8 @@ def _procedure(rows: list[Row]) -> str:
     first = min((row["scored_from"] for row in rows), default=1)
     parts = [
         "Every frame is compared with its reference after the display transform: radiance times the exposure of the "
-        "clip (one factor for all its frames: stored, or 0.18 over the log-average luminance of the first noisy frame), "
-        "x/(1+x), then the sRGB curve."
+        "clip (one factor for all its frames: stored, or 0.18 over the log-average luminance of the first noisy "
+        "frame), x/(1+x), then the sRGB curve."
     ]
     if components := [light for light in lights if light != "color"]:
         parts.append(f"Light components (here: {', '.join(components)}) are compared with their own references.")
@@ -71,8 +71,4 @@ def _procedure(rows: list[Row]) -> str:
         why = "nothing can have a history there" if first == 1 else "there histories are still short"
         parts.append(f"{what} denoised but not scored: {why}.")
     parts.append("An output with a value that is not finite ends the evaluation; it gets no score.")
-    parts.append(
-        "The frames that play are those around the one with the most disoccluded pixels, the last of several: the data "
-        "choose them, not the results."
-    )
     return " ".join(parts)

@@ -3,6 +3,7 @@
 from collections.abc import Iterable
 from typing import Any
 
+from nte.evaluation.bootstrap import bootstrap_interval
 from nte.evaluation.metric_table import METRICS, Row, best_of
 from nte.evaluation.metrics import REGIONS
 from nte.evaluation.results import means_of
@@ -27,11 +28,10 @@ def tables(rows: list[Row]) -> list[dict[str, Any]]:
     """
     lights = list(dict.fromkeys(row["target"] for row in rows))
     there = {(row["region"], row["target"]) for row in rows if row["frames"]}
-    chosen = [("all", None)]
-    chosen += [(region, light) for region in REGIONS for light in lights if (region, light) in there]
-    if len(lights) < 2:
-        chosen.remove(("all", lights[0])) if lights and ("all", lights[0]) in chosen else None
-    return [_table(rows, region, light, len(lights) > 1) for region, light in chosen]
+    several = len(lights) > 1
+    parts = [(region, light) for region in REGIONS for light in lights if (region, light) in there]
+    parts = [part for part in parts if several or part[0] != "all"]  # with a single light that is the first table
+    return [_table(rows, region, light, several) for region, light in [("all", None), *parts]]
 
 
 def _table(rows: list[Row], region: str, light: str | None, named: bool) -> dict[str, Any]:
@@ -48,8 +48,6 @@ def _table(rows: list[Row], region: str, light: str | None, named: bool) -> dict
 def _interval(
     rows: list[Row], spec: str, region: str, light: str | None, metric: str
 ) -> tuple[float | None, float | None]:
-    from nte.evaluation.bootstrap import bootstrap_interval
-
     own = next((row["target"] for row in rows if row["denoiser"] == spec), None)
     values = _numbers(
         row[metric]

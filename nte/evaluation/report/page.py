@@ -11,6 +11,11 @@ from nte.evaluation.report.pictures import picture_clips
 from nte.evaluation.results import Evaluation
 from nte.viewer.page import write_page
 
+_CHOSEN = (
+    "The frames of a clip that play are those around the one with the most disoccluded pixels, the last of several: "
+    "the data choose them, not the results."
+)
+
 
 def write_report(evaluation: Evaluation, out: Path, methods: Mapping[str, str] | None = None) -> Path:
     """Write `out`/index.html, which needs neither network nor server, and return its path.
@@ -32,6 +37,7 @@ def report_data(evaluation: Evaluation, methods: Mapping[str, str] | None, clips
         "title": "Comparison of denoisers",
         "summary": _summary(evaluation.metrics),
         "notes": [],
+        "note": _CHOSEN,
         "clips": clips,
         "rows": rows,
         "metrics": metric_table(),

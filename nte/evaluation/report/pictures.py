@@ -1,4 +1,4 @@
-"""Clips of which only pictures are kept, as those of `nte compare`, for the viewer: 8 bits after the display transform."""
+"""Clips of which only pictures of 8 bits are kept, such as those of `nte compare`, for the viewer."""
 
 from collections.abc import Sequence
 from pathlib import Path
