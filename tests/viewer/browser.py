@@ -90,6 +90,7 @@ class Browser:
         self.call("Page.navigate", url="about:blank")
         self.call("Page.navigate", url=page.resolve().as_uri() + fragment)
         self.wait("document.readyState === 'complete' && document.querySelector('header') !== null")
+        self.wait("(document.querySelector('.stage')?.ariaBusy ?? 'false') === 'false'")
 
     def run(self, script: str) -> Any:
         """Evaluate an expression in the page, waiting for a promise; return its value."""
@@ -105,10 +106,9 @@ class Browser:
             time.sleep(0.05)
 
     def settle(self) -> None:
-        """Wait until what was asked for is loaded and drawn: two frames without a script that is still to come."""
-        self.wait("!document.querySelector('head script[src]')")
-        self.run("new Promise(done => requestAnimationFrame(() => requestAnimationFrame(() => setTimeout(done, 60))))")
-        self.wait("!document.querySelector('head script[src]')")
+        """Wait until what was asked for is loaded and drawn."""
+        self.run("new Promise(done => requestAnimationFrame(() => setTimeout(done)))")
+        self.wait("document.querySelector('.stage').ariaBusy === 'false'")
 
     def size(self, width: int, height: int) -> None:
         """Set the size of the window."""
@@ -140,9 +140,10 @@ class Browser:
         found: dict[str, float] = self.run(f"document.querySelector('{selector}').getBoundingClientRect().toJSON()")
         return found
 
-    def picture(self, whole: bool = False) -> bytes:
-        """Take a screenshot as PNG: of the window, or of the whole page."""
-        data: str = self.call("Page.captureScreenshot", format="png", captureBeyondViewport=whole)["data"]
+    def picture(self, selector: str = "") -> bytes:
+        """Take a screenshot of an element as PNG; "" takes the whole page."""
+        part = {"clip": {**self.box(selector), "scale": 1}} if selector else {"captureBeyondViewport": True}
+        data: str = self.call("Page.captureScreenshot", format="png", **part)["data"]
         return base64.b64decode(data)
 
     def close(self) -> None:

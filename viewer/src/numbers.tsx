@@ -42,10 +42,10 @@ function values(layer: Layer, spot: { x: number; y: number } | null): string[] {
   return layer.components.map((_, c) => text(valueAt(pixels, spot.x, spot.y, c)));
 }
 
-/** Six digits: more than a half float has, and as many as a float keeps. */
+/** Seven digits: as many as a float has, and more than a half float. */
 function text(value: number): string {
   if (!Number.isFinite(value)) return String(value).replace("Infinity", "∞");
-  return String(Number(value.toPrecision(6))).replace("-", "−");
+  return String(Number(value.toPrecision(7))).replace("-", "−");
 }
 
 const unitOf = (layer: Layer) =>

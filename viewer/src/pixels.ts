@@ -31,6 +31,9 @@ export const isThere = (layer: Layer, frame: number) => layer.frames === null ||
 const nameOf = (clip: Clip, layer: Layer, frame: number) =>
   `${clip.folder}/${layer.key}/${String(frame).padStart(4, "0")}`;
 export const isLost = (clip: Clip, layer: Layer, frame: number) => lost.has(nameOf(clip, layer, frame));
+/** Whether the pixels are not in memory, but can be expected. */
+export const isComing = (clip: Clip, layer: Layer, frame: number) =>
+  isThere(layer, frame) && !isLost(clip, layer, frame) && !peek(clip, layer, frame);
 
 /** The pixels if they are in memory. */
 export function peek(clip: Clip, layer: Layer, frame: number): Pixels | undefined {

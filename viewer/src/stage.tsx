@@ -6,9 +6,9 @@ import { canvasPainter } from "./canvas2d";
 import { webglPainter } from "./gl";
 import { fitting, originOf, within } from "./panes";
 import type { Pane, Part } from "./panes";
-import { arrived, isLost, isThere, peek } from "./pixels";
+import { arrived, isComing, isLost, isThere, peek } from "./pixels";
 import { scene } from "./scene";
-import { clip, flipped, frame, hovered, layout, mode, motionLayer, part, split, vectors } from "./state";
+import { clip, flipped, frame, hovered, inSight, layout, mode, motionLayer, part, split, vectors } from "./state";
 
 const MOST = 64; // CSS pixels for an image pixel
 const GRIP = 14; // CSS pixels to each side of the divider
@@ -62,6 +62,8 @@ export function Stage() {
       const arrows = vectors.value && found && motionLayer.value ? motionLayer.value : null;
       cancelAnimationFrame(request);
       if (!found || !now) return;
+      const waits = inSight.value.some((layer) => isComing(found, layer, index));
+      frameElement.current!.ariaBusy = "true"; // until all that is chosen is drawn
       request = requestAnimationFrame(() => {
         for (const one of [element, overlay.current!]) {
           if (one.width !== width || one.height !== height) Object.assign(one, { width, height });
@@ -70,6 +72,7 @@ export function Stage() {
           peek(found, pane.layer, index), pane.base ? peek(found, pane.base, index) : undefined]);
         drawArrows(overlay.current!, shown, now, found, arrows ? peek(found, arrows, index) : undefined);
         element.dataset.frame = String(index);
+        frameElement.current!.ariaBusy = String(waits);
       });
     });
     return () => { stop(); watcher.disconnect(); cancelAnimationFrame(request); };

@@ -3,7 +3,7 @@ import { batch, computed, effect, signal } from "@preact/signals";
 import { data, idOf, titleOf } from "./data";
 import type { Clip, Layer } from "./data";
 import type { Part } from "./panes";
-import { isLost, isThere, load, peek } from "./pixels";
+import { isComing, load } from "./pixels";
 
 export const LAYOUTS = { split: "Split", flip: "Flip", side: "Side by side", all: "All images" } as const;
 export type Layout = keyof typeof LAYOUTS;
@@ -140,8 +140,7 @@ effect(() => {
     const found = clip.peek();
     if (!found || found.frames.length < 2) return;
     const next = found.frames[(position.peek() + 1) % found.frames.length];
-    const waits = (layer: Layer) => isThere(layer, next) && !isLost(found, layer, next) && !peek(found, layer, next);
-    if (inSight.peek().some(waits)) return;
+    if (inSight.peek().some((layer) => isComing(found, layer, next))) return;
     step(1);
     due = Math.max(due + 1000 / rate.peek(), now);
   });
