@@ -17,7 +17,7 @@ import pytest
 
 CHROMIUM = shutil.which("chromium") or shutil.which("chromium-browser") or shutil.which("google-chrome") or ""
 needs_chromium = pytest.mark.skipif(not CHROMIUM, reason="Chromium is not installed")
-PATIENCE = 60.0  # seconds
+PATIENCE = 120.0  # seconds
 
 
 class Browser:
@@ -29,7 +29,8 @@ class Browser:
         command = [
             CHROMIUM, "--headless=new", "--no-sandbox", "--use-angle=swiftshader", "--enable-unsafe-swiftshader",
             "--hide-scrollbars", "--no-first-run", "--disable-gpu-shader-disk-cache", "--force-device-scale-factor=1",
-            "--disable-dev-shm-usage", f"--user-data-dir={profile}", "--remote-debugging-pipe", *flags, "about:blank",
+            "--disable-dev-shm-usage", "--disable-background-networking", "--disable-component-update", "--disable-sync",
+            "--disable-extensions", "--in-process-gpu", f"--user-data-dir={profile}", "--remote-debugging-pipe", *flags, "about:blank",
         ]  # fmt: skip
         # The protocol's pipes are the descriptors 3 and 4 of the browser.
         plumbing = f'exec "$@" 3<&{to_browser} 4>&{from_browser}'

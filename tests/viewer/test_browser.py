@@ -27,8 +27,8 @@ pytestmark = [pytest.mark.slow, needs_chromium]
 NASTY = "<b>x&y"
 SOME = (21, 17)  # a pixel, x and y
 SIZE = (40, 56)  # height and width of the first clip
-WINDOW = (760, 800)  # small: the graphics card is a program here
-LABEL = (slice(0, 5), slice(0, 24))  # rows and columns that the image's name covers
+WINDOW = (500, 700)  # small: the graphics card is a program here
+LABEL = (slice(0, 5), slice(0, 30))  # rows and columns that the image's name covers
 
 
 @pytest.fixture(scope="module")
@@ -52,13 +52,37 @@ def page(clip: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
     return view([clip, other], denoisers, tmp_path_factory.mktemp("view") / "out")
 
 
-@pytest.fixture
-def opened(browser: Browser, page: Path) -> Iterator[Browser]:
-    """The page, fresh; afterwards, nothing was complained about."""
+RESET = """
+  for (const box of document.querySelectorAll("input[type=checkbox]:checked")) box.click();
+  const choose = (menu, text) => {
+    menu.value = [...menu.options].find(option => option.text === text).value;
+    menu.dispatchEvent(new Event("change", {bubbles: true}));
+  };
+  choose(document.querySelector("#clip"), "disc");
+  choose(document.querySelector("#left"), "noisy input");
+  choose(document.querySelector("#right"), "taa");
+  for (const key of ["s", "v", "\\\\", "0", "Home"]) {
+    document.body.dispatchEvent(new KeyboardEvent("keydown", {key, bubbles: true}));
+  }
+"""
+
+
+@pytest.fixture(scope="module")
+def loaded(browser: Browser, page: Path) -> Browser:
     browser.open(page)
-    yield browser
-    assert browser.errors == []
-    browser.size(*WINDOW)
+    return browser
+
+
+@pytest.fixture
+def opened(loaded: Browser, page: Path) -> Iterator[Browser]:
+    """The page with what is chosen at first; afterwards, nothing was complained about."""
+    if loaded.run("location.href") != page.as_uri():
+        loaded.open(page)
+    loaded.run(f"(() => {{ {RESET} }})()")
+    loaded.settle()
+    yield loaded
+    assert loaded.errors == []
+    loaded.size(*WINDOW)
 
 
 def choose(browser: Browser, selector: str, text: str) -> None:
@@ -261,12 +285,12 @@ def test_playing_advances_with_all_images_in_step(opened: Browser, page: Path, c
         ".observe(document.querySelector('#canvas'), {attributeFilter: ['data-frame']})"
     )
     opened.press(" ", "Space")
-    opened.wait("seen.length > 12")
+    opened.wait("seen.length > 5")
     assert opened.run("document.querySelector('#play').textContent") == "Stop"
     opened.press(" ", "Space")
     opened.settle()
     frames = list(dict.fromkeys(opened.run("seen")))
-    assert set(frames) == {0, 1, 2, 3, 4}
+    assert frames[:4] == [1, 2, 3, 4]
     steps = np.diff(opened.run("seen"))
     assert set(steps.tolist()) <= {0, 1, -4}  # none is left out
     stopped = frame_of(opened)
