@@ -60,7 +60,7 @@ vec3 picture(vec3 v) {
       float value = v.r == 0.0 ? 0.0 : 0.6 + 0.4 * float(hashed & 255u) / 255.0;
       return fromHsv(float(hashed >> 8u) / 16777216.0, 0.65, value);
     }
-    case 5: return fromHsv(atan(v.g, v.r) / 6.283185307179586, min(length(v.rg) / full, 1.0), 1.0);
+    case 5: return fromHsv(atan(v.g == 0.0 ? 0.0 : v.g, v.r) / 6.283185307179586, min(length(v.rg) / full, 1.0), 1.0);
     case 6: return v;
     default: return magmaAt(v.r * gain);
   }

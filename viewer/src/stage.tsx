@@ -8,7 +8,7 @@ import { fitting, originOf, within } from "./panes";
 import type { Pane, Part } from "./panes";
 import { arrived, isComing, isLost, isThere, peek } from "./pixels";
 import { scene } from "./scene";
-import { clip, flipped, frame, hovered, inSight, layout, mode, motionLayer, part, split, vectors } from "./state";
+import { clip, drawn, flipped, frame, hovered, inSight, layout, mode, motionLayer, part, split, vectors } from "./state";
 
 const MOST = 64; // CSS pixels for an image pixel
 const GRIP = 14; // CSS pixels to each side of the divider
@@ -72,6 +72,7 @@ export function Stage() {
           peek(found, pane.layer, index), pane.base ? peek(found, pane.base, index) : undefined]);
         drawArrows(overlay.current!, shown, now, found, arrows ? peek(found, arrows, index) : undefined);
         element.dataset.frame = String(index);
+        drawn.value = index;
         frameElement.current!.ariaBusy = String(waits);
       });
     });

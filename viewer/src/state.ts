@@ -25,6 +25,7 @@ export const gain = signal(4); // of differences
 export const vectors = signal(false); // arrows
 export const part = signal<Part | null>(null); // null: the whole image
 export const playing = signal(false);
+export const drawn = signal(-1); // the frame that the canvas shows
 export const rate = signal(12); // frames a second
 export const hovered = signal<{ x: number; y: number } | null>(null); // image pixel
 export const hoveredFrame = signal<number | null>(null); // in the curves
@@ -136,7 +137,7 @@ effect(() => {
   let due = performance.now();
   let request = requestAnimationFrame(function tick(now) {
     request = requestAnimationFrame(tick);
-    if (now < due) return;
+    if (now < due || drawn.peek() !== frame.peek()) return; // a slow machine plays slowly, and leaves no frame out
     const found = clip.peek();
     if (!found || found.frames.length < 2) return;
     const next = found.frames[(position.peek() + 1) % found.frames.length];
