@@ -98,13 +98,6 @@ def make_folder(folder: Path) -> None:
         raise NteError(f"{folder}: cannot be made a folder: {error.strerror}") from error
 
 
-def require_writable(folder: Path) -> None:
-    """Raise NteError for a folder that cannot be written to, before long work whose results come last."""
-    if not os.access(folder, os.W_OK):
-        raise NteError(f"{folder}: cannot be written to: read-only, or no permission")
-
-
-@contextmanager
 def only_writer(folder: Path) -> Iterator[None]:
     """Make `folder` and lock it for this block: raises NteError if another process is inside such a block.
 

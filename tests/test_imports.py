@@ -17,7 +17,7 @@ LAYERS = (
     "config files interrupt options memory progress text_table",
     "frames jobs unfinished",
     "color motion",
-    "denoiser",
+    "denoiser viewer",
     "recurrence",
     "filters models",
     "training",

@@ -8,13 +8,17 @@ from nte.errors import NteError
 from nte.evaluation.report.page import write_report
 from nte.evaluation.results import Evaluation, gathered
 from nte.evaluation.units import ClipScores, ClipUnit, elsewhere, require_scorable, score_clip
-from nte.files import already_there, only_writer, require_writable
+from nte.files import already_there, only_writer
 from nte.frames.clip import Clip, clip_labels, find_clips
 from nte.jobs import require_jobs
 from nte.registry import load_denoiser
 from nte.unfinished import MARK, begin, finish, is_unfinished
+from nte.viewer.page import clear
+from nte.viewer.recorder import FOLDER, Recording
 
-OURS = ("metrics.json", "index.html")  # all files that an evaluation writes, and that force replaces
+OURS = ("metrics.json", "index.html", "layers")  # all that an evaluation writes, and that force replaces
+PLAYED = 24  # frames of each clip that the report plays
+CHANNELS = ("albedo", "normal", "depth", "motion")  # that the report shows besides what is compared
 Advance = Callable[[int, int, str], None]  # frames done, frames in all, clip and frame
 
 
@@ -29,8 +33,12 @@ def evaluate(
     progress: Advance | None = None,
     jobs: int = 1,
     scheduler: str | None = None,
+    played: int = PLAYED,
 ) -> Evaluation:
     """Run every denoiser over every clip, score its frames, and write `out`/metrics.json and index.html, the report.
+
+    The report plays `played` frames of each clip, around the one with the most disoccluded pixels; their linear values
+    lie in `out`/layers.
 
     clips: clip folders, or folders that hold clips. denoisers: specifications as for `load_denoiser`, or a mapping from
     a name for the rows to a denoiser. first: index of the first frame that is scored; every denoiser starts at frame 0.
@@ -47,9 +55,11 @@ def evaluate(
     >>> means["taa"]["psnr"] > means["noisy"]["psnr"]  # in decibels, over all clips and frames but the first
     True
     >>> sorted(path.name for path in Path("report").iterdir())
-    ['index.html', 'metrics.json']
+    ['index.html', 'layers', 'metrics.json']
     """
     require_jobs(jobs)
+    if played < 1:
+        raise NteError(f"played is {played}: expected at least one frame of each clip")
     if isinstance(denoisers, Mapping) and (jobs > 1 or scheduler is not None):
         raise NteError("denoisers are objects of this process: give specifications, or leave out jobs and scheduler")
     out = Path(out)
@@ -58,12 +68,15 @@ def evaluate(
     loaded = _loaded(denoisers, device)
     for label, clip in opened.items():
         require_scorable(label, clip, loaded, first)
-    command = {"evaluate": folders, "denoisers": list(loaded), "first": first, "lights": lights and list(lights)}
+    named = None if lights is None else tuple(lights)
+    command = {"evaluate": folders, "denoisers": [*loaded], "first": first, "lights": named, "played": played}
     with only_writer(out):
-        require_writable(out)
         _require_free(out, force or is_unfinished(out, command))
+        begin(out, command)
+        clear(out)
+        recording = Recording(out / FOLDER, played, CHANNELS)
         units = {
-            label: ClipUnit(label, clip.folder, tuple(loaded), first, None if lights is None else tuple(lights), device)
+            label: ClipUnit(label, clip.folder, tuple(loaded), first, named, device, recording=recording)
             for label, clip in opened.items()
         }
         frames = {label: len(clip) for label, clip in opened.items()}
@@ -72,7 +85,6 @@ def evaluate(
         else:
             scores = _here(units, frames, loaded, progress)
         found = gathered([scores[label] for label in units])
-        begin(out, command)
         found.write(out)
         write_report(found, out)
         finish(out)
@@ -135,6 +147,14 @@ def _elsewhere(
 
 
 def _require_free(out: Path, force: bool) -> None:
+<<<<<<< HEAD
     """Raise NteError if the folder for results holds something already, without `force`."""
     if not force and any(path.name != MARK for path in out.iterdir()):
         raise already_there(out, "folder", f"replace its {' and '.join(OURS)}")
+=======
+    """Raise NteError if the folder for results is a file or, without `force`, holds something already."""
+    if out.exists() and not out.is_dir():
+        raise NteError(f"{out}: is a file: expected a folder for the results")
+    if not force and out.is_dir() and any(out.iterdir()):
+        raise already_there(out, "folder", f"replace its {', '.join(OURS[:-1])} and {OURS[-1]}")
+>>>>>>> viewer

@@ -82,7 +82,7 @@ def test_metrics_json_has_the_promised_form(clip: Path, tmp_path: Path) -> None:
         assert all(len(values) == 3 for values in row["per_frame"].values())
     assert set(metrics["means"]) == {"noisy", "taa"}
     assert metrics["means"]["taa"]["psnr"] > metrics["means"]["noisy"]["psnr"] + 1
-    assert {p.name for p in (tmp_path / "report").iterdir()} == {"metrics.json", "index.html"}
+    assert {p.name for p in (tmp_path / "report").iterdir()} == {"metrics.json", "index.html", "layers"}
 
 
 def test_scores_agree_with_the_metrics_of_hand_made_display_images(clip: Path, tmp_path: Path) -> None:
@@ -205,7 +205,7 @@ def test_a_denoiser_sees_only_what_it_asks_for(clip: Path, tmp_path: Path) -> No
 
 def test_time_is_the_median_without_the_first_step(clip: Path, tmp_path: Path, monkeypatch) -> None:
     ticks = iter([0, 5, 10, 10.001, 20, 20.003, 30, 30.002])
-    monkeypatch.setattr("nte.evaluation.score_clip.time.perf_counter", lambda: next(ticks))
+    monkeypatch.setattr("nte.evaluation.timed.time.perf_counter", lambda: next(ticks))
     row = rows_of(evaluate([clip], {"one": Noisy()}, tmp_path / "out"), region="all")[0]
     assert row["ms_per_frame"] == pytest.approx(2)
 
@@ -379,7 +379,9 @@ def test_results_are_replaced_only_by_force(clip: Path, tmp_path: Path) -> None:
     evaluate([clip], ["noisy"], out)
     (out / "notes.txt").write_text("mine")
     before = (out / "metrics.json").read_text()
-    with pytest.raises(NteError, match=r"out: exists: .*or replace its metrics\.json and index\.html with --force"):
+    with pytest.raises(
+        NteError, match=r"out: exists: .*or replace its metrics\.json, index\.html and layers with --force"
+    ):
         evaluate([clip], ["noisy"], out)
     assert (out / "metrics.json").read_text() == before
     evaluate([clip], ["taa"], out, force=True)
