@@ -147,14 +147,6 @@ def _elsewhere(
 
 
 def _require_free(out: Path, force: bool) -> None:
-<<<<<<< HEAD
     """Raise NteError if the folder for results holds something already, without `force`."""
     if not force and any(path.name != MARK for path in out.iterdir()):
-        raise already_there(out, "folder", f"replace its {' and '.join(OURS)}")
-=======
-    """Raise NteError if the folder for results is a file or, without `force`, holds something already."""
-    if out.exists() and not out.is_dir():
-        raise NteError(f"{out}: is a file: expected a folder for the results")
-    if not force and out.is_dir() and any(out.iterdir()):
         raise already_there(out, "folder", f"replace its {', '.join(OURS[:-1])} and {OURS[-1]}")
->>>>>>> viewer
