@@ -135,9 +135,9 @@ def late(folders: Iterable[Path]) -> None:
                     if not right:
                         print(f"false: {folder}: {finding.channel} {finding.found}, given {name} {when}", flush=True)
     print(f"{'compared with':16}{'channel':10}{'late':>8}{'named':>8}{'right':>8}{'false':>8}")
-    for light, name in dict.fromkeys(key[:2] for key in counts):
-        row = "".join(f"{counts[light, name, key]:8}" for key in ("late", "named", "right", "false"))
-        print(f"{light:16}{name:10}{row}")
+    for other, name in dict.fromkeys(key[:2] for key in counts):
+        row = "".join(f"{counts[other, name, key]:8}" for key in ("late", "named", "right", "false"))
+        print(f"{other:16}{name:10}{row}")
 
 
 def main(arguments: Sequence[str]) -> None:
