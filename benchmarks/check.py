@@ -119,11 +119,10 @@ def late(folders: Iterable[Path]) -> None:
         clip = Clip(folder)
         names = [name for name in ("color", "reference", *SHOWN) if name in clip.channels]
         frames = [clip.frame(i, names).torch() for i in range(min(PAIRS + 3, len(clip)))]
-        for light, step in product([name for name in ("reference", "color") if name in names], (0, -1, 1)):
-            compared = SHOWN if light == "reference" else ("reference", *SHOWN)
-            for name in (name for name in compared if name in names):
-                tally = LateTally()
-                kept = {"color", light, name}
+        for name, step in product(("reference", *SHOWN) if "reference" in names else (), (0, -1, 1)):
+            if name in names:
+                light, tally = "color" if name == "reference" else "reference", LateTally()
+                kept = {"color", "reference", name}
                 shown = [{n: frames[i + step * (n == name)][n] for n in kept} for i in range(1, len(frames) - 1)]
                 for before, now in pairwise(map(Frame, shown)):
                     tally.add(before, now)
