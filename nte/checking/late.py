@@ -4,7 +4,7 @@ The light of a frame is correlated with a channel of the same frame, of the fram
 picture with the reference, and by their edges with guides. Where anything moves, the correlation is greatest in the
 same frame, whatever else the light shows. The loss in another frame is known, because the channel itself tells how much
 it changes: relative to that, a channel scores −1 if it is right, and +1 if it is late. Guides are compared with the
-reference only: noise hides their edges so far that shadows and moiré of a fence have scored as late.
+reference only: noise hides their edges so far that a right albedo, of a moving fence, has scored as late.
 """
 
 from collections import defaultdict
