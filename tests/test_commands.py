@@ -42,7 +42,7 @@ def commands(page: Path, program: str) -> Iterator[Shown]:
     for block in (*blocks(text), *INDENTED.findall(text)):
         for line in block.replace("\\\n", " ").splitlines():
             if line.strip().startswith(f"{program} "):
-                command = re.sub(r"\s#\s.*", "", line.strip())
+                command = re.sub(r"\s+#\s.*", "", line.strip())
                 yield Shown(name, command, not PARTIAL.search(command))
     for code in INLINE.findall(text):
         if code.startswith(f"{program} "):
