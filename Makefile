@@ -3,13 +3,14 @@
 # make lint   style and types
 # make docs   the documentation as a site: site/index.html
 # make coverage   the lines of nte/ that the fast tests leave out      make slow   the tests that make coverage left out
+# make viewer the script and style sheet of the viewer, after a change of its sources; needs Node 20 or newer
 # make paper  the published comparisons, with their data: a night or two       make bench   times, as ratios in one run
 PYTHON ?= python3
 VENV := .venv
 BIN := $(VENV)/bin
 INSTALLED := $(VENV)/installed
 
-.PHONY: demo test fast slow coverage lint docs acceptance paper bench clean
+.PHONY: demo test fast slow coverage lint docs viewer viewer-check acceptance paper bench clean
 
 demo: $(INSTALLED)
 	$(BIN)/nte render datasets/quickstart.yaml --out data/quickstart
@@ -36,6 +37,25 @@ lint: $(INSTALLED)
 	$(BIN)/ruff check .
 	$(BIN)/ruff format --check .
 	$(BIN)/mypy
+	$(MAKE) --no-print-directory viewer-check
+
+viewer: viewer/node_modules
+	cd viewer && npm run --silent types && npm run --silent build
+
+# The bundle that is committed must be what its sources give. Without Node or npm's registry only its digest is compared,
+# by the tests.
+viewer-check:
+	@if $(MAKE) --no-print-directory viewer/node_modules; then $(MAKE) --no-print-directory viewer-fresh; \
+	else echo "viewer: its bundle was not built again, as npm or its registry is missing"; fi
+
+.PHONY: viewer-fresh
+viewer-fresh: viewer/node_modules
+	cd viewer && npm run --silent types && npm run --silent build -- build
+	diff -r viewer/build nte/viewer/bundle
+
+viewer/node_modules: viewer/package-lock.json
+	cd viewer && npm ci --no-audit --no-fund
+	@touch $@
 
 # Strict: a dead link, a missing anchor or a page outside the navigation is an error.
 docs: $(INSTALLED)

@@ -1,6 +1,6 @@
-"""Accuracy of `nte check` on vectors and turned guides: true positives and false alarms on rendered clips.
+"""Accuracy of `nte check` on vectors, turned guides and late channels of rendered clips: how often it is right.
 
-python -m benchmarks.check [--turned] CLIP_OR_FOLDER…
+python -m benchmarks.check [--turned | --late] CLIP_OR_FOLDER…
 
 Every clip is checked as it is, and with its vectors in other conventions. A clip is used if it is found plausible as it
 is, because it then has enough motion and texture. The table counts, over the used clips, how many wrong conventions are
@@ -8,12 +8,12 @@ named rightly, fail with another reason, or pass. A change that only turns a com
 convention, and is left out (median change of the moving vectors below 2 px).
 
 With --turned, guides are turned over instead: the table counts how many are named rightly, and wrongly, with the
-reference and with colour alone.
+reference and with colour alone. With --late, the channels of the frame before and of the next frame are given instead.
 """
 
 from collections import Counter
 from collections.abc import Callable, Iterable, Sequence
-from itertools import product
+from itertools import pairwise, product
 from pathlib import Path
 from typing import Any
 
@@ -22,6 +22,8 @@ import numpy as np
 from benchmarks.command import make_parser, run
 from nte.checking import CheckReport, check
 from nte.checking.flips import FLIPS, FRAMES, PICTURES, FlipTally
+from nte.checking.late import SHOWN, LateTally
+from nte.checking.report import PAIRS
 from nte.frames.clip import Clip, Pixels, find_clips
 from nte.frames.frame import Frame
 
@@ -110,13 +112,44 @@ def turned(folders: Iterable[Path]) -> None:
         print(f"{light:16}{name:8}{row}")
 
 
+def late(folders: Iterable[Path]) -> None:
+    """Print how many channels are said to show another frame, of those that are right and of neighbouring frames."""
+    counts: Counter[tuple[str, str, str]] = Counter()
+    for folder in folders:
+        clip = Clip(folder)
+        names = [name for name in ("color", "reference", *SHOWN) if name in clip.channels]
+        frames = [clip.frame(i, names).torch() for i in range(min(PAIRS + 3, len(clip)))]
+        for name, step in product(("reference", *SHOWN) if "reference" in names else (), (0, -1, 1)):
+            if name in names:
+                light, tally = "color" if name == "reference" else "reference", LateTally()
+                kept = {"color", "reference", name}
+                shown = [{n: frames[i + step * (n == name)][n] for n in kept} for i in range(1, len(frames) - 1)]
+                for before, now in pairwise(map(Frame, shown)):
+                    tally.add(before, now)
+                counts[light, name, "late" if step else "right"] += 1
+                when = {0: "", -1: "one frame earlier", 1: "one frame later"}[step]
+                for finding in tally.judge():
+                    right = step and finding.channel == name and finding.found.endswith(when)
+                    counts[light, name, "named" if right else "false"] += 1
+                    if not right:
+                        print(f"false: {folder}: {finding.channel} {finding.found}, given {name} {when}", flush=True)
+    print(f"{'compared with':16}{'channel':10}{'late':>8}{'named':>8}{'right':>8}{'false':>8}")
+    for other, name in dict.fromkeys(key[:2] for key in counts):
+        row = "".join(f"{counts[other, name, key]:8}" for key in ("late", "named", "right", "false"))
+        print(f"{other:16}{name:10}{row}")
+
+
 def main(arguments: Sequence[str]) -> None:
     """Print the table."""
     parser = make_parser(__doc__)
     parser.add_argument("clips", nargs="+", type=Path)
     parser.add_argument("--only", nargs="+", help="conventions to try", choices=WRONG)
     parser.add_argument("--turned", action="store_true", help="turn guides over instead of changing vectors")
+    parser.add_argument("--late", action="store_true", help="give channels of the frame before, and of the next one")
     options = parser.parse_args(arguments)
+    if options.late:
+        late(find_clips(options.clips))
+        return
     if options.turned:
         turned(find_clips(options.clips))
         return

@@ -11,6 +11,7 @@ from nte.frames.exr import read_layers, write_exr
 from nte.frames.usable import known_cap, light_cap, usable_frame
 from nte.motion.correspondence import rejection_mask
 from nte.progress import Progress
+from nte.unfinished import begin, finish, is_unfinished
 
 KAPPA, ETA = 2.0, 1.6  # parameters of the mask, the same as those of align_accumulate
 _REPLACED = ("motion.", "forward_motion.", "motion_error.", "motion_mask.")
@@ -26,7 +27,7 @@ def estimate_clip(
     motion must not be trusted: its error is large, it leads out of the previous frame, or the frame is the first one,
     whose motion is 0. `forward_motion` is dropped, as it would contradict; all other layers stay. noise, guides and
     known are options of `EstimateOptions`. Only noise seed 0 is written. Raises NteError if channels are missing, if
-    `out` is the clip itself, and if files exist without `force`.
+    `out` is the clip itself, and if files exist without `force`, unless the same estimation was killed there.
     """
     clip = Clip(source)
     estimator = Estimator(EstimateOptions(noise, guides, known), device=device, errors=True)
@@ -36,9 +37,11 @@ def estimate_clip(
     written = [frame_path(out, i) for i in range(len(clip))]
     if out.resolve() == source.resolve():
         raise NteError(f"{out}: is the clip itself: choose another folder")
-    refuse_to_replace((*written, out / "clip.json"), force)
+    command = {"estimate": source, "noise": noise, "guides": guides, "known": known}
     state, cap = None, None
     with only_writer(out), Progress("estimate", len(clip), "frame") as progress:
+        refuse_to_replace((*written, out / "clip.json"), force or is_unfinished(out, command))
+        begin(out, command)
         remove(out / "clip.json")  # until its frames are all there
         for index, path in enumerate(written):
             frame = clip.frame(index, estimator.needs)
@@ -52,4 +55,5 @@ def estimate_clip(
             write_exr(path, kept | as_layers({name: values[0].cpu().numpy() for name, values in channels.items()}))
             progress.advance(1)
         write_clip_info(out, {**clip.info, "seeds": 1})
+        finish(out)
     return written

@@ -98,7 +98,6 @@ def make_folder(folder: Path) -> None:
         raise NteError(f"{folder}: cannot be made a folder: {error.strerror}") from error
 
 
-@contextmanager
 def only_writer(folder: Path) -> Iterator[None]:
     """Make `folder` and lock it for this block: raises NteError if another process is inside such a block.
 

@@ -13,11 +13,11 @@ from dataclasses import dataclass
 from importlib.metadata import PackageNotFoundError, version
 from multiprocessing import get_context
 from pathlib import Path
-from secrets import token_hex
 from types import ModuleType
 from typing import TYPE_CHECKING, TypeVar
 
 from nte.errors import NteError, needs_extra
+from nte.files import temporary_name
 from nte.interrupt import end_when_told, ending_workers
 from nte.version import __version__
 
@@ -167,7 +167,7 @@ def _connected(distributed: ModuleType, address: str) -> Iterator["Client"]:
 @contextmanager
 def _token(folder: Path, kind: Kind) -> Iterator[Path]:
     """A file in the folder while it is written to; a worker that sees the file shares our file system."""
-    token = folder / f".{kind.verb}-{token_hex(8)}"
+    token = temporary_name(folder / kind.verb)  # swept with other leftovers if this process is killed
     token.touch()
     try:
         yield token

@@ -22,6 +22,7 @@ from nte.frames.numbering import by_number
 from nte.frames.scalars import sequence_scalars
 from nte.frames.show import show, write_png
 from nte.progress import Progress
+from nte.unfinished import begin, finish, is_unfinished
 
 
 class _Source(NamedTuple):
@@ -37,7 +38,7 @@ class _Source(NamedTuple):
 def denoise_files(
     sources: Sequence[Path], denoiser: Denoiser, out: Path, exposure: float | None = None, png: bool = False,
     force: bool = False, map_name: str | None = None, overrides: Sequence[str] = (),
-    say: Callable[[str], None] = print,
+    say: Callable[[str], None] = print, spec: str | None = None,
 ) -> list[Path]:  # fmt: skip
     """Denoise a clip, or frames in the order of their numbers, into the folder `out`; return the frames' new files.
 
@@ -46,23 +47,30 @@ def denoise_files(
     frame keeps its name, attributes and layers; only the noisy image is replaced by the denoised one. A clip stays a
     clip. exposure: linear factor for the sequence; None takes the clip's own, or estimates it from the first frame.
     png: write a tonemapped picture beside each frame as well. say: called with each note on how foreign files were
-    read. Raises NteError for input that does not fit the denoiser, and for files that exist without `force`.
+    read. spec: what the denoiser was loaded from; where the same call was killed, it begins again and replaces the
+    files that it had written. Raises NteError for input that does not fit the denoiser, and for all other files that
+    exist without `force`.
     """
     if exposure is not None and not 0 < exposure < float("inf"):
         raise NteError(f"exposure is {exposure}, expected a positive number")
     source = _open(sources, denoiser.target, map_name, overrides)
     written = [out / path.name for path in source.files]
-    _refuse_to_overwrite(out, written, source.files, png, force)
+    command = {
+        "denoise": sources, "spec": spec, "exposure": exposure, "png": png, "map": map_name, "set": list(overrides)
+    }  # fmt: skip
     if source.clip:
         require_channels(denoiser, source.clip.channels, source.clip.folder)
 
     session = Session(denoiser)
     scale = None if exposure is None else np.array([exposure], np.float32)
     with only_writer(out), Progress("denoise", len(written), "frame") as progress:
+        force = force or (spec is not None and is_unfinished(out, command))
+        _refuse_to_overwrite(out, written, source.files, png, force)
         for index, frame in enumerate(source.frames):
             scale = sequence_scalars(frame)[0] if scale is None else scale
             image = session.denoise(replace(frame, exposure=scale))[0]
             if index == 0:
+                begin(out, command)
                 remove(out / "clip.json")  # until its frames are all there
             dark_counts = CHANNELS[denoiser.target].kind == "radiance"
             copy_exr(source.files[index], written[index], source.layers(index, image), dark_counts)
@@ -71,6 +79,7 @@ def denoise_files(
             progress.advance(1)
         if source.clip and scale is not None:
             write_clip_info(out, {**source.clip.info, "seeds": 1, "exposure": float(scale[0])})
+        finish(out)
     for note in source.notes():
         say(note)
     return written

@@ -2,6 +2,7 @@
 
 import gc
 import os
+import subprocess
 import sys
 from collections.abc import Iterator
 from pathlib import Path
@@ -64,3 +65,15 @@ def noisy_disc(tmp_path_factory: pytest.TempPathFactory) -> Path:
         disc_clip(folder / "disc", frames=4, seed=1, size=(24, 40), start=(10.0, 12.0), radius=6.0)
 
     return made_once(tmp_path_factory, "noisy_disc", make) / "disc"
+
+
+@pytest.fixture
+def read_only(tmp_path: Path) -> Iterator[Path]:
+    """An empty folder that is a read-only file system."""
+    folder = tmp_path / "locked"
+    folder.mkdir()
+    mount = ["mount", "-t", "tmpfs", "-o", "ro", "tmpfs", str(folder)]
+    if subprocess.run(mount, capture_output=True, check=False).returncode:
+        pytest.skip("this machine lets us mount nothing")
+    yield folder
+    subprocess.run(["umount", str(folder)], check=True)

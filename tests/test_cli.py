@@ -122,7 +122,7 @@ def test_a_clip_that_cannot_be_used_is_named(told: Told, command: str, clip: str
         ("render nowhere.yaml --out out", "nowhere.yaml: cannot be read"),
         ("render bad.yaml --out out", "bad.yaml: not readable as YAML"),
         ("evaluate --clips clip --denoisers nosy --out out", "'nosy' is no denoiser"),
-        ("evaluate --clips clip --denoisers noisy --out file", "file: is a file: expected a folder"),
+        ("evaluate --clips clip --denoisers noisy --out file", "file: cannot be made a folder"),
     ],
 )
 def test_a_mistake_is_told_in_one_line(told: Told, command: str, message: str) -> None:

@@ -85,7 +85,7 @@ def test_shipped_comparisons_name_denoisers_and_clips_of_their_recipes(path: Pat
     assert not [pattern for pattern in patterns if not any(clip.match(pattern) for clip in clips)]
     assert not [folder for folder in comparison.train if not any(clip.is_relative_to(folder) for clip in clips)]
     for situation in comparison.situations:
-        for spec in situation.methods.values():
+        for spec in situation.untrained:
             load_denoiser(spec)
     for network in comparison.networks.values():
         load_train_config(Path(network.config), [*comparison.overrides, *network.overrides])
@@ -198,6 +198,7 @@ def test_phases_in_epochs_or_steps(tmp_path: Path) -> None:
         ("name=a: b: c", "command line: not readable as YAML: mapping values"),
         ("name=\0", "command line: not readable as YAML: unacceptable character"),
         ("loss.space=${oc.env:HOME}", "command line: 'loss.space': .* calls a resolver"),
+        ("loss.space=${${name}:LANG}", "command line: 'loss.space': .* calls a resolver"),
         ("loss.space=${nope}", "c.yaml: 'loss.space': .*'nope' not found"),
         ("name=${name}", "c.yaml: 'name': Recursive"),
         ("name=../x", "c.yaml: 'name' is '../x', expected the name of a folder"),
@@ -245,6 +246,10 @@ def test_a_wrong_override_is_named(tmp_path: Path, override: str, message: str) 
         (b"\xff\xfe\x00", "not readable as YAML"),
         ("name: !!python/object/apply:os.getcwd []\n", "could not determine a constructor"),
         ("name: ${oc.env:HOME}\n" + GOOD[8:], "'name': .* calls a resolver"),
+        # The resolver's name is that of another key: a LANG of «C» would be a good name for a run.
+        ("runs: oc.env\nname: ${${runs}:LANG}\n" + GOOD[8:], "'name': .* calls a resolver"),
+        ("runs: oc\nname: ${${runs}.env:LANG}\n" + GOOD[8:], "'name': .* calls a resolver"),
+        ("runs: oc.env\nname: '${ ${runs} : LANG }'\n" + GOOD[8:], "'name': .* calls a resolver"),
         ("data: {clips: ['${oc.env:HOME}']}", r"'data.clips\[0\]': .* calls a resolver"),
         (GOOD + "sed: 1\n", "'sed': unknown key, did you mean seed[?] expected one of name, seed, "),
         (GOOD + "seed: one\n", "'seed': Value 'one'"),

@@ -4,7 +4,6 @@ import os
 import signal
 import subprocess
 import sys
-from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
@@ -120,18 +119,6 @@ def test_links_are_refused_at_any_depth_and_not_followed(tmp_path: Path) -> None
     with pytest.raises(NteError, match=r"rooms_001: is a link to .*outside: nothing is written through links"):
         refuse_links(out)
     refuse_links(outside / "out" / "train" / "rooms_000")  # the folder itself may be reached by a link
-
-
-@pytest.fixture
-def read_only(tmp_path: Path) -> Iterator[Path]:
-    """A folder on a read-only file system, with a clip-like file in it."""
-    folder = tmp_path / "read-only"
-    folder.mkdir()
-    mount = ["mount", "-t", "tmpfs", "-o", "ro", "tmpfs", str(folder)]
-    if subprocess.run(mount, capture_output=True, check=False).returncode:
-        pytest.skip("this machine lets us mount nothing")
-    yield folder
-    subprocess.run(["umount", str(folder)], check=True)
 
 
 def test_a_read_only_folder_is_one_line(read_only: Path) -> None:

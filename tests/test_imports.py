@@ -15,9 +15,9 @@ ROOT = Path(nte.__file__).parent
 LAYERS = (
     "version errors",
     "config files interrupt options memory progress text_table",
-    "frames jobs",
+    "frames jobs unfinished",
     "color motion",
-    "denoiser",
+    "denoiser viewer",
     "recurrence",
     "filters models",
     "training",

@@ -1,16 +1,19 @@
 """`nte denoise` on files: linear EXR in and out, every other layer as it was, nothing lost."""
 
+from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
 import pytest
 from PIL import Image
 
-from nte.denoiser import Noisy, Session
+from nte.cli import main
+from nte.denoiser import Noisy, Result, Session
 from nte.errors import NteError
 from nte.filters.taa import Taa, TaaOptions
 from nte.frames.clip import Clip, frame_path, read_frame
 from nte.frames.exr import read_layers, write_exr
+from nte.frames.frame import Frame
 from nte.sequences import denoise_files
 from tests.synthetic import disc_clip
 
@@ -106,6 +109,58 @@ def test_nothing_is_overwritten_without_force(noisy_disc: Path, tmp_path: Path) 
     assert contents(out) == before
     denoise_files([noisy_disc], Taa(), out, force=True)
     assert contents(out) != before
+
+
+class Stopping(Noisy):
+    """Gives three frames, and then stops as a killed process would, or does something else first."""
+
+    def __init__(self, then: Callable[[], object] = lambda: None) -> None:
+        super().__init__()
+        self._then, self._frames = then, 0
+
+    def step(self, frame: Frame, state: object, extras: tuple[str, ...] = ()) -> tuple[Result, object]:
+        self._frames += 1
+        if self._frames == 4:
+            self._then()
+            raise KeyboardInterrupt
+        return super().step(frame, state, extras)
+
+
+def test_what_was_stopped_begins_again_with_the_same_command_and_no_other(noisy_disc: Path, tmp_path: Path) -> None:
+    out, whole = tmp_path / "out", tmp_path / "whole"
+    denoise_files([noisy_disc], Taa(), whole)
+    with pytest.raises(KeyboardInterrupt):
+        denoise_files([noisy_disc], Stopping(), out, spec="taa")
+    left = contents(out)
+    assert len(left) == 4  # three frames and the mark
+    changes: list[dict[str, object]] = [{"spec": "noisy"}, {"spec": None}, {"exposure": 2.0}, {"png": True}]
+    for change in changes:
+        with pytest.raises(NteError, match=r"frame_0000\.exr: exists"):
+            denoise_files([noisy_disc], Taa(), out, **{"spec": "taa", **change})
+    with pytest.raises(NteError, match=r"frame_0000\.exr: exists"):
+        denoise_files(sorted(noisy_disc.glob("*.exr")), Taa(), out, spec="taa")
+    assert contents(out) == left
+    denoise_files([noisy_disc], Taa(), out, spec="taa")
+    assert contents(out) == contents(whole)
+    with pytest.raises(NteError, match=r"frame_0000\.exr: exists"):  # now it is finished
+        denoise_files([noisy_disc], Taa(), out, spec="taa")
+
+
+def test_a_second_denoise_into_one_folder_is_refused_while_the_first_writes(
+    noisy_disc: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    out = tmp_path / "out"
+
+    def second() -> None:
+        before = contents(out)
+        for more in ([], ["--force"], ["--png", "--exposure", "2"]):
+            assert main(["denoise", str(noisy_disc), "--denoiser", "noisy", "--out", str(out), *more]) == 2
+            (line,) = [line for line in capsys.readouterr().err.splitlines() if line.startswith("nte: ")]
+            assert "out: another process is writing to it: wait for it, or choose another folder" in line
+        assert contents(out) == before
+
+    with pytest.raises(KeyboardInterrupt):
+        denoise_files([noisy_disc], Stopping(second), out)
 
 
 def test_the_noisy_frames_themselves_are_never_overwritten(tmp_path: Path) -> None:

@@ -8,9 +8,9 @@ only after it has been turned over, the peak is there instead: so sharp a peak a
 from collections.abc import Iterator
 
 import torch
-import torch.nn.functional as F
 from torch import Tensor
 
+from nte.checking.edges import edges, picture
 from nte.checking.values import Finding
 from nte.frames.channels import GUIDES
 from nte.frames.frame import Frame
@@ -22,12 +22,10 @@ PICTURES = (*GUIDES, "depth")  # channels that show the surfaces
 FRAMES = 4  # largest number of frames that are looked at
 BLOCKS = 64  # about so many blocks of pixels, of 2×2 or more, along the shorter side: their means have less noise
 LEAST = 12  # blocks along a side; smaller pictures tell nothing
-AROUND = 15  # blocks: edges are compared with the mean of those around, since whole regions have more or fewer of them
 SHARP = (
     6.0  # least height of the peak in standard deviations: `python -m benchmarks.check --turned` says how many reach it
 )
 BETTER = 2.0  # the peak of a guide that is turned over is at least this many times what it is as it is
-BRIGHTEST, NEAREST = 0.95, 10.0  # share of the edges that keep their strength; median depth over that of what is near
 
 
 class FlipTally:
@@ -45,12 +43,11 @@ class FlipTally:
         if self._frames > FRAMES or min(height, width) < LEAST:
             return
         self._light = "reference" if "reference" in frame else "color"
-        light = _edges(F.adaptive_avg_pool2d(_light(frame[self._light]), (height, width)).log1p())
+        light = edges(picture(frame, self._light, (height, width)))
         for name in (name for name in PICTURES if name in frame):
-            values = _nearness(frame[name]) if name == "depth" else frame[name].nan_to_num(0, 0, 0)
-            edges = _edges(F.adaptive_avg_pool2d(values, (height, width)))
+            guide = edges(picture(frame, name, (height, width)))
             for how, sides in {AS_IT_IS: (), **FLIPS}.items():
-                match = _correlation(light, edges.flip(sides))
+                match = _correlation(light, guide.flip(sides))
                 self._matches[name, how] = self._matches.get((name, how), torch.zeros(())) + match
 
     def judge(self) -> Iterator[Finding]:
@@ -65,32 +62,6 @@ class FlipTally:
 
 def _block(size: tuple[int, int]) -> int:
     return max(2, round(min(size) / BLOCKS))
-
-
-def _light(image: Tensor) -> Tensor:
-    """Convert radiance (1, 3, H, W) to grey (1, 1, H, W), in units of a twentieth of its mean; bad pixels become 0."""
-    usable = torch.where(image.isfinite() & (image >= 0), image, 0.0).mean(1, keepdim=True)
-    return usable / (0.05 * usable.mean()).clamp(min=1e-30)
-
-
-def _nearness(depth: Tensor) -> Tensor:
-    """Compute inverse depth (1, 1, H, W) in units of its median; 0 for the sky."""
-    hit = (depth > 0) & depth.isfinite()
-    if not hit.any():
-        return torch.zeros_like(depth)
-    return torch.where(hit, depth[hit].median() / depth.clamp(min=1e-30), 0.0).clamp(max=NEAREST)
-
-
-def _edges(image: Tensor) -> Tensor:
-    """Measure the strength (h, w) of the edges of an image (1, C, h, w), above the mean of those around."""
-    padded = F.pad(image, (1, 1, 1, 1), mode="replicate")
-    across = padded[..., 1:-1, 2:] - padded[..., 1:-1, :-2]
-    down = padded[..., 2:, 1:-1] - padded[..., :-2, 1:-1]
-    strength = (across.square() + down.square()).sum(1, keepdim=True).sqrt()
-    strength = strength.clamp(max=float(strength.flatten().quantile(BRIGHTEST)))
-    side = min(AROUND, 2 * ((min(image.shape[2:]) - 1) // 2) - 1)
-    around = F.avg_pool2d(strength, side, 1, side // 2, count_include_pad=False)
-    return (strength - around)[0, 0]
 
 
 def _correlation(a: Tensor, b: Tensor) -> Tensor:

@@ -13,6 +13,7 @@ from nte.checking.flips import ORIENTATION, FlipTally
 from nte.checking.geometry import GeometryTally
 from nte.checking.guides import GuideTally
 from nte.checking.judge import Judgement, Verdict, judge_votes
+from nte.checking.late import LateTally
 from nte.checking.objects import object_votes
 from nte.checking.order import Order, depth_order, judge_order
 from nte.checking.spaces import Spaces, changed_alike, judge_spaces
@@ -126,7 +127,8 @@ def check(clip: Clip | Path | str) -> CheckReport:
     """
     clip = clip if isinstance(clip, Clip) else Clip(clip)
     tallies: dict[str, Tally] = defaultdict(Tally)
-    exposure, flips, guides, geometry, vectors = ExposureTally(), FlipTally(), GuideTally(), GeometryTally(), _Vectors()
+    exposure, flips, guides, geometry, late = ExposureTally(), FlipTally(), GuideTally(), GeometryTally(), LateTally()
+    vectors = _Vectors()
     voting = {round(1 + i * (len(clip) - 2) / max(PAIRS - 1, 1)) for i in range(PAIRS)}
     previous: Frame | None = None
     for frame in clip:
@@ -136,15 +138,17 @@ def check(clip: Clip | Path | str) -> CheckReport:
         flips.add(current)
         guides.add(current)
         geometry.add(current)
+        if previous is not None and current.index in voting:
+            late.add(previous, current)
         if previous is not None and "motion" in current:
-            vectors.add(previous, current, len(clip) <= PAIRS + 1 or current.index in voting)
+            vectors.add(previous, current, current.index in voting)
         previous = current
     judgement = _judge_vectors(clip, vectors)
     right = judgement.verdict == "plausible"
     along = [*judge_order(vectors.orders), *judge_spaces(vectors.spaces)] if right else []
     light = list(exposure.judge())
     turned = () if ORIENTATION in (f.expected for f in light) else flips.judge()  # the reference is turned over itself
-    findings = [*judge_values(tallies), *light, *turned, *geometry.judge(), *along, *guides.judge()]
+    findings = [*judge_values(tallies), *light, *turned, *late.judge(), *geometry.judge(), *along, *guides.judge()]
     judgement = _judge(judgement, findings)
     total = Votes()
     for votes in vectors.votes:

@@ -19,7 +19,7 @@ SAMPLED = 4096  # pixels of a pair of frames that are looked at, up to twice as 
 MOST = 0.75  # share of the pixels that must have changed, and that one motion must explain
 TURNED = 0.3  # one motion explains a change if it leaves at most this share of it
 NORMAL = 0.004  # least change of a normal that counts: 0.2°, several times the rounding of half floats
-FOOTPRINT = 0.25  # least change of a position that counts, in distances between neighbouring pixels
+FOOTPRINT = 1.5  # least change of a position that counts, in distances between pixels: jitter shifts less
 
 Spaces = dict[str, bool]  # channel → whether its values changed alike between two frames
 

@@ -23,6 +23,7 @@ from nte.cli import (
     merge_burst,
     render,
     train,
+    view,
 )
 from nte.cli.parsing import Parser
 from nte.errors import NteError, needs_extra
@@ -30,7 +31,7 @@ from nte.interrupt import terminable
 from nte.version import __version__
 
 _COMMANDS = (
-    render, train, evaluate, compare, export, denoise, estimate, import_clip, bench, merge_burst, check, info,
+    render, train, evaluate, compare, export, denoise, estimate, import_clip, bench, merge_burst, check, info, view,
 )  # fmt: skip
 _OF_THE_SYSTEM = {
     errno.EACCES, errno.EPERM, errno.EROFS, errno.ENOSPC, errno.EDQUOT, errno.EFBIG, errno.EIO, errno.ENAMETOOLONG,

@@ -34,6 +34,7 @@ def _denoise(options: argparse.Namespace) -> None:
     spec = f"{options.motion}+{options.denoiser}" if options.motion else options.denoiser
     denoiser = load_denoiser(spec, options.device)
     written = denoise_files(
-        options.sources, denoiser, options.out, options.exposure, options.png, options.force, options.map, options.set
-    )
+        options.sources, denoiser, options.out, options.exposure, options.png, options.force, options.map, options.set,
+        spec=spec,
+    )  # fmt: skip
     print(f"{len(written)} frames in {options.out}")

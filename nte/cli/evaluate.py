@@ -14,6 +14,8 @@ def add(commands: Commands) -> None:
     parser.add_argument("--denoisers", nargs="+", required=True, metavar="SPEC", help=DENOISER)
     parser.add_argument("--out", type=Path, required=True, help="folder for metrics.json and index.html")
     parser.add_argument("--first-frame", action="store_true", help="score the first frame too")
+    text = "frames of each clip that the report plays, around the one with the most disoccluded pixels (default: 24)"
+    parser.add_argument("--play", type=int, default=24, metavar="N", help=text)
     add_jobs(parser, "a clip")
     add_device(parser)
     add_force(parser)
@@ -28,7 +30,7 @@ def _evaluate(options: argparse.Namespace) -> None:
     with Progress("evaluate", 0, "frame") as progress:
         found = evaluate(
             options.clips, options.denoisers, options.out, first, force=options.force, device=options.device,
-            progress=progress.reach, jobs=options.jobs, scheduler=options.scheduler,
+            progress=progress.reach, jobs=options.jobs, scheduler=options.scheduler, played=options.play,
         )  # fmt: skip
     print(format_table(found.metrics))
     print(f"report: {options.out / 'index.html'}")

@@ -12,8 +12,13 @@ from nte.files import already_there, only_writer
 from nte.frames.clip import Clip, clip_labels, find_clips
 from nte.jobs import require_jobs
 from nte.registry import load_denoiser
+from nte.unfinished import MARK, begin, finish, is_unfinished
+from nte.viewer.page import clear
+from nte.viewer.recorder import FOLDER, Recording
 
-OURS = ("metrics.json", "index.html")  # all files that an evaluation writes, and that force replaces
+OURS = ("metrics.json", "index.html", "layers")  # all that an evaluation writes, and that force replaces
+PLAYED = 24  # frames of each clip that the report plays
+CHANNELS = ("albedo", "normal", "depth", "motion")  # that the report shows besides what is compared
 Advance = Callable[[int, int, str], None]  # frames done, frames in all, clip and frame
 
 
@@ -28,8 +33,12 @@ def evaluate(
     progress: Advance | None = None,
     jobs: int = 1,
     scheduler: str | None = None,
+    played: int = PLAYED,
 ) -> Evaluation:
     """Run every denoiser over every clip, score its frames, and write `out`/metrics.json and index.html, the report.
+
+    The report plays `played` frames of each clip, around the one with the most disoccluded pixels; their linear values
+    lie in `out`/layers.
 
     clips: clip folders, or folders that hold clips. denoisers: specifications as for `load_denoiser`, or a mapping from
     a name for the rows to a denoiser. first: index of the first frame that is scored; every denoiser starts at frame 0.
@@ -39,16 +48,18 @@ def evaluate(
     instead; they must see `out` and the working directory under the same paths. Both need specifications, and progress
     is then told after each clip. The numbers are the same, except for times. One frame of one clip is in memory at a
     time, besides the denoisers' states. Raises NteError, before any work is done, for missing clips, channels or
-    denoisers, and for an `out` that exists without `force`.
+    denoisers, and for an `out` that holds anything without `force`, unless the same evaluation was killed there.
 
     >>> found = nte.evaluate("data/clips", ["noisy", "taa"], "report")
     >>> means = found.metrics["means"]
     >>> means["taa"]["psnr"] > means["noisy"]["psnr"]  # in decibels, over all clips and frames but the first
     True
     >>> sorted(path.name for path in Path("report").iterdir())
-    ['index.html', 'metrics.json']
+    ['index.html', 'layers', 'metrics.json']
     """
     require_jobs(jobs)
+    if played < 1:
+        raise NteError(f"played is {played}: expected at least one frame of each clip")
     if isinstance(denoisers, Mapping) and (jobs > 1 or scheduler is not None):
         raise NteError("denoisers are objects of this process: give specifications, or leave out jobs and scheduler")
     out = Path(out)
@@ -57,10 +68,15 @@ def evaluate(
     loaded = _loaded(denoisers, device)
     for label, clip in opened.items():
         require_scorable(label, clip, loaded, first)
-    _require_free(out, force)
+    named = None if lights is None else tuple(lights)
+    command = {"evaluate": folders, "denoisers": [*loaded], "first": first, "lights": named, "played": played}
     with only_writer(out):
+        _require_free(out, force or is_unfinished(out, command))
+        begin(out, command)
+        clear(out)
+        recording = Recording(out / FOLDER, played, CHANNELS)
         units = {
-            label: ClipUnit(label, clip.folder, tuple(loaded), first, None if lights is None else tuple(lights), device)
+            label: ClipUnit(label, clip.folder, tuple(loaded), first, named, device, recording=recording)
             for label, clip in opened.items()
         }
         frames = {label: len(clip) for label, clip in opened.items()}
@@ -71,6 +87,7 @@ def evaluate(
         found = gathered([scores[label] for label in units])
         found.write(out)
         write_report(found, out)
+        finish(out)
     return found
 
 
@@ -130,8 +147,6 @@ def _elsewhere(
 
 
 def _require_free(out: Path, force: bool) -> None:
-    """Raise NteError if the folder for results is a file or, without `force`, holds something already."""
-    if out.exists() and not out.is_dir():
-        raise NteError(f"{out}: is a file: expected a folder for the results")
-    if not force and out.is_dir() and any(out.iterdir()):
-        raise already_there(out, "folder", f"replace its {' and '.join(OURS)}")
+    """Raise NteError if the folder for results holds something already, without `force`."""
+    if not force and any(path.name != MARK for path in out.iterdir()):
+        raise already_there(out, "folder", f"replace its {', '.join(OURS[:-1])} and {OURS[-1]}")

@@ -2,7 +2,7 @@
 
 import json
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import TypeVar
 
@@ -10,6 +10,7 @@ from nte.evaluation.metric_table import METRICS, Row
 from nte.evaluation.score_clip import Shown, mean
 from nte.evaluation.units import ClipScores
 from nte.files import write_whole
+from nte.viewer.recorder import titled
 
 FORMAT = "nte-metrics/1"
 _Image = TypeVar("_Image")
@@ -17,10 +18,11 @@ _Image = TypeVar("_Image")
 
 @dataclass(frozen=True)
 class Evaluation:
-    """The content of metrics.json, and one frame of each clip and target for the report."""
+    """The content of metrics.json, one frame of each clip and target as pictures, and what the viewer has of clips."""
 
     metrics: Row
     shown: list[Shown]
+    recorded: list[Row] = field(default_factory=list)  # `Recorder.entry` of each clip
 
     def write(self, out: Path) -> None:
         """Write `out`/metrics.json. Raises NteError if it cannot be written."""
@@ -36,14 +38,16 @@ class Evaluation:
 
         rows = [{**row, "denoiser": titles[row["denoiser"]]} for row in self.metrics["rows"]]
         metrics = {**self.metrics, "rows": rows, "means": rename(self.metrics["means"])}
-        return Evaluation(metrics, [replace(s, images=rename(s.images), flip=rename(s.flip)) for s in self.shown])
+        shown = [replace(s, images=rename(s.images), flip=rename(s.flip)) for s in self.shown]
+        return Evaluation(metrics, shown, [titled(entry, titles) for entry in self.recorded])
 
 
 def gathered(clips: Sequence[ClipScores]) -> Evaluation:
     """Put the scores of clips together, in their order."""
     rows = [row for clip in clips for row in clip.rows]
     shown = [one for clip in clips for one in clip.shown]
-    return Evaluation({"format": FORMAT, "rows": rows, "means": means_of(rows)}, shown)
+    recorded = [clip.recorded for clip in clips if clip.recorded]
+    return Evaluation({"format": FORMAT, "rows": rows, "means": means_of(rows)}, shown, recorded)
 
 
 def means_of(rows: Sequence[Row], region: str = "all", target: str | None = None) -> dict[str, dict[str, float | None]]:

@@ -1,7 +1,6 @@
 """The evaluation of one clip, frame by frame: each denoiser's scores against the reference, and its times."""
 
 import statistics
-import time
 import warnings
 from collections.abc import Container, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
@@ -9,17 +8,20 @@ from dataclasses import dataclass, field, replace
 import torch
 from torch import Tensor
 
-from nte.denoiser import Denoiser, Noisy, Result, Session, State
+from nte.denoiser import Denoiser, Noisy, Session
 from nte.errors import NteError
 from nte.evaluation.metric_table import METRICS, Row
 from nte.evaluation.metrics import Scores, region_mean, regions_of, score, temporal_l1, temporal_l1_floor
+from nte.evaluation.record import record_extras, record_frame, record_output
 from nte.evaluation.targets import Truth, displayed, picture, read_truth
+from nte.evaluation.timed import Timed
 from nte.frames.channels import reference_of
 from nte.frames.clip import Clip
 from nte.frames.frame import Frame
 from nte.frames.reference import BadReferenceWarning, describe_bad_pixels
 from nte.frames.scalars import sequence_scalars
 from nte.frames.show import RGB, heat, quantise
+from nte.viewer.recorder import Recorder
 
 SCORED = tuple(metric.name for metric in METRICS if metric.name != "ms_per_frame")
 
@@ -46,19 +48,21 @@ class ClipRun:
 
     Call `advance` for each frame in order; the results then are `rows` and `shown`. A denoiser that filters light
     components apart (`components`) is also scored on each of them, if the clip has its reference and `lights` (None:
-    all) has its name. Frames before `first` fill the history and are not scored. label: the clip's name. A denoiser
-    that fails, or whose output cannot be scored, takes no further part: `failed` has its spec and the error. Raises
-    NteError for a reference that cannot be scored.
+    all) has its name. Frames before `first` fill the history and are not scored. label: the clip's name. recorder: gets
+    the pixels of every frame, for the viewer. A denoiser that fails, or whose output cannot be scored, takes no further
+    part: `failed` has its spec and the error. Raises NteError for a reference that cannot be scored.
     """
 
     def __init__(
         self, label: str, clip: Clip, denoisers: Mapping[str, Denoiser], device: str,
-        first: int = 1, lights: Sequence[str] | None = None,
+        first: int = 1, lights: Sequence[str] | None = None, recorder: Recorder | None = None,
     ) -> None:  # fmt: skip
         self.label, self.clip, self.first, self.device = label, clip, first, device
+        self.recorder = recorder
         self.exposure = torch.from_numpy(sequence_scalars(clip.frame(0))[0])
         scored = [name for name in clip.channels if lights is None or name in map(reference_of, lights)]
-        self.runs = [_Run(spec, denoiser, scored, device) for spec, denoiser in denoisers.items()]
+        extras = recorder is not None and recorder.recording.extras
+        self.runs = [_Run(spec, denoiser, scored, device, extras) for spec, denoiser in denoisers.items()]
         self.targets = list(dict.fromkeys(target for run in self.runs for target in run.scorers))
         self.truths: dict[str, Truth] = {}
         self.shown: dict[str, Shown] = {}  # by target
@@ -78,6 +82,8 @@ class ClipRun:
         self._depth = frame.get("depth")
         scored = index >= self.first
         chosen = scored and self._choose(frame, regions)
+        if self.recorder:
+            record_frame(self.recorder, frame, self.targets, regions.get("disoccluded"))
         for run in list(self.runs):
             try:
                 images = self._step(run, on_device)
@@ -86,12 +92,19 @@ class ClipRun:
                 continue
             for target, (output, image) in images.items():
                 scorer = run.scorers[target]
+                maps: dict[str, Tensor] = {}
                 if scored:
                     maps = scorer.score(image, self.truths[target], before.get(target), regions)
                     if chosen:
                         self.shown[target].images[run.spec] = picture(output, target, self.exposure)
                         self.shown[target].flip[run.spec] = quantise(heat(maps["flip"][0, 0].numpy(), "magma"))
+                if self.recorder:
+                    record_output(self.recorder, index, run.spec, target, output, maps.get("flip"))
                 scorer.before = image
+            if self.recorder:
+                record_extras(self.recorder, index, run.spec, run.further)
+        if self.recorder:
+            self.recorder.end_frame(index)
 
     def _step(self, run: "_Run", frame: Frame) -> dict[str, tuple[Tensor, Tensor]]:
         """Denoise a frame: target → output, and the same as it is displayed."""
@@ -104,6 +117,8 @@ class ClipRun:
 
     def _drop(self, run: "_Run", why: str) -> None:
         self.failed[run.spec] = why
+        if self.recorder:
+            self.recorder.drop(run.spec, why)
         self.runs.remove(run)
         for shown in self.shown.values():
             shown.images.pop(run.spec, None)
@@ -149,18 +164,22 @@ class ClipRun:
             if target in frame and not any(type(run.denoiser) is Noisy and target in run.scorers for run in self.runs):
                 images = {"noisy input": picture(frame[target], target, self.exposure), **images}
             self.shown[target] = Shown(self.label, target, frame.index, disoccluded, images)
+        if self.recorder:
+            self.recorder.centre(frame.index)
         return True
 
 
 class _Run:
     """One denoiser on one clip: its session, its times, and a scorer for each of its outputs."""
 
-    def __init__(self, spec: str, denoiser: Denoiser, channels: Iterable[str], device: str) -> None:
+    def __init__(self, spec: str, denoiser: Denoiser, channels: Iterable[str], device: str, extras: bool) -> None:
         self.spec, self.denoiser = spec, denoiser
-        self.timed = _Timed(denoiser, device)
+        self.timed = Timed(denoiser, device)
         self.session = Session(self.timed)
         self.components = tuple(name for name in denoiser.components if reference_of(name) in channels)
         self.scorers = {target: _Scorer() for target in (denoiser.target, *self.components)}
+        self.extras = tuple(name for name in denoiser.extras if extras and name not in self.components)
+        self.further: Mapping[str, Tensor] = {}  # what it gave besides its images in the last step
         self.settings = ""  # the options that an adaptive denoiser takes on this clip
 
     def step(self, frame: Frame) -> dict[str, Tensor]:
@@ -168,7 +187,8 @@ class _Run:
         wanted = (*self.denoiser.needs, *self.denoiser.optional)
         visible = replace(frame, channels={name: frame[name] for name in wanted if name in frame})
         self.settings = self.denoiser.settings(visible)
-        result = self.session.step(visible, self.components)
+        result = self.session.step(visible, (*self.components, *self.extras))
+        self.further = {name: result.extras[name] for name in self.extras}
         return {self.denoiser.target: result.image, **{name: result.extras[name] for name in self.components}}
 
     @property
@@ -218,29 +238,6 @@ class _Scorer:
             **{name: mean(values) for name, values in per_frame.items()},
             "per_frame": per_frame,
         }
-
-
-class _Timed(Denoiser):
-    """A denoiser with a stop-watch around its step alone."""
-
-    def __init__(self, denoiser: Denoiser, device: str) -> None:
-        self.denoiser = denoiser
-        self.needs, self.optional, self.target = denoiser.needs, denoiser.optional, denoiser.target
-        self.extras = denoiser.extras
-        self.clock = torch.device(device)
-        self.seconds: list[float] = []
-
-    def step(self, frame: Frame, state: State | None, extras: tuple[str, ...] = ()) -> tuple[Result, State]:
-        self._wait()
-        start = time.perf_counter()
-        result = self.denoiser.step(frame, state, extras)
-        self._wait()
-        self.seconds.append(time.perf_counter() - start)
-        return result
-
-    def _wait(self) -> None:
-        if self.clock.type != "cpu":
-            torch.accelerator.synchronize(self.clock)
 
 
 def mean(values: Iterable[float | None]) -> float | None:

@@ -11,9 +11,7 @@ from nte.frames.channels import CHANNELS, reference_of
 from nte.frames.frame import Frame
 from nte.frames.reference import count_bad_pixels, usable_pixels
 from nte.frames.show import RGB, quantise
-
-# Indirect light is a small part of a picture; papers print it ten times as bright, and so do nte's pictures of it.
-BRIGHTENED = {"indirect": 10.0}
+from nte.viewer.recorder import BRIGHTENED
 
 
 class Truth(NamedTuple):

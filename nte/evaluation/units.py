@@ -17,6 +17,7 @@ from nte.frames.channels import reference_of
 from nte.frames.clip import Clip
 from nte.jobs import Kind, in_processes, on_cluster, require_jobs, versions_of
 from nte.registry import load_denoiser, parts_of
+from nte.viewer.recorder import Recording, recorder_of
 
 Stamp: TypeAlias = tuple[Path, int, int]  # a file, its time of modification in ns, and its size in bytes
 
@@ -32,6 +33,7 @@ class ClipUnit:
     lights: tuple[str, ...] | None  # light components that are scored; None: all that a denoiser gives
     device: str
     pictured: tuple[str, ...] | None = None  # denoisers that the report shows; None: all
+    recording: Recording | None = None  # what of the clip the viewer shows; None: nothing
 
 
 @dataclass(frozen=True)
@@ -42,6 +44,7 @@ class ClipScores:
     shown: list[Shown]
     failed: dict[str, str] = field(default_factory=dict)
     told: list[Warning] = field(default_factory=list)  # warnings of another process
+    recorded: Row | None = None  # what the viewer has of the clip: `Recorder.entry`
 
 
 def score_clip(
@@ -55,14 +58,18 @@ def score_clip(
     strict: raise NteError as soon as a denoiser fails; otherwise the others go on.
     """
     clip = Clip(unit.clip)
-    run = ClipRun(unit.label, clip, denoisers, unit.device, unit.first, unit.lights)
+    recorder = recorder_of(unit.recording, unit.label, clip) if unit.recording else None
+    run = ClipRun(unit.label, clip, denoisers, unit.device, unit.first, unit.lights, recorder)
     for index in range(len(clip)):
         run.advance(index)
         if strict and run.failed:
             raise NteError(next(iter(run.failed.values())))
         tick(index)
     shown = [one if unit.pictured is None else one.only(unit.pictured) for one in run.shown.values()]
-    return ClipScores(run.rows(), [one for one in shown if one.flip], run.failed)
+    if recorder:
+        recorder.end()
+    entry = recorder.entry() if recorder else None
+    return ClipScores(run.rows(), [one for one in shown if one.flip], run.failed, recorded=entry)
 
 
 def evaluate_clip(unit: ClipUnit, tick: Callable[[int], None] = lambda index: None) -> ClipScores:

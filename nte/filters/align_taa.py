@@ -12,10 +12,9 @@ from torch import Tensor
 from nte.denoiser import Filter, Result, State, require_size, sanitised
 from nte.filters.align import Aligned, SearchOptions, align
 from nte.filters.blocks import clamp_history, fetch_finite, keep_where_bad, remembered, restarts, usable_moments
-from nte.filters.estimated import matched_grey
+from nte.filters.estimated import matched_grey, searchable
 from nte.frames.frame import Frame
 from nte.frames.scalars import sequence_exposure
-from nte.frames.usable import mask_of
 from nte.motion.catmull_rom import warp_catmull_rom
 from nte.motion.correspondence import rejection_mask
 from nte.motion.warp import warp
@@ -74,15 +73,17 @@ class AlignTaa(Filter[AlignTaaOptions]):
         guides = None
         if "albedo" in self.needs:
             guides = torch.cat([frame["albedo"], frame["normal"]], 1)
-        searched = guides if how.guides and guides is not None else matched_grey(current, exposure)
+        if state is not None:
+            require_size(frame, state.output)
+        if how.guides and guides is not None:
+            searched = guides
+        else:
+            searched = searchable(matched_grey(current, exposure), frame, "color", state and state.searched)
         output, valid = current, torch.zeros_like(current[:, :1], dtype=torch.bool)
         mask = torch.zeros_like(current[:, :1])
         aligned = Aligned(current.new_zeros(frame.batch, 2, *frame.size), mask > 0, mask)
         if state is not None:
-            require_size(frame, state.output)
             starts = restarts(frame)
-            if not how.guides:
-                searched = torch.where((frame[mask_of("color")] > 0) | starts, searched, state.searched)
             aligned = align(searched, state.searched, frame, how.motion, self.choose)
             aligned = aligned._replace(motion=torch.where(starts, 0.0, aligned.motion), valid=aligned.valid & ~starts)
             mask = torch.where(starts, 0.0, rejection_mask(aligned.error, how.kappa, how.eta))

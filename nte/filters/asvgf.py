@@ -31,8 +31,7 @@ class Strata(NamedTuple):
     """What is known of each stratum, at a third of the resolution: tensors (N, ·, ⌈H/3⌉, ⌈W/3⌉)."""
 
     change: Tensor  # Δ = l − l′, 0 where there is no sample
-    brightest: Tensor  # max(l, l′)
-    known: Tensor  # 1 where there is a sample, else 0
+    brightest: Tensor  # max(l, l′), 0 likewise
     moments: Tensor  # two channels: first and second moment of the luminance of the stratum's pixels
     geometry: Geometry  # at the sample, or at the stratum's centre if there is no sample
 
@@ -98,7 +97,7 @@ def change_of(
     Returns (N, 1, 3·⌈H/3⌉, 3·⌈W/3⌉), full resolution rounded up to whole strata. iterations: of the à-trous filter.
     sigma_l, sigma_n: of its edge-stopping weights. noise: standard deviations of Δ that are subtracted as noise.
     """
-    sums = torch.cat([strata.change, strata.brightest, strata.known], 1)
+    sums = torch.cat([strata.change, strata.brightest], 1)
     brightness = strata.moments[:, :1]
     # Variance of the brightness, and of Δ as if it were all noise.
     spread = torch.cat([variance_of(strata.moments), strata.change.square()], 1)
@@ -108,11 +107,11 @@ def change_of(
         # Δ keeps its sign, so that noise cancels and a change of light does not.
         filtered = atrous_step(torch.cat([sums, brightness], 1), 2**level, edge, seen, spread, BOX)
         assert filtered.variance is not None
-        sums, brightness, spread = filtered.values[:, :3], filtered.values[:, 3:], filtered.variance
+        sums, brightness, spread = filtered.values[:, :2], filtered.values[:, 2:], filtered.variance
     change = (sums[:, :1].abs() - noise * spread[:, 1:].sqrt()).clamp_(min=0)
     # Numerator and denominator have the same weights, those of the strata with a sample, so the weights cancel.
     least = brightness.abs().mean((2, 3), keepdim=True).mul_(DARKEST).clamp_(min=1e-36)
-    ratio = (change / sums[:, 1:2].maximum(least)).clamp_(max=1)
+    ratio = (change / sums[:, 1:].maximum(least)).clamp_(max=1)
     return F.interpolate(F.max_pool2d(ratio, 3, stride=1, padding=1), scale_factor=float(STRATUM))
 
 
@@ -133,7 +132,7 @@ def stratify(gradient: Tensor, brightness: Tensor, geometry: Geometry) -> Strata
     widths = geometry.depth_width * STRATUM, geometry.normal_width * STRATUM
     parts = _pixels(geometry.depth, float("inf")), *(_pixels(part, 0) for part in (geometry.normal, *widths))
     sampled = Geometry(*(_pick(part, at) for part in parts))
-    return Strata(now - before, torch.maximum(now, before), known.float(), moments, sampled)
+    return Strata(now - before, torch.maximum(now, before), moments, sampled)
 
 
 def _pixels(image: Tensor, fill: float) -> Tensor:

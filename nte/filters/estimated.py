@@ -35,6 +35,20 @@ def matched_grey(color: Tensor, exposure: Tensor) -> Tensor:
     return display(luminance(color), exposure.nan_to_num(1))
 
 
+def searchable(image: Tensor, frame: Frame, target: str, previous: Tensor | None) -> Tensor:
+    """Fill the bad pixels of the image (N, C, H, W) that a search compares, made from channel `target` of the frame.
+
+    They keep their values in the previous such image, or, where a sequence starts (None: all do), take the mean of the
+    usable pixels. Left black, they would repel all patches that touch them, and the vectors around would be wrong.
+    """
+    known = frame[mask_of(target)] > 0
+    if known.all():
+        return image
+    mean = (image * known).sum((2, 3), keepdim=True) / known.sum((2, 3), keepdim=True).clamp(min=1)
+    kept = mean if previous is None else torch.where(restarts(frame), mean, previous)
+    return torch.where(known, image, kept)
+
+
 @dataclass(frozen=True)
 class Chooser:
     """A function that chooses the search for images: the named one, or with `auto` the one for their measured noise.
@@ -110,8 +124,8 @@ class Estimator:
         image = matched_grey(color, exposure.to(color))
         if self.options.guides:
             image = torch.cat([tensors["albedo"], tensors["normal"]], 1)
-        elif state is not None and mask_of("color") in tensors:  # a bad pixel keeps its previous value for the search
-            image = torch.where((tensors[mask_of("color")] > 0) | restarts(tensors), image, state.image)
+        elif mask_of("color") in tensors:
+            image = searchable(image, tensors, "color", state and state.image)
         if state is None:
             nothing = torch.zeros_like(image[:, :1])
             error = nothing if self.errors else None

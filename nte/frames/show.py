@@ -14,7 +14,7 @@ from PIL import Image, ImageDraw, ImageFont
 
 from nte.errors import NteError
 from nte.files import write_whole
-from nte.frames.channels import CHANNELS, Channel
+from nte.frames.channels import CHANNELS
 from nte.frames.srgb import encode_srgb
 
 RGB = npt.NDArray[np.uint8]  # (H, W, 3)
@@ -51,7 +51,7 @@ def show(name: str, values: npt.NDArray[np.generic], exposure: float = 1.0, scal
     usable: Pixels = np.where(bad, 0, values)
     unit = "" if row.unit.startswith("1") else f" {row.unit.split(',')[0]}"
     if scale is None:
-        scale = _scale_of(row, usable[:, ~bad])
+        scale = scale_of(name, values)
     note = ""
     match row.shown:
         case "radiance":
@@ -83,6 +83,11 @@ def heat(values: Pixels, table: str = "viridis") -> Pixels:
     colours = _HEAT[table]
     at = np.linspace(0, 1, len(colours))
     return np.stack([np.interp(values, at, c) for c in colours.T]).astype(np.float32)
+
+
+def heat_tables() -> dict[str, list[list[int]]]:
+    """Return the equidistant colours of each map of `heat`, from 0 to 1, as lists of sRGB values out of 255."""
+    return {name: np.rint(colours * 255).astype(int).tolist() for name, colours in _HEAT.items()}
 
 
 def quantise(image: npt.NDArray[np.generic]) -> RGB:
@@ -121,13 +126,20 @@ def write_png(path: Path, pixels: RGB) -> None:
     write_whole(path, lambda temporary: temporary.write_bytes(content) and None)
 
 
-def _scale_of(row: Channel, usable: Pixels) -> float:
-    """The value that gets the full colour: 1 if values are bounded by 1, else the 99th percentile of the lengths."""
-    if row.kind in ("direction", "scalar") and (row.unit.startswith("1") or "[0, 1]" in row.unit):
+def scale_of(name: str, values: npt.NDArray[np.generic]) -> float:
+    """Choose the value of channel `name`, values (C, H, W), that gets the full colour; bad pixels do not count.
+
+    It is 1 if the channel is bounded by 1, else the 99th percentile of the lengths. An output of a denoiser that is no
+    channel counts as bounded by 1 if all of it is.
+    """
+    row = CHANNELS.get(name)
+    if row and row.kind in ("direction", "scalar") and (row.unit.startswith("1") or "[0, 1]" in row.unit):
         return 1.0
-    lengths = _length(usable)
+    lengths = _length(values.astype(np.float32))
+    lengths = lengths[np.isfinite(lengths)]
     largest = float(np.percentile(lengths, 99)) if lengths.size else 0.0  # a single outlier would darken the rest
-    return max(largest, 1.0) if row.kind == "motion" else largest or 1.0
+    at_least_one = row.kind == "motion" if row else bool(lengths.size) and lengths.max() <= 1
+    return max(largest, 1.0) if at_least_one else largest or 1.0
 
 
 def _length(values: Pixels) -> Pixels:

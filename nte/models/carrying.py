@@ -54,7 +54,7 @@ def compressed_moments(moments: Tensor, change: Tensor) -> Tensor:
     derivative of that. This is exact for values that do not vary, and of first order in their deviation.
     """
     mean, square = moments[:, :1], moments[:, 1:]
-    exposed = torch.expm1(mean) * change
-    slope = (torch.expm1(mean) + 1) * change / (1 + exposed)
+    exposed = (mean.exp() - 1) * change  # ONNX has no expm1
+    slope = mean.exp() * change / (1 + exposed)
     mean, variance = compress(exposed), (square - mean.square()) * slope.square()
     return torch.cat([mean, mean.square() + variance], 1)

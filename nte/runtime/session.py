@@ -13,6 +13,7 @@ from nte.frames.clip import Pixels
 from nte.frames.frame import Frame
 from nte.recurrence import DENOISED, FORWARD, NetworkState, begin, hand_on
 from nte.runtime.description import METADATA_KEY, read_description, recurrent_of, require_seal
+from nte.runtime.weights import require_finite_weights
 
 Provider = str | tuple[str, dict[str, str]]
 
@@ -49,6 +50,7 @@ class OnnxDenoiser(Denoiser):
             self._session = onnxruntime.InferenceSession(str(self.path), options, providers=chosen)
         except Exception as error:  # ONNX Runtime raises classes of its own that share no public base
             raise NteError(f"{path}: not a readable ONNX model: {str(error).splitlines()[0]}") from error
+        require_finite_weights(self.path)
         self._inputs = {i.name: i.shape for i in self._session.get_inputs()}
         self._outputs = [o.name for o in self._session.get_outputs()]
         text = self._session.get_modelmeta().custom_metadata_map.get(METADATA_KEY)

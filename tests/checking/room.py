@@ -34,7 +34,7 @@ def seen(points: Floats, index: float) -> Floats:
     return np.stack([SIZE[1] / 2 + FOCAL * x / z, SIZE[0] / 2 - FOCAL * y / z])
 
 
-def room_frame(index: int) -> dict[str, Pixels]:
+def room_frame(index: float) -> dict[str, Pixels]:
     """Channels (C, H, W) of frame `index` in nte's conventions, `position` included; the sky has depth 0."""
     y, x = np.mgrid[: SIZE[0], : SIZE[1]] + 0.5
     place, axes = camera(index)

@@ -5,9 +5,11 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from nte.checking import check
+from nte.frames.clip import Clip
 from tests.checking.room import camera
 from tests.checking.test_geometry import Change, checked, in_view
-from tests.synthetic import Pixels
+from tests.synthetic import Pixels, smooth_texture, write_clip
 
 ROTATION = "one rotation takes those of a frame to those of the next, as in the space of a moving camera"
 RIGID = "one rigid motion takes those of a frame to those of the next, as in the space of a moving camera"
@@ -44,3 +46,22 @@ def test_a_frame_that_differs_by_itself_says_nothing(tmp_path: Path) -> None:
     once = checked(tmp_path / "b", lambda f, i: in_view(f, i) if i == 3 else {}, ("position",))
     for report in (noisy, once):
         assert not any("takes those" in f.found for f in report.findings)
+
+
+def test_jitter_is_no_motion(tmp_path: Path) -> None:
+    """A camera passes along a wall and samples each frame elsewhere in the pixel, as for temporal antialiasing.
+
+    Its vectors are without the jitter, and all positions shift by as much.
+    """
+    frames = []
+    for i, (dx, dy) in enumerate([(0.0, -0.17), (-0.25, 0.17), (0.25, -0.39), (-0.38, -0.06), (0.12, 0.28)]):
+        y, x = np.mgrid[:64, :96] + 0.5
+        x, y = x + 3 * i + dx, y + dy
+        texture = smooth_texture(2 * x, 2 * y)
+        position = np.stack([0.02 * x, -0.02 * y, 0 * x + 2])
+        frame = {"color": texture, "albedo": texture, "position": position, "motion": np.stack([0 * x + 3, 0 * x])}
+        frames.append({name: values.astype(np.float32) for name, values in frame.items()})
+    report = check(Clip(write_clip(tmp_path / "clip", frames)))
+    assert report.verdict == "plausible"
+    assert not report.votes.against
+    assert not any("takes those" in f.found for f in report.findings)

@@ -78,7 +78,7 @@ def test_named_steps_are_those_of_the_denoiser() -> None:
 def test_the_steps_of_a_network_are_its_modules() -> None:
     network = light_network("color")
     steps = named_steps(network, synthetic_frames((32, 32), [*network.needs, *network.optional]))
-    assert list(steps) == ["reading", "reprojection", "prediction", "kernels", "blending"]
+    assert list(steps) == ["reading", "carrying", "reprojection", "prediction", "kernels", "blending"]
     assert all(spent > 0 for spent in steps.values())
     assert not any(child._forward_hooks or child._forward_pre_hooks for child in network.children())
 
@@ -86,7 +86,7 @@ def test_the_steps_of_a_network_are_its_modules() -> None:
 def test_the_denoiser_below_a_network_is_its_first_step() -> None:
     whole = complete(light_network("on top"))
     steps = named_steps(whole, synthetic_frames((32, 32), [*whole.needs, *whole.optional]))
-    assert list(steps) == ["prior", "reading", "reprojection", "prediction", "kernels", "blending"]
+    assert list(steps) == ["prior", "reading", "carrying", "reprojection", "prediction", "kernels", "blending"]
     assert all(spent > 0 for spent in steps.values())
 
 
@@ -96,7 +96,7 @@ def test_the_steps_of_an_exported_graph_are_those_of_its_network(tmp_path: Path)
     export_onnx(network, tmp_path / "model.onnx", progress=lambda line: None)
     source = synthetic_frames((64, 64), [*network.needs, *network.optional])
     steps = named_steps(OnnxDenoiser(tmp_path / "model.onnx"), source)
-    assert list(steps) == ["reading", "reprojection", "prediction", "kernels", "blending"]
+    assert set(steps) == {"scatter", "reading", "carrying", "reprojection", "prediction", "kernels", "blending"}
     assert all(spent > 0 for spent in steps.values())
 
 
@@ -112,6 +112,8 @@ def test_operators_between_steps_count_for_the_step_before() -> None:
             ran("/kernels/Mul", begin + 3, 50 * factor),
             ran("/Cast", begin + 4, 7 * factor),
             {"cat": "Node", "name": "/kernels/Mul_fence_before", "ts": begin + 3, "dur": 1000},
+            # What a branch takes is there once more, operator by operator.
+            {**ran("/kernels/If", begin + 3, 1000), "args": {"op_name": "If"}},
         ]
 
     events = [{"cat": "Session", "name": "session_initialization", "ts": 0, "dur": 5}, *run(10, 1000), *run(200, 1)]

@@ -2,6 +2,8 @@
 
 import json
 import math
+import os
+import subprocess
 from itertools import pairwise
 from pathlib import Path
 
@@ -15,6 +17,7 @@ from nte.evaluation.evaluate import evaluate
 from nte.evaluation.metrics import score
 from nte.evaluation.results import Evaluation, means_of
 from nte.evaluation.score_clip import mean
+from nte.files import temporary_name
 from nte.frames.clip import clip_labels, find_clips, frame_path, write_frame
 from nte.frames.clip_info import write_clip_info
 from nte.frames.reference import BadReferenceWarning
@@ -79,7 +82,7 @@ def test_metrics_json_has_the_promised_form(clip: Path, tmp_path: Path) -> None:
         assert all(len(values) == 3 for values in row["per_frame"].values())
     assert set(metrics["means"]) == {"noisy", "taa"}
     assert metrics["means"]["taa"]["psnr"] > metrics["means"]["noisy"]["psnr"] + 1
-    assert {p.name for p in (tmp_path / "report").iterdir()} == {"metrics.json", "index.html"}
+    assert {p.name for p in (tmp_path / "report").iterdir()} == {"metrics.json", "index.html", "layers"}
 
 
 def test_scores_agree_with_the_metrics_of_hand_made_display_images(clip: Path, tmp_path: Path) -> None:
@@ -202,7 +205,7 @@ def test_a_denoiser_sees_only_what_it_asks_for(clip: Path, tmp_path: Path) -> No
 
 def test_time_is_the_median_without_the_first_step(clip: Path, tmp_path: Path, monkeypatch) -> None:
     ticks = iter([0, 5, 10, 10.001, 20, 20.003, 30, 30.002])
-    monkeypatch.setattr("nte.evaluation.score_clip.time.perf_counter", lambda: next(ticks))
+    monkeypatch.setattr("nte.evaluation.timed.time.perf_counter", lambda: next(ticks))
     row = rows_of(evaluate([clip], {"one": Noisy()}, tmp_path / "out"), region="all")[0]
     assert row["ms_per_frame"] == pytest.approx(2)
 
@@ -376,14 +379,45 @@ def test_results_are_replaced_only_by_force(clip: Path, tmp_path: Path) -> None:
     evaluate([clip], ["noisy"], out)
     (out / "notes.txt").write_text("mine")
     before = (out / "metrics.json").read_text()
-    with pytest.raises(NteError, match=r"out: exists: .*or replace its metrics\.json and index\.html with --force"):
+    with pytest.raises(
+        NteError, match=r"out: exists: .*or replace its metrics\.json, index\.html and layers with --force"
+    ):
         evaluate([clip], ["noisy"], out)
     assert (out / "metrics.json").read_text() == before
     evaluate([clip], ["taa"], out, force=True)
     assert json.loads((out / "metrics.json").read_text())["means"].keys() == {"taa"}
     assert (out / "notes.txt").read_text() == "mine"
-    with pytest.raises(NteError, match="is a file"):
+    with pytest.raises(NteError, match=r"notes\.txt: cannot be made a folder"):
         evaluate([clip], ["noisy"], out / "notes.txt", force=True)
+
+
+def test_what_was_stopped_while_it_wrote_is_written_again_by_the_same_evaluation(
+    clip: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def stop(*_: object) -> None:
+        raise KeyboardInterrupt
+
+    out = tmp_path / "out"
+    with monkeypatch.context() as patched:
+        patched.setattr("nte.evaluation.evaluate.write_report", stop)
+        with pytest.raises(KeyboardInterrupt):
+            evaluate([clip], ["noisy"], out)
+    with pytest.raises(NteError, match="out: exists"):
+        evaluate([clip], ["taa"], out)
+    evaluate([clip], ["noisy"], out)
+    assert {path.name for path in out.iterdir()} == {"metrics.json", "index.html"}
+
+
+def test_leftovers_of_a_killed_process_are_in_nobodys_way(clip: Path, tmp_path: Path) -> None:
+    out = tmp_path / "out"
+    out.mkdir()
+    with subprocess.Popen(["true"]) as dead:
+        pass
+    for name in ("metrics.json", "evaluate"):  # the second: what workers of a cluster look for
+        path = temporary_name(out / name)
+        path.with_name(path.name.replace(f"_{os.getpid()}_", f"_{dead.pid}_")).touch()
+    evaluate([clip], ["noisy"], out)
+    assert {path.name for path in out.iterdir()} == {"metrics.json", "index.html"}
 
 
 def test_clips_are_found_below_a_folder_once_and_in_order(tmp_path: Path) -> None:

@@ -1,24 +1,21 @@
-"""The report: one file with everything in it, safe from what users call their clips."""
+"""The report: tables, intervals and pictures of an evaluation as the viewer reads them."""
 
-import base64
-import io
-import json
 import re
-from html.parser import HTMLParser
+from html import escape
 from pathlib import Path
 
 import numpy as np
 import pytest
-from PIL import Image
 
+from nte.errors import NteError
+from nte.evaluation.bootstrap import bootstrap_interval
 from nte.evaluation.evaluate import evaluate
 from nte.evaluation.metric_table import format_table
-from nte.evaluation.report.page import render_report, write_report
+from nte.evaluation.report.page import report_data, write_report
 from nte.evaluation.results import Evaluation
 from tests.evaluation.conftest import noisy_frames
 from tests.synthetic import write_clip
-
-NASTY = "</script><b>x&y"
+from tests.viewer.reading import data_of, layer_of, pixels_of
 
 
 @pytest.fixture(scope="module")
@@ -28,69 +25,74 @@ def evaluation(tmp_path_factory: pytest.TempPathFactory) -> Evaluation:
     return evaluate(clips, ["taa", "noisy"], folder / "out")
 
 
-class Page(HTMLParser):
-    """Collects what the tests ask of a page."""
-
-    def __init__(self, html: str) -> None:
-        super().__init__()
-        self.tags: list[tuple[str, dict[str, str | None]]] = []
-        self.open: list[str] = []
-        self.text: dict[str, list[str]] = {}
-        self.feed(html)
-        assert self.open == []
-
-    def handle_starttag(self, tag: str, attrs: list[tuple[str, str | None]]) -> None:
-        self.tags.append((tag, dict(attrs)))
-        if tag not in ("meta", "img", "input", "br", "link"):
-            self.open.append(tag)
-
-    def handle_endtag(self, tag: str) -> None:
-        assert self.open.pop() == tag, f"</{tag}> closes nothing"
-
-    def handle_data(self, data: str) -> None:
-        if self.open:
-            self.text.setdefault(self.open[-1], []).append(data.strip())
+def data_for(evaluation: Evaluation) -> dict:
+    return report_data(evaluation, None, evaluation.recorded)
 
 
-def blob(html: str) -> dict:
-    found = re.search(r'<script type="application/json" id="data">(.*?)</script>', html, re.DOTALL)
-    assert found
-    return json.loads(found[1])
-
-
-def test_the_page_is_whole_and_needs_no_network(evaluation: Evaluation, tmp_path: Path) -> None:
+def test_the_report_is_one_page_and_its_layers(evaluation: Evaluation, tmp_path: Path) -> None:
     path = write_report(evaluation, tmp_path)
-    html = path.read_text(encoding="utf-8")
-    page = Page(html)  # balanced tags
-    for tag, attributes in page.tags:
-        assert tag != "link"
-        source = attributes.get("src") or attributes.get("href") or "#"
-        assert source.startswith(("data:image/png;base64,", "#")), source
-    assert not re.search(r"https?://(?!www\.w3\.org/2000/svg)", html)
-    assert "@import" not in html
-    assert [p.name for p in tmp_path.iterdir()] == ["index.html"]
+    data = data_of(path.read_text(encoding="utf-8"))
+    assert data["rows"] == evaluation.metrics["rows"]
+    assert [clip["name"] for clip in data["clips"]] == ["one", "two & <b>"]
+    assert [path.name for path in tmp_path.iterdir()] == ["index.html"]  # the layers were written by the evaluation
 
 
 def test_tables_state_the_numbers_of_metrics_json(evaluation: Evaluation) -> None:
-    page = Page(render_report(evaluation))
-    best = max(row["psnr"] for row in evaluation.metrics["means"].values())
-    assert f"{best:.2f}" in page.text["strong"]
-    worst = min(row["psnr"] for row in evaluation.metrics["means"].values())
-    assert f"{worst:.2f}" in page.text["td"]
-    assert {"noisy", "taa"} <= set(page.text["th"])
-    assert any("2 denoisers, 2 clips, 4 frames scored" in text for text in page.text["p"])
-    assert {"Disoccluded", "Static", "Moving"} <= set(page.text["h3"])
+    data = data_for(evaluation)
+    means = evaluation.metrics["means"]
+    first = data["tables"][0]
+    assert (first["region"], first["light"]) == ("all", "")
+    assert list(first["rows"]) == ["taa", "noisy"]  # as typed, not sorted
+    for spec, cells in first["rows"].items():
+        assert {metric: cell[0] for metric, cell in cells.items()} == means[spec]
+    assert first["best"]["psnr"] == [max(means, key=lambda spec: means[spec]["psnr"])]
+    assert "2 denoisers, 2 clips, 4 frames scored" in data["summary"]
+    assert {table["region"] for table in data["tables"]} >= {"disoccluded", "static", "moving"}
 
 
-def test_the_script_gets_all_rows_and_pictures(evaluation: Evaluation) -> None:
-    data = blob(render_report(evaluation))
-    assert data["rows"] == evaluation.metrics["rows"]
-    assert list(data["means"]) == ["taa", "noisy"]  # as typed, not sorted
-    assert [shown["clip"] for shown in data["shown"]] == ["one", "two & <b>"]
-    encoded = data["shown"][0]["images"]["taa"].removeprefix("data:image/png;base64,")
-    pixels = np.asarray(Image.open(io.BytesIO(base64.b64decode(encoded))))
-    np.testing.assert_array_equal(pixels, evaluation.shown[0].images["taa"])
-    assert list(data["shown"][0]["flip"]) == ["taa", "noisy"]
+def test_intervals_are_those_of_the_bootstrap_over_clips(evaluation: Evaluation) -> None:
+    for table in data_for(evaluation)["tables"]:
+        for spec, cells in table["rows"].items():
+            rows = [r for r in evaluation.metrics["rows"] if (r["denoiser"], r["region"]) == (spec, table["region"])]
+            mean, low, high = cells["l1"]
+            assert (low, high) == bootstrap_interval([row["l1"] for row in rows])
+            assert low <= mean <= high
+            assert low < high
+
+
+def test_numbers_can_be_read_without_a_script(evaluation: Evaluation, tmp_path: Path) -> None:
+    html = write_report(evaluation, tmp_path).read_text(encoding="utf-8")
+    assert escape(format_table(evaluation.metrics)) in re.findall(r"<noscript>(.*?)</noscript>", html, re.DOTALL)[0]
+
+
+def test_every_clip_plays_around_the_frame_with_most_disocclusion(evaluation: Evaluation) -> None:
+    for entry, shown in zip(evaluation.recorded, evaluation.shown, strict=True):
+        assert entry["chosen"] == shown.frame
+        assert entry["frames"] == [0, 1, 2]
+        images = [layer["of"] for layer in entry["layers"] if layer["group"] == "image"]
+        assert sorted(images) == ["noisy", "noisy input", "reference", "taa"]
+        assert [layer["of"] for layer in entry["layers"] if layer["group"] == "flip"] == ["taa", "noisy"]
+        assert {layer["channel"] for layer in entry["layers"]} >= {"albedo", "normal", "depth", "motion", "disoccluded"}
+
+
+def test_fewer_frames_play_if_one_asks(tmp_path: Path) -> None:
+    clip = write_clip(tmp_path / "clip", noisy_frames(5))
+    found = evaluate([clip], ["noisy"], tmp_path / "out", played=2)
+    assert len(found.recorded[0]["frames"]) == 2
+    on_disk = {path.stem for path in (tmp_path / "out" / "layers").rglob("*.js")}
+    assert on_disk == {f"{frame:04d}" for frame in found.recorded[0]["frames"]}
+    with pytest.raises(NteError, match="played is 0: expected at least one frame"):
+        evaluate([clip], ["noisy"], tmp_path / "none", played=0)
+
+
+def test_clips_that_were_not_recorded_have_their_pictures(evaluation: Evaluation, tmp_path: Path) -> None:
+    path = write_report(Evaluation(evaluation.metrics, evaluation.shown), tmp_path)
+    data = data_of(path.read_text(encoding="utf-8"))
+    assert [clip["frames"] for clip in data["clips"]] == [[shown.frame] for shown in evaluation.shown]
+    assert layer_of(data, "image", "taa")["shown"] == layer_of(data, "flip", "taa")["shown"] == "picture"
+    shown = evaluation.shown[0]
+    found = pixels_of(path, shown.frame, "image", "taa")
+    np.testing.assert_array_equal(found, shown.images["taa"].transpose(2, 0, 1))
 
 
 def test_what_a_denoiser_chose_by_itself_is_said(evaluation: Evaluation, tmp_path: Path) -> None:
@@ -108,28 +110,20 @@ def test_what_a_denoiser_chose_by_itself_is_said(evaluation: Evaluation, tmp_pat
     }
     said = "oidn:quality=fast: quality=fast,clean_aux=true,prefilter=false on ours; "
     assert said in format_table(found.metrics)
-    html = render_report(found)
-    assert "quality=fast,clean_aux=true,prefilter=true on theirs" in html
-    Page(html)
-    assert "<h3>Settings</h3>" not in render_report(evaluation)
+    (settings,) = (part for part in data_for(found)["about"] if part["title"] == "Settings")
+    assert "quality=fast,clean_aux=true,prefilter=true on theirs" in settings["terms"][0][1]
+    assert "Settings" not in [part["title"] for part in data_for(evaluation)["about"]]
 
 
-def test_names_cannot_break_the_page(evaluation: Evaluation) -> None:
-    text = json.dumps(evaluation.metrics).replace('"taa"', json.dumps(NASTY))
-    html = render_report(Evaluation(json.loads(text), evaluation.shown))
-    assert NASTY not in html
-    assert NASTY in blob(html)["means"]
-    assert NASTY in Page(html).text["th"]
+def test_titles_stand_for_specifications_everywhere(evaluation: Evaluation) -> None:
+    titles = {"ours": "taa", "input": "noisy"}
+    data = report_data(evaluation.titled(titles), titles, evaluation.titled(titles).recorded)
+    assert list(data["tables"][0]["rows"]) == ["ours", "input"]
+    assert {layer["of"] for clip in data["clips"] for layer in clip["layers"] if layer["group"] == "flip"} == {*titles}
+    (methods,) = (part for part in data["about"] if part["title"] == "Methods")
+    assert methods["terms"] == [["ours", "taa"], ["input", "noisy"]]
 
 
-def test_what_a_reader_cannot_see_has_a_label(evaluation: Evaluation) -> None:
-    page = Page(render_report(evaluation))
-    assert all("alt" in attributes for tag, attributes in page.tags if tag == "img")
-    assert page.text["label"][:4] == ["Clip", "Light", "Left", "Right"]
-    assert ("html", {"lang": "en"}) in page.tags
-
-
-def test_every_element_that_the_script_asks_for_exists(evaluation: Evaluation) -> None:
-    html = render_report(evaluation)
-    ids = {attributes["id"] for _, attributes in Page(html).tags if "id" in attributes}
-    assert set(re.findall(r'\bat\("([\w-]+)"\)', html)) <= ids
+def test_every_metric_says_how_it_is_computed(evaluation: Evaluation) -> None:
+    data = data_for(evaluation)
+    assert [term for term, _ in data["about"][0]["terms"]] == [metric["label"] for metric in data["metrics"]]

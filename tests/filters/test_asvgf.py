@@ -39,7 +39,7 @@ def test_strata_hold_the_pair_wherever_it_lies_and_moments_of_the_pixels_that_ex
     depth = 2 + torch.rand(2, 1, 7, 8)
     strata = stratify(torch.from_numpy(gradient), light, geometry_of(depth, torch.rand(2, 3, 7, 8)))
     assert strata.change.shape == (2, 1, 3, 3)
-    assert strata.known.flatten().tolist().count(0) == 1
+    assert strata.brightest.flatten().tolist().count(0) == 1
     for n, i, j in ((0, 0, 0), (1, 2, 1), (0, 2, 2), (1, 1, 1)):
         rows, columns = slice(3 * i, 3 * i + 3), slice(3 * j, 3 * j + 3)
         pixels = gradient[n, :, rows, columns]

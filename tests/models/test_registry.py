@@ -77,6 +77,11 @@ def test_a_network_without_a_past_is_one_too() -> None:
         ({"recurrent": {"reset": Recurrent("next", 1)}}, "carries 'reset', which is an input already"),
         ({"recurrent": {"past": Recurrent("depth", 1)}}, "carries 'depth' on, which its forward does not take"),
         ({"recurrent": {"past": Recurrent("next", 1, scale=0)}}, "carries 'past' as .*, expected components and scale"),
+        ({"recurrent": {"past": Recurrent("exposure", 0)}}, "carries 'exposure' on, which its forward does not take"),
+        (
+            {"recurrent": {"past": Recurrent("next", 0)}},
+            "carries 'past' as .*, and 0 components only for reset, exposure",
+        ),
         ({"extras": ("color",)}, "takes and gives 'color'"),
         ({"forward": takes_keywords}, r"its forward takes 'color: .*Tensor' in a way that export cannot give it"),
         ({"forward": takes_scattered}, "takes 'previous_forward_motion', which is made of motion and depth"),
@@ -145,3 +150,4 @@ def test_a_wrong_choice_is_named() -> None:
 
 def test_recurrent_tensors_cover_the_image_rounded_up() -> None:
     assert Recurrent("x", 8, scale=4).shape(2, 45, 64) == (2, 8, 12, 16)
+    assert Recurrent("exposure", 0).shape(2, 45, 64) == (2,)

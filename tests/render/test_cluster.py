@@ -95,7 +95,7 @@ def test_a_fault_on_a_worker_is_one_line(
     assert said[-1].startswith("nte: ")
     assert "cannot be made a folder" in said[-1]
     assert not any("Traceback" in line for line in said)
-    assert not list(tmp_path.glob(".render-*"))
+    assert not list(tmp_path.glob(".*"))
 
 
 def test_clips_are_evaluated_on_the_same_workers(address: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
@@ -109,7 +109,7 @@ def test_clips_are_evaluated_on_the_same_workers(address: str, tmp_path: Path, m
         for row in found.metrics["rows"]:
             row.pop("ms_per_frame")
     assert there.metrics["rows"] == here.metrics["rows"]
-    assert not list((tmp_path / "there").glob(".evaluate-*"))
+    assert not list((tmp_path / "there").glob(".*"))
 
 
 def test_a_killed_worker_changes_nothing(address: str, rendered: Path, recipe: Path, tmp_path: Path):
@@ -154,4 +154,4 @@ def test_a_scheduler_without_workers_or_with_wide_ones(
     with pytest.raises(NteError, match=f"no Dask scheduler answers at {found}: start one") as caught:
         render_recipe(recipe, tmp_path / "out", progress=False, scheduler=found)
     assert "\n" not in str(caught.value)
-    assert not list((tmp_path / "out").glob(".render-*"))
+    assert not list((tmp_path / "out").glob(".*"))

@@ -13,7 +13,7 @@ from nte.models.temporal import TemporalDenoiser
 from tests.synthetic import disc_clip
 
 pytestmark = pytest.mark.slow
-EXTRAS = ("torch", "mitsuba", "drjit", "matplotlib", "lightning_fabric", "safetensors", "onnx", "tensorboard", "jinja2")
+EXTRAS = ("torch", "mitsuba", "drjit", "matplotlib", "lightning_fabric", "safetensors", "onnx", "tensorboard")
 WITHOUT = f"import sys; sys.modules |= dict.fromkeys({EXTRAS!r}); "
 
 
@@ -54,6 +54,9 @@ def test_the_command_line_denoises_without_pytorch(model: Path, tmp_path: Path) 
         done = nte_without_extras("denoise", clip, "--denoiser", spec, "--out", tmp_path / Path(spec).stem, "--png")
         assert done.returncode == 0, done.stderr
         assert len(Clip(tmp_path / Path(spec).stem)) == 2
+    viewed = nte_without_extras("view", clip, "--denoiser", model, "--out", tmp_path / "view", "--no-open")
+    assert viewed.returncode == 0, viewed.stderr
+    assert "pip install 'nte-denoiser[eval]'" in (tmp_path / "view" / "index.html").read_text("utf-8")
     assert nte_without_extras("info", model).returncode == 0
     assert nte_without_extras("info", clip).returncode == 0
 

@@ -33,6 +33,7 @@ def test_a_port_that_keeps_its_state_gets_the_outputs(model: Path, vectors: Path
     rule = json.loads(session.get_modelmeta().custom_metadata_map["nte"])["state"]
     names, outputs = {i.name for i in session.get_inputs()}, [o.name for o in session.get_outputs()]
     state: dict[str, np.ndarray] = {}
+    exposures: list[float] = []
     for number, frame in enumerate(index["frames"]):
         given = {name: read(vectors, entry) for name, entry in frame["inputs"].items()}
         assert set(given) == names
@@ -46,7 +47,8 @@ def test_a_port_that_keeps_its_state_gets_the_outputs(model: Path, vectors: Path
         for name, values in expected.items():
             assert (np.abs(made[name] - values) <= index["tolerance"] * (np.abs(values) + 0.01)).all(), name
         state = {name: (given | made)[source] for name, source in rule.items()}
-    assert number == 3
+        exposures.append(float(given["exposure"][0]))
+    assert exposures == [exposures[0], exposures[0], 4 * exposures[0], 4 * exposures[0]]
     assert np.isnan(given["previous_forward_motion"]).all()
 
 
@@ -66,6 +68,20 @@ def test_the_vectors_see_what_a_port_may_get_wrong(model: Path, vectors: Path) -
         assert differs(**{name: 1 - values if name == "reset" else values * np.float32(0.9)}), name
     assert differs(motion=given["motion"][:, ::-1].copy())
     assert differs(history=np.zeros_like(given["history"]))
+
+
+def test_at_a_reset_the_state_may_be_anything(model: Path, vectors: Path) -> None:
+    index = json.loads((vectors / "vectors.json").read_text("utf-8"))
+    session = onnxruntime.InferenceSession(str(model), providers=["CPUExecutionProvider"])
+    rule = json.loads(session.get_modelmeta().custom_metadata_map["nte"])["state"]
+    given = {name: read(vectors, entry) for name, entry in index["frames"][0]["inputs"].items()}
+    expected = session.run(None, given)
+    for anything in (np.nan, np.inf, -1e30):
+        state = {name: np.full_like(given[name], anything) for name in (*rule, "previous_forward_motion")}
+        for ours, theirs in zip(session.run(None, given | state), expected, strict=True):
+            np.testing.assert_array_equal(ours, theirs)
+    large = {name: np.full_like(given[name], 1e3) for name in rule}
+    assert not np.array_equal(session.run(None, given | large | {"reset": 0 * given["reset"]})[0], expected[0])
 
 
 def test_files_are_raw_and_as_long_as_their_shapes(vectors: Path) -> None:

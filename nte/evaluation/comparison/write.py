@@ -16,6 +16,7 @@ from nte.evaluation.report.strips import write_strips
 from nte.evaluation.results import Evaluation, gathered, means_of
 from nte.evaluation.units import ClipScores
 from nte.files import make_folder, write_whole
+from nte.viewer.page import clear
 
 FORMAT = "nte-comparison/2"
 Failures = list[Row]
@@ -59,6 +60,7 @@ def _write_situation(plan: Planned, evaluation: Evaluation, folder: Path) -> Non
     shown = [one.only(titles.values()) for one in evaluation.shown]
     shown = [one for one in shown if one.flip]
     page = Evaluation({**evaluation.metrics, "rows": rows, "means": means_of(rows)}, shown).titled(titles)
+    clear(folder)
     write_report(page, folder, titles)
     write_strips(page.shown, folder / "strips")
 

@@ -5,9 +5,9 @@ from pathlib import Path
 import numpy as np
 
 from nte.evaluation.score_clip import Shown
-from nte.evaluation.targets import BRIGHTENED
 from nte.files import make_folder
 from nte.frames.show import RGB, Picture, grid, write_png
+from nte.viewer.recorder import BRIGHTENED
 
 _CROP = 4  # a crop's side is one part in so many of the picture's
 

@@ -1,0 +1,131 @@
+"""`nte view`: clips in the viewer, with what denoisers make of them, and scores where they can be had."""
+
+from collections.abc import Callable, Iterable, Mapping
+from dataclasses import replace
+from importlib.util import find_spec
+from pathlib import Path
+from typing import Any
+
+from nte.denoiser import Denoiser, Session, require_channels
+from nte.errors import DISTRIBUTION, NteError
+from nte.evaluation.metric_table import Row
+from nte.evaluation.record import record_extras, record_frame, record_output
+from nte.files import already_there, only_writer
+from nte.frames.channels import reference_of
+from nte.frames.clip import Clip, clip_labels, find_clips
+from nte.viewer.page import PAGE, clear, write_page
+from nte.viewer.recorder import FOLDER, Recorder, Recording, recorder_of
+
+Advance = Callable[[int, int, str], None]  # frames done, frames in all, clip and frame
+_SCORING = ("torch", "torchmetrics", "flip_evaluator")
+
+
+def view(
+    clips: Iterable[Path | str],
+    denoisers: Mapping[str, Denoiser],
+    out: Path,
+    frames: tuple[int, int] | None = None,
+    channels: tuple[str, ...] | None = None,
+    force: bool = False,
+    device: str = "cpu",
+    progress: Advance | None = None,
+) -> Path:
+    """Write a page that shows clips, and every denoiser's output for them, to the folder `out`; return its path.
+
+    clips: clip folders, or folders that hold clips. denoisers: name → denoiser; each starts at frame 0. frames: the
+    first and the last frame to show; None shows all. channels: those to show besides what is compared; None shows all.
+    Outputs are scored where a clip has a reference and the packages for scores are installed. A denoiser that fails on
+    a clip, or lacks a channel of it, is left out there, and the page says why. Raises NteError for missing clips, for
+    frames that no clip has, and for an `out` that exists without `force`.
+    """
+    folders = find_clips(map(Path, clips))
+    opened = dict(zip(clip_labels(folders), map(Clip, folders), strict=True))
+    first, last = frames or (0, max(map(len, opened.values())) - 1)
+    if not 0 <= first <= last or all(first >= len(clip) for clip in opened.values()):
+        longest = max(map(len, opened.values()))
+        raise NteError(f"--frames {first}-{last}: expected a range from 0 to {longest - 1}, which the clips have")
+    if not force and (out.exists() and (not out.is_dir() or any(out.iterdir()))):
+        raise already_there(out, "folder", f"replace its {PAGE} and {FOLDER}")
+    total = sum(min(last + 1, len(clip)) for clip in opened.values())
+    done = 0
+    entries, rows = [], []
+    with only_writer(out):
+        clear(out)
+        recording = Recording(out / FOLDER, None, channels, True, first, last)
+        for label, clip in opened.items():
+            recorder = recorder_of(recording, label, clip)
+            run = _run(label, clip, denoisers, device, recorder)
+            for index in range(min(last + 1, len(clip))):
+                run.advance(index)
+                done += 1
+                if progress:
+                    progress(done, total, f"{label}, frame {index}")
+            rows += run.rows()
+            entries.append(recorder.entry())
+        return write_page(out, _data(entries, rows), "")
+
+
+def _run(label: str, clip: Clip, denoisers: Mapping[str, Denoiser], device: str, recorder: Recorder) -> Any:
+    """Make the run over a clip: one that scores if it can, else one that only records."""
+    usable = {}
+    for name, denoiser in denoisers.items():
+        try:
+            require_channels(denoiser, clip.channels, label)
+            usable[name] = denoiser
+        except NteError as error:
+            recorder.drop(name, str(error))
+    missing = [name for name in _SCORING if find_spec(name) is None]
+    unknown = sorted({ref for d in usable.values() if (ref := reference_of(d.target)) not in clip.channels})
+    if missing and usable:
+        recorder.notes.append(f"No scores: pip install '{DISTRIBUTION}[eval]' installs what they need.")
+    elif unknown:
+        recorder.notes.append(f"No scores: the clip has no {', '.join(unknown)}.")
+    if missing or unknown or ("color" not in clip.channels and "exposure" not in clip.info):
+        return _Plain(clip, usable, recorder)
+    from nte.evaluation.score_clip import ClipRun
+
+    return ClipRun(label, clip, usable, device, first=min(1, len(clip) - 1), recorder=recorder)
+
+
+class _Plain:
+    """Denoisers on a clip without scores: for a clip without a reference, and where PyTorch is not installed."""
+
+    def __init__(self, clip: Clip, denoisers: Mapping[str, Denoiser], recorder: Recorder) -> None:
+        self.clip, self.recorder = clip, recorder
+        self.sessions = {name: Session(denoiser) for name, denoiser in denoisers.items()}
+
+    def advance(self, index: int) -> None:
+        """Read a frame, let every denoiser step, and record the outputs."""
+        frame = self.clip.frame(index)
+        targets = list(dict.fromkeys(session.denoiser.target for session in self.sessions.values()))
+        record_frame(self.recorder, frame, targets)
+        for name, session in list(self.sessions.items()):
+            denoiser = session.denoiser
+            visible = {key: frame[key] for key in (*denoiser.needs, *denoiser.optional) if key in frame}
+            try:
+                result = session.step(replace(frame, channels=visible), denoiser.extras)
+            except NteError as error:
+                self.recorder.drop(name, str(error))
+                del self.sessions[name]
+                continue
+            record_output(self.recorder, index, name, denoiser.target, result.image)
+            record_extras(self.recorder, index, name, result.extras)
+
+    def rows(self) -> list[Row]:
+        """Return no rows: nothing is scored."""
+        return []
+
+
+def _data(entries: list[Row], rows: list[Row]) -> dict[str, Any]:
+    """Collect what the viewer reads."""
+    names = ", ".join(entry["name"] for entry in entries[:3]) + (", …" if len(entries) > 3 else "")
+    data: dict[str, Any] = {
+        "title": names, "summary": "", "notes": [], "note": "", "clips": entries, "rows": rows, "metrics": [],
+        "tables": [], "about": [],
+    }  # fmt: skip
+    if rows:
+        from nte.evaluation.report.how import how_it_is_computed
+        from nte.evaluation.report.numbers import metric_table, tables
+
+        data |= {"metrics": metric_table(), "tables": tables(rows), "about": how_it_is_computed(rows, None)}
+    return data
