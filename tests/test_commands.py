@@ -103,12 +103,9 @@ def test_the_command_takes_what_a_page_shows(shown: Shown, monkeypatch: pytest.M
         assert {word.strip("[]") for word in words if re.match(r"\[?--", word)} <= options_of(words)
         return
     options = parsed(words)
-    for spec in (
-        getattr(options, "denoiser", None),
-        *getattr(options, "denoisers", ()),
-        *getattr(options, "specs", ()),
-    ):
-        if spec:
+    for name in ("denoiser", "denoisers", "specs"):
+        given = getattr(options, name, None) or []
+        for spec in [given] if isinstance(given, str) else given:
             require_options(spec)
     if options.command == "train" and options.config.is_file():
         load_train_config(options.config, options.overrides)
