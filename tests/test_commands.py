@@ -17,6 +17,7 @@ from nte.filters.named import NAMES, filter_type, parse
 from nte.registry import parts_of
 from nte.training.config import load_train_config
 from tests.evaluation.conftest import noisy_frames
+from tests.importing.producers import blender, scene
 from tests.synthetic import write_clip
 from tests.test_pages import PAGES, ROOT, blocks
 from tests.training.runs import CONFIG
@@ -41,7 +42,7 @@ def commands(page: Path, program: str) -> Iterator[Shown]:
     for block in (*blocks(text), *INDENTED.findall(text)):
         for line in block.replace("\\\n", " ").splitlines():
             if line.strip().startswith(f"{program} "):
-                command = re.sub(r"\s#\s.*", "", line.strip())
+                command = re.sub(r"\s+#\s.*", "", line.strip())
                 yield Shown(name, command, not PARTIAL.search(command))
     for code in INLINE.findall(text):
         if code.startswith(f"{program} "):
@@ -102,12 +103,9 @@ def test_the_command_takes_what_a_page_shows(shown: Shown, monkeypatch: pytest.M
         assert {word.strip("[]") for word in words if re.match(r"\[?--", word)} <= options_of(words)
         return
     options = parsed(words)
-    for spec in (
-        getattr(options, "denoiser", None),
-        *getattr(options, "denoisers", ()),
-        *getattr(options, "specs", ()),
-    ):
-        if spec:
+    for name in ("denoiser", "denoisers", "specs"):
+        given = getattr(options, name, None) or []
+        for spec in [given] if isinstance(given, str) else given:
             require_options(spec)
     if options.command == "train" and options.config.is_file():
         load_train_config(options.config, options.overrides)
@@ -164,10 +162,10 @@ RUN = ("check", "denoise", "estimate", "evaluate", "export", "info", "import")  
 def made(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """A folder with what pages name: clips, a renderer's frames, a run and its model, recipes and configurations."""
     folder = tmp_path_factory.mktemp("made")
-    for clip in ("data/quickstart/test/rooms_000", "data/mine", "data/shot"):
+    for clip in ("data/quickstart/test/rooms_000", "data/mine", "data/engine"):
         write_clip(folder / clip, noisy_frames(3))
-    for source in ("renders/noisy", "renders/clean"):  # loose frames, without clip.json
-        shutil.copytree(folder / "data/shot", folder / source, ignore=shutil.ignore_patterns("clip.json"))
+    for source in ("renders/noisy", "renders/clean"):
+        blender(folder / source, scene(3), old_names=False)
     for name in ("configs", "datasets"):
         (folder / name).symlink_to(ROOT / name)
     (folder / "tiny.yaml").write_text(CONFIG.format(clip="data/mine", runs="runs"))
