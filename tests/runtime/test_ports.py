@@ -1,4 +1,4 @@
-"""Programs in other languages, as they stand beside the exported model's page, compute what ONNX Runtime in Python does."""
+"""The programs in other languages beside the exported model's page compute what ONNX Runtime in Python does."""
 
 import importlib.util
 import json
