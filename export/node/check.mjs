@@ -21,7 +21,7 @@ const ways = {
   "with the state it keeps": (inputs) => denoiser.denoise(inputs, denoiser.outputs),
 };
 for (const [way, denoise] of Object.entries(ways)) {
-  let [worst, where] = [0, "none"];
+  let [worst, where] = [0, "all are equal"];
   for (const [index, frame] of frames.entries()) {
     const made = await denoise(await readTensors(ort, frame.inputs, read));
     const expected = await readTensors(ort, frame.outputs, read);

@@ -33,7 +33,7 @@ def traced(
 
 
 def _test_for_infinity_in_floats(graph: onnx.GraphProto) -> None:
-    """Remove the casts to float64 that PyTorch writes before IsInf: it takes float32, and some runtimes lack float64."""
+    """Remove PyTorch's casts to float64 before IsInf, which takes float32: some runtimes lack float64."""
     casts = {node.output[0]: node for node in graph.node if node.op_type == "Cast"}
     tests = [node for node in graph.node if node.op_type == "IsInf" and node.input[0] in casts]
     for test in tests:
