@@ -6,6 +6,11 @@ import * as ort from "onnxruntime-node";
 import { Denoiser } from "./denoiser.mjs";
 import { difference, readIndex, readTensors } from "./vectors.mjs";
 
+process.on("uncaughtException", (error) => {
+  console.error(error.message);
+  process.exit(2);
+});
+
 const [model, folder] = process.argv.slice(2);
 if (!folder) throw new Error("usage: node check.mjs MODEL.onnx FOLDER");
 

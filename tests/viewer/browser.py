@@ -26,11 +26,12 @@ class Browser:
     def __init__(self, profile: Path, *flags: str) -> None:
         to_browser, ours_out = os.pipe()
         ours_in, from_browser = os.pipe()
+        quiet = ["background-networking", "component-update", "sync", "extensions", "dev-shm-usage"]
         command = [
-            CHROMIUM, "--headless=new", "--no-sandbox", "--use-angle=swiftshader", "--enable-unsafe-swiftshader",
-            "--hide-scrollbars", "--no-first-run", "--disable-gpu-shader-disk-cache", "--force-device-scale-factor=1",
-            "--disable-dev-shm-usage", "--disable-background-networking", "--disable-component-update", "--disable-sync",
-            "--disable-extensions", "--in-process-gpu", f"--user-data-dir={profile}", "--remote-debugging-pipe", *flags, "about:blank",
+            CHROMIUM, "--headless=new", "--no-sandbox", "--no-first-run", *(f"--disable-{name}" for name in quiet),
+            "--use-angle=swiftshader", "--enable-unsafe-swiftshader", "--in-process-gpu", "--hide-scrollbars",
+            "--force-device-scale-factor=1", f"--user-data-dir={profile}", "--remote-debugging-pipe", *flags,
+            "about:blank",
         ]  # fmt: skip
         # The protocol's pipes are the descriptors 3 and 4 of the browser.
         plumbing = f'exec "$@" 3<&{to_browser} 4>&{from_browser}'
