@@ -27,4 +27,18 @@ def traced(
             module, example, f"{folder}/graph.onnx", dynamo=False, input_names=list(inputs),
             output_names=list(outputs), dynamic_axes=axes, opset_version=OPSET,
         )  # fmt: skip
-        return onnx.load(f"{folder}/graph.onnx")
+        model = onnx.load(f"{folder}/graph.onnx")
+    _test_for_infinity_in_floats(model.graph)
+    return model
+
+
+def _test_for_infinity_in_floats(graph: onnx.GraphProto) -> None:
+    """Remove PyTorch's casts to float64 before IsInf, which takes float32: some runtimes lack float64."""
+    casts = {node.output[0]: node for node in graph.node if node.op_type == "Cast"}
+    tests = [node for node in graph.node if node.op_type == "IsInf" and node.input[0] in casts]
+    for test in tests:
+        cast = casts[test.input[0]]
+        if cast.attribute[0].i == onnx.TensorProto.DOUBLE:
+            test.input[0] = cast.input[0]
+            if not any(cast.output[0] in node.input for node in graph.node):
+                graph.node.remove(cast)

@@ -5,6 +5,7 @@ itself: both must give the outputs.
 """
 
 import json
+from collections.abc import Iterable
 from pathlib import Path
 from typing import Any, TypeAlias
 
@@ -14,7 +15,8 @@ import onnxruntime
 
 from nte.errors import NteError
 from nte.files import make_folder, only_writer, remove, write_whole
-from nte.frames.scalars import sequence_scalars
+from nte.frames.frame import Frame
+from nte.recurrence import FORWARD, NetworkState, begin, hand_on
 from nte.runtime.description import METADATA_KEY, read_description, recurrent_of
 from nte.runtime.trial import trial_frames
 
@@ -26,12 +28,13 @@ FRAMES, SIZE = 4, (40, 48)
 TOLERANCE = 1e-3  # limit of |a − b| / (|b| + 0.01): a hundred times the rounding of another order of summation
 
 
-def write_vectors(model: Path, folder: Path) -> None:
-    """Run a model over four frames of 48×40 pixels, and write its inputs and outputs to a folder.
+def write_vectors(model: Path, folder: Path, frames: Iterable[Frame] | None = None) -> None:
+    """Run a model over a sequence of frames, and write its inputs and outputs to a folder.
 
     The folder gets vectors.json, and a file of little-endian float32 for each input and output. Only ONNX Runtime
-    computes, on one thread of the CPU. Raises NteError for a folder that cannot be written to, and for a model that is
-    not one of nte.
+    computes, on one thread of the CPU. frames: None takes four random ones of 48×40 pixels, with all that a port must
+    cope with. Raises NteError for a folder that cannot be written to, for a model that is not one of nte, and for a
+    frame that lacks a channel or differs in size.
     """
     options = onnxruntime.SessionOptions()
     options.intra_op_num_threads = 1  # so that the same model gives the same bytes on the same machine
@@ -41,24 +44,23 @@ def write_vectors(model: Path, folder: Path) -> None:
     outputs = [o.name for o in session.get_outputs()]
     info = read_description(model, session.get_modelmeta().custom_metadata_map.get(METADATA_KEY), inputs, outputs)
     recurrent = recurrent_of(info, inputs)
-    state = {name: np.zeros(tensor.shape(1, *SIZE), np.float32) for name, tensor in recurrent.items()}
-    depth_scale: Values | None = None
-    frames: list[dict[str, Listed]] = []
+    state: NetworkState | None = None
+    listed: list[dict[str, Listed]] = []
     with only_writer(folder):
         remove(folder / INDEX)  # until the end, the folder says that it is not finished
-        for frame in trial_frames((*info["needs"], *info["optional"]), SIZE, FRAMES, batch=1):
-            exposure, measured = sequence_scalars(frame)
-            depth_scale = measured if depth_scale is None else depth_scale
-            reset = np.full(1, frame.index == 0, np.float32)
-            offered = {**frame.channels, "reset": reset, "exposure": exposure, "depth_scale": depth_scale, **state}
-            fed = {name: offered[name] for name in inputs}
+        for number, frame in enumerate(frames or trial_frames((*info["needs"], *info["optional"]), SIZE, FRAMES, 1)):
+            state, reset = begin(frame, state, recurrent, lambda shape: np.zeros(shape, np.float32), inputs)
+            offered = {"reset": reset, **state.scalars.known(), **state.tensors}
+            if FORWARD in inputs and FORWARD not in frame:  # the graph makes it where it is NaN everywhere
+                offered[FORWARD] = np.full_like(frame["motion"], np.nan)
+            fed = {name: offered[name] if name in offered else frame[name] for name in inputs}
             made = dict(zip(outputs, session.run(outputs, fed), strict=True))
-            state = {name: (fed | made)[tensor.source] for name, tensor in recurrent.items()}
+            state = hand_on(state, recurrent, fed | made)
             if bad := [name for name, values in made.items() if not np.isfinite(values).all()]:
-                raise NteError(f"{model}: its output '{bad[0]}' is NaN or infinite in frame {frame.index} of a test")
+                raise NteError(f"{model}: its output '{bad[0]}' is NaN or infinite in frame {number} of a test")
             parts = {"inputs": fed, "outputs": made}
-            frames.append({part: _written(folder, frame.index, values) for part, values in parts.items()})
-        index = {"model": model.name, "tolerance": TOLERANCE, "frames": frames}
+            listed.append({part: _written(folder, number, values) for part, values in parts.items()})
+        index = {"model": model.name, "tolerance": TOLERANCE, "frames": listed}
         write_whole(folder / INDEX, lambda path: path.write_text(json.dumps(index, indent=1) + "\n", "utf-8"))
 
 

@@ -1,0 +1,70 @@
+// A model of nte in ONNX Runtime, for Node and browsers: `ort` is the module onnxruntime-node or onnxruntime-web.
+
+import { describe } from "./description.mjs";
+
+const FORWARD = "previous_forward_motion";
+
+/** A denoiser of one sequence of frames, whose state it keeps. */
+export class Denoiser {
+  #session;
+  #state = {}; // recurrent input → tensor; empty before the first frame of a sequence
+
+  /** Load a model. bytes: content of the .onnx file. options: as of ort.InferenceSession.create. */
+  static async load(ort, bytes, options = {}) {
+    return new Denoiser(ort, await ort.InferenceSession.create(bytes, options), describe(bytes));
+  }
+
+  constructor(ort, session, description) {
+    this.ort = ort;
+    this.#session = session;
+    this.description = description;
+    this.inputs = session.inputNames;
+    this.outputs = session.outputNames;
+    this.recurrent = Object.entries(description.state).filter(([name]) => this.inputs.includes(name));
+  }
+
+  /** Let the next frame start a sequence. */
+  reset() {
+    this.#state = {};
+  }
+
+  /**
+   * Denoise the next frame: resolve to the wanted outputs as tensors, by name.
+   *
+   * frame: a tensor for each channel of description.needs, `exposure` and `depth_scale`, by name; others are ignored.
+   */
+  async denoise(frame, wanted = ["image"]) {
+    const [batch, , height, width] = frame[this.description.needs[0]].dims;
+    const first = Object.keys(this.#state).length === 0;
+    if (first) this.#state = this.#zeros(batch, height, width);
+    const reset = this.#filled(first ? 1 : 0, [batch]);
+    const motion = frame.motion && { [FORWARD]: this.#filled(NaN, frame.motion.dims) }; // the graph makes it then
+    const feed = { ...motion, ...frame, ...this.#state, reset };
+    const sources = this.recurrent.map(([, source]) => source).filter((source) => this.outputs.includes(source));
+    const made = await this.run(feed, [...new Set([...wanted, ...sources])]);
+    this.#state = Object.fromEntries(this.recurrent.map(([name, source]) => [name, made[source] ?? feed[source]]));
+    return Object.fromEntries(wanted.map((name) => [name, made[name]]));
+  }
+
+  /** Run the graph alone: feed has a tensor for each input, the state among them. */
+  run(feed, wanted = this.outputs) {
+    return this.#session.run(Object.fromEntries(this.inputs.map((name) => [name, feed[name]])), wanted);
+  }
+
+  #zeros(batch, height, width) {
+    const sizes = { batch, height, width };
+    for (const scale of Object.values(this.description.scales ?? {})) {
+      sizes[`height_${scale}`] = Math.ceil(height / scale);
+      sizes[`width_${scale}`] = Math.ceil(width / scale);
+    }
+    const shapes = Object.fromEntries(this.#session.inputMetadata.map(({ name, shape }) => [name, shape]));
+    return Object.fromEntries(
+      this.recurrent.map(([name]) => [name, this.#filled(0, shapes[name].map((size) => sizes[size] ?? size))]),
+    );
+  }
+
+  #filled(value, dims) {
+    const count = dims.reduce((product, size) => product * size, 1);
+    return new this.ort.Tensor("float32", new Float32Array(count).fill(value), dims);
+  }
+}

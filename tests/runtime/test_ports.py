@@ -1,0 +1,222 @@
+"""The programs in other languages beside the exported model's page compute what ONNX Runtime in Python does."""
+
+import importlib.util
+import json
+import os
+import re
+import shutil
+import subprocess
+import threading
+from collections.abc import Iterator
+from functools import partial
+from http.server import SimpleHTTPRequestHandler, ThreadingHTTPServer
+from pathlib import Path
+from types import ModuleType
+
+import numpy as np
+import pytest
+
+from nte.errors import NteError
+from nte.frames.clip import Clip
+from nte.runtime.vectors import write_vectors
+from tests.evaluation.conftest import noisy_frames
+from tests.runtime.packages import EXPORT, needs, with_packages
+from tests.shared import made_once
+from tests.synthetic import write_clip
+from tests.viewer.browser import Browser, needs_chromium
+
+FRAMES = 20
+FOUND = re.compile(r"^with the state (.*): (\d+) frames, largest difference ([-+.\de]+) \(", re.MULTILINE)
+
+
+@pytest.fixture(scope="module")
+def clip(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A noisy disc that moves by a fraction of a pixel, of an odd size."""
+
+    def make(folder: Path) -> None:
+        write_clip(folder / "disc", noisy_frames(FRAMES, size=(43, 61)))
+
+    return made_once(tmp_path_factory, "ports_clip", make) / "disc"
+
+
+@pytest.fixture(scope="module")
+def vectors(model: Path, clip: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Folders of test vectors: `clip`, with 20 frames of it, and `hard`, with four as nte export writes them."""
+
+    def make(folder: Path) -> None:
+        write_vectors(model, folder / "clip", Clip(clip))
+        write_vectors(model, folder / "hard")
+
+    return made_once(tmp_path_factory, "ports_vectors", make)
+
+
+@pytest.fixture(scope="module")
+def node(tmp_path_factory: pytest.TempPathFactory) -> list[str]:
+    folder = with_packages("node", tmp_path_factory.mktemp("node") / "consumer")
+    return ["node", str(folder / "check.mjs")]
+
+
+@pytest.fixture(scope="module")
+def cpp(tmp_path_factory: pytest.TempPathFactory) -> list[str]:
+    json_package = importlib.util.find_spec("nlohmann_json")
+    if json_package is None or json_package.origin is None:
+        pytest.skip("nlohmann-json is not installed: pip install nlohmann-json")
+    folder = with_packages("cpp", tmp_path_factory.mktemp("cpp") / "consumer")
+    build = folder / "build"
+    prefix = Path(json_package.origin).parent
+    flags = [f"-DCMAKE_PREFIX_PATH={prefix}", "-DCMAKE_CXX_FLAGS=-Wall -Wextra -Wpedantic -Werror", "-G", "Ninja"]
+    for command in (["cmake", "-S", str(folder), "-B", str(build), *flags], ["cmake", "--build", str(build)]):
+        done = subprocess.run(command, capture_output=True, text=True, check=False)
+        assert not done.returncode, done.stdout + done.stderr
+    return [str(build / "check")]
+
+
+@pytest.fixture(
+    params=[
+        pytest.param("node", marks=needs("node", "npm")),
+        pytest.param("cpp", marks=needs("npm", "cmake", "ninja", "c++")),
+    ]
+)
+def check(request: pytest.FixtureRequest) -> list[str]:
+    """The command of a program that checks a model against vectors."""
+    command: list[str] = request.getfixturevalue(request.param)
+    return command
+
+
+def run(command: list[str], *arguments: Path) -> tuple[int, str]:
+    done = subprocess.run([*command, *map(str, arguments)], capture_output=True, text=True, timeout=300, check=False)
+    return done.returncode, done.stdout + done.stderr
+
+
+@pytest.mark.slow
+def test_a_program_agrees_with_python(check: list[str], model: Path, vectors: Path) -> None:
+    for name, frames, limit in (("clip", FRAMES, 1e-4), ("hard", 4, 1e-3)):
+        code, said = run(check, model, vectors / name)
+        print(f"{Path(check[-1]).name}, {name}: {said}")
+        assert code == 0, said
+        found = FOUND.findall(said)
+        assert [way for way, _, _ in found] == ["of the files", "it keeps"]
+        assert all(int(count) == frames and float(worst) < limit for _, count, worst in found), said
+
+
+@pytest.mark.slow
+def test_a_program_sees_what_is_wrong(check: list[str], model: Path, vectors: Path, tmp_path: Path) -> None:
+    """Each way of running sees what it must: a state in the files that is wrong, and another output."""
+    wrong = shutil.copytree(vectors / "hard", tmp_path / "wrong")
+    history = np.fromfile(wrong / "2" / "history.f32", "<f4")
+    (1.5 * history).astype("<f4").tofile(wrong / "2" / "history.f32")
+    code, said = run(check, model, wrong)
+    assert code == 1
+    assert [float(worst) > 1e-3 for _, _, worst in FOUND.findall(said)] == [True, False]
+    history.tofile(wrong / "2" / "history.f32")
+    image = np.fromfile(wrong / "3" / "image.f32", "<f4")
+    image[-1] *= 1.01
+    image.tofile(wrong / "3" / "image.f32")
+    code, said = run(check, model, wrong)
+    assert code == 1
+    assert said.count("image of frame 3") == 2
+    assert said.count("more than 0.001") == 2
+
+
+@pytest.mark.slow
+def test_a_file_that_is_no_model_is_told(check: list[str], vectors: Path, tmp_path: Path) -> None:
+    import onnx
+
+    opset = [onnx.helper.make_opsetid("", 18)]
+    nodes = [onnx.helper.make_node("Identity", ["a"], ["b"])]
+    ends = [[onnx.helper.make_tensor_value_info(name, onnx.TensorProto.FLOAT, [1])] for name in "ab"]
+    foreign = onnx.helper.make_model(onnx.helper.make_graph(nodes, "foreign", *ends), ir_version=9, opset_imports=opset)
+    onnx.save(foreign, tmp_path / "foreign.onnx")
+    code, said = run(check, tmp_path / "foreign.onnx", vectors / "hard")
+    assert code == 2
+    assert len(said.splitlines()) == 1
+    assert "not a model of nte: no key 'nte' in its metadata" in said
+
+
+def preparation() -> ModuleType:
+    """The script export/web/prepare.py, which is no part of a package."""
+    spec = importlib.util.spec_from_file_location("prepare", EXPORT / "web" / "prepare.py")
+    assert spec is not None
+    assert spec.loader is not None
+    module = importlib.util.module_from_spec(spec)
+    spec.loader.exec_module(module)
+    return module
+
+
+class Quiet(SimpleHTTPRequestHandler):
+    def log_message(self, *_: object) -> None:
+        pass
+
+
+@pytest.fixture(scope="module")
+def page(model: Path, clip: Path, tmp_path_factory: pytest.TempPathFactory) -> Iterator[str]:
+    """The address of the page with 20 frames of the clip."""
+    folder = tmp_path_factory.mktemp("web")
+    packages = with_packages("web", folder / "consumer") / "node_modules"
+    index = preparation().prepare(model, clip, folder / "page", FRAMES, packages)
+    with ThreadingHTTPServer(("127.0.0.1", 0), partial(Quiet, directory=str(index.parent))) as server:
+        thread = threading.Thread(target=server.serve_forever)
+        thread.start()
+        yield f"http://127.0.0.1:{server.server_port}/"
+        server.shutdown()
+        thread.join()
+
+
+@pytest.mark.slow
+@needs("npm")
+@needs_chromium
+def test_the_page_plays_a_clip_and_agrees_with_python(page: str, tmp_path: Path) -> None:
+    browser = Browser(tmp_path / "profile", "--host-resolver-rules=MAP * ~NOTFOUND, EXCLUDE 127.0.0.1")
+    try:
+        browser.size(900, 700)
+        browser.call("Page.navigate", url=page)
+        browser.wait("Number(document.body.dataset.shown) >= 1")
+        browser.wait(f"Number(document.body.dataset.shown) > {FRAMES}")  # once around
+        found = browser.run("({...document.body.dataset})")
+        print(found)
+        complaints = [
+            line for line in browser.errors if "No available adapters" not in line
+        ]  # Chromium lacks a GPU here
+        assert complaints == []
+        assert found["provider"] in ("WebAssembly", "WebGPU")
+        assert float(found["worst"]) < (1e-4 if found["provider"] == "WebAssembly" else 1e-3)
+        assert float(found["time"]) > 0
+        colours = "new Set(new Uint32Array({}.getContext('2d').getImageData(0, 0, 61, 43).data.buffer)).size"
+        assert all(browser.run(colours.format(canvas)) > 500 for canvas in ("noisy", "denoised"))
+        browser.run("document.querySelector('button').click()")
+        browser.run("new Promise(done => setTimeout(done, 500))")
+        stopped = browser.run("document.body.dataset.shown")
+        browser.run("new Promise(done => setTimeout(done, 500))")
+        assert browser.run("document.body.dataset.shown") == stopped
+        picture = Path(os.environ.get("NTE_PICTURES", tmp_path)) / "web.png"
+        picture.write_bytes(browser.picture())
+    finally:
+        browser.close()
+
+
+def test_no_operator_needs_float64(model: Path) -> None:
+    """Which ONNX Runtime's build for WebGPU lacks, and graphics cards compute slowly."""
+    import onnx
+
+    graph = onnx.shape_inference.infer_shapes(onnx.load(model)).graph
+    branches = [a.g for node in graph.node for a in node.attribute if a.type == onnx.AttributeProto.GRAPH]
+    casts = [node for part in (graph, *branches) for node in part.node if node.op_type == "Cast"]
+    assert casts
+    assert not [node.name for node in casts if node.attribute[0].i == onnx.TensorProto.DOUBLE]
+    assert any(node.op_type == "IsInf" for node in graph.node)
+
+
+def test_a_page_needs_its_packages(model: Path, clip: Path, tmp_path: Path) -> None:
+    with pytest.raises(NteError, match=r"ort\.webgpu\.bundle\.min\.mjs: does not exist: run npm ci in "):
+        preparation().prepare(model, clip, tmp_path / "page", packages=tmp_path)
+    assert not (tmp_path / "page").exists()
+
+
+def test_vectors_of_a_clip_are_its_frames(vectors: Path, clip: Path) -> None:
+    frames = json.loads((vectors / "clip" / "vectors.json").read_text("utf-8"))["frames"]
+    assert len(frames) == FRAMES
+    for index in (0, 7):
+        for name in ("color", "previous_forward_motion"):
+            entry = frames[index]["inputs"][name]
+            values = np.fromfile(vectors / "clip" / entry["file"], "<f4").reshape(entry["shape"])
+            np.testing.assert_array_equal(values, Clip(clip).frame(index)[name])
