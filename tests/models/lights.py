@@ -1,6 +1,7 @@
 """Networks of every kind and light, in small, and frames that have all of their channels."""
 
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 import torch
@@ -12,7 +13,7 @@ from nte.models.registry import make_network, network_type
 from nte.models.trainable import TrainableDenoiser
 
 ALL = {"moments": True, "history_length": True, "feature_history": 3, "feed_masks": True}
-NETWORKS = {
+NETWORKS: dict[str, tuple[str, dict[str, Any]]] = {  # name → kind, settings
     "color": ("temporal", {}),
     "indirect": ("temporal", {"target": "indirect", "demodulate": True, "front": 2, **ALL}),
     "visibility": ("temporal", {"target": "visibility", "inputs": ["direct", "roughness"], **ALL}),

@@ -14,7 +14,7 @@ NASTY = 'a"b</script>/é'
 @given(st.integers(1, 3), st.integers(1, 7), st.integers(1, 9), st.sampled_from(["byte", "half", "float"]), st.data())
 def test_what_is_written_comes_back(components: int, height: int, width: int, kind: str, data: st.DataObject) -> None:
     dtype = {"byte": np.uint8, "half": np.float16, "float": np.float32}[kind]
-    bits = {"byte": np.dtype("u1"), "half": np.dtype("u2"), "float": np.dtype("u4")}[kind]
+    bits = np.dtype({"byte": "u1", "half": "u2", "float": "u4"}[kind])
     seed = data.draw(st.integers(0, 2**32 - 1))
     drawn = np.random.default_rng(seed).integers(0, 2 ** (8 * bits.itemsize), (components, height, width), np.uint64)
     values = drawn.astype(bits).view(dtype)  # any bits: infinities, NaN and denormals too
