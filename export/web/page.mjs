@@ -4,6 +4,8 @@ import { Denoiser } from "./denoiser.mjs";
 import * as ort from "./ort.webgpu.bundle.min.mjs";
 import { difference, readIndex, readTensors } from "./vectors.mjs";
 
+ort.env.logLevel = "error"; // it warns that WebGPU leaves the arithmetic of sizes to the CPU
+
 const FRAME_TIME = 100; // milliseconds that a frame is shown at least
 
 const element = (id) => document.getElementById(id);
@@ -19,7 +21,7 @@ async function load() {
   const bytes = new Uint8Array(await (await fetch("model.onnx")).arrayBuffer());
   if (await navigator.gpu?.requestAdapter()) {
     try {
-      return [await Denoiser.load(ort, bytes, { executionProviders: ["webgpu"] }), "WebGPU"];
+      return [await Denoiser.load(ort, bytes, { executionProviders: ["webgpu"], logSeverityLevel: 3 }), "WebGPU"];
     } catch (error) {
       console.info(`WebGPU does not take the model: ${error.message}`);
     }

@@ -170,8 +170,8 @@ def test_the_page_plays_a_clip_and_agrees_with_python(page: str, tmp_path: Path)
     try:
         browser.size(900, 700)
         browser.call("Page.navigate", url=page)
-        browser.wait("Number(document.body.dataset.shown) >= 1")
-        browser.wait(f"Number(document.body.dataset.shown) > {FRAMES}")  # once around
+        browser.wait("Number(document.body?.dataset.shown) >= 1")
+        browser.wait(f"Number(document.body?.dataset.shown) > {FRAMES}")  # once around
         found = browser.run("({...document.body.dataset})")
         print(found)
         complaints = [
