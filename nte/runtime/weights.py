@@ -9,9 +9,7 @@ from nte.errors import NteError
 
 # Numbers of fields in https://github.com/onnx/onnx/blob/main/onnx/onnx.proto
 GRAPH = 7  # of ModelProto
-INITIALIZER = (
-    5  # of GraphProto: the weights; constants of the graph's operators, of which some are infinite, are others
-)
+INITIALIZER = 5  # of GraphProto: the weights. Constants of operators, of which some are infinite, stand elsewhere
 TYPE, FLOATS, NAME, RAW = 2, 4, 8, 9  # of TensorProto
 FLOAT = b"\x01"  # the type of float32
 
