@@ -29,6 +29,7 @@ COMMANDS = (
     "bench noisy --size 32x32 --json OUT/bench.json",
     "merge-burst CLIP/frame_0000.exr CLIP/frame_0001.exr --out OUT/merged.exr",
     "check CLIP --picture OUT",
+    "view CLIP --out OUT --no-open",
 )
 NEEDED = {"render": "mitsuba", "compare rendered": "mitsuba", "merge-burst": "rawpy"}
 

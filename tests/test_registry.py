@@ -212,7 +212,6 @@ def test_choices_that_a_type_spells_out_are_those_of_the_table() -> None:
 
 
 PAGES = {  # page → what it documents: a table of options each
-    "svgf.md": ("svgf", "asvgf"),
     "trmv.md": ("trmv",),
     "motion_blur.md": ("motion_blur", "post_blur", "mcguire"),
 }

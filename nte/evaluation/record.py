@@ -1,7 +1,6 @@
 """What the viewer gets of a frame: its channels, the outputs of denoisers and their FLIP maps. Needs NumPy only."""
 
 from collections.abc import Mapping, Sequence
-from typing import Any
 
 import numpy as np
 import numpy.typing as npt
@@ -48,7 +47,7 @@ def record_extras(recorder: Recorder, index: int, spec: str, extras: Mapping[str
             recorder.add(index, Layer("extra", spec, name), image)
 
 
-def _image(values: Any) -> npt.NDArray[np.generic]:
+def _image(values: Array) -> npt.NDArray[np.generic]:
     """Return the first image (C, H, W) of a batch, NumPy or PyTorch."""
     array: npt.NDArray[np.generic] = values[0].detach().cpu().numpy() if hasattr(values, "detach") else values[0]
     return array

@@ -4,7 +4,7 @@ from collections.abc import Callable, Iterable, Mapping
 from dataclasses import replace
 from importlib.util import find_spec
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING
 
 from nte.denoiser import Denoiser, Session, require_channels
 from nte.errors import DISTRIBUTION, NteError
@@ -15,6 +15,9 @@ from nte.frames.channels import reference_of
 from nte.frames.clip import Clip, clip_labels, find_clips
 from nte.viewer.page import PAGE, clear, write_page
 from nte.viewer.recorder import FOLDER, Recorder, Recording, recorder_of
+
+if TYPE_CHECKING:
+    from nte.evaluation.score_clip import ClipRun
 
 Advance = Callable[[int, int, str], None]  # frames done, frames in all, clip and frame
 _SCORING = ("torch", "torchmetrics", "flip_evaluator")
@@ -65,7 +68,9 @@ def view(
         return write_page(out, _data(entries, rows), "")
 
 
-def _run(label: str, clip: Clip, denoisers: Mapping[str, Denoiser], device: str, recorder: Recorder) -> Any:
+def _run(
+    label: str, clip: Clip, denoisers: Mapping[str, Denoiser], device: str, recorder: Recorder
+) -> "ClipRun | _Plain":
     """Make the run over a clip: one that scores if it can, else one that only records."""
     usable = {}
     for name, denoiser in denoisers.items():
@@ -116,10 +121,10 @@ class _Plain:
         return []
 
 
-def _data(entries: list[Row], rows: list[Row]) -> dict[str, Any]:
+def _data(entries: list[Row], rows: list[Row]) -> Row:
     """Collect what the viewer reads."""
     names = ", ".join(entry["name"] for entry in entries[:3]) + (", …" if len(entries) > 3 else "")
-    data: dict[str, Any] = {
+    data: Row = {
         "title": names, "summary": "", "notes": [], "note": "", "clips": entries, "rows": rows, "metrics": [],
         "tables": [], "about": [],
     }  # fmt: skip

@@ -51,7 +51,7 @@ def _switch() -> list[onnx.NodeProto]:
     ]
 
 
-def _node(kind: str, inputs: str, output: str, **attributes: Any) -> onnx.NodeProto:
+def _node(kind: str, inputs: str, output: str, **attributes: int | TensorProto | onnx.GraphProto) -> onnx.NodeProto:
     return helper.make_node(kind, inputs.split(), [output], f"{output}/{kind}", **attributes)
 
 

@@ -7,7 +7,7 @@ itself: both must give the outputs.
 import json
 from collections.abc import Iterable
 from pathlib import Path
-from typing import Any, TypeAlias
+from typing import TypeAlias
 
 import numpy as np
 import numpy.typing as npt
@@ -21,7 +21,7 @@ from nte.runtime.description import METADATA_KEY, read_description, recurrent_of
 from nte.runtime.trial import trial_frames
 
 Values: TypeAlias = npt.NDArray[np.float32]
-Listed: TypeAlias = dict[str, dict[str, Any]]  # input or output → its file and shape
+Listed: TypeAlias = dict[str, dict[str, str | list[int]]]  # input or output → its file and shape
 
 INDEX = "vectors.json"
 FRAMES, SIZE = 4, (40, 48)

@@ -4,16 +4,14 @@ import html
 import json
 import re
 import shutil
-from collections.abc import Mapping
 from importlib.resources import files
 from pathlib import Path
-from typing import Any
 
 from nte.errors import NteError
 from nte.files import remove, write_whole
 from nte.frames.show import heat_tables
 from nte.version import __version__
-from nte.viewer.recorder import FOLDER
+from nte.viewer.recorder import FOLDER, Entry
 
 PAGE = "index.html"
 _LAYER = re.compile(r"\d{4,}\.js")
@@ -41,7 +39,7 @@ _SHELL = """<!doctype html>
 """
 
 
-def write_page(out: Path, data: Mapping[str, Any], text: str = "") -> Path:
+def write_page(out: Path, data: Entry, text: str = "") -> Path:
     """Write `out`/index.html, which needs neither network nor server, and return its path.
 
     data: what the script reads; viewer/src/data.ts describes it. text: the numbers for readers without JavaScript.
@@ -52,7 +50,7 @@ def write_page(out: Path, data: Mapping[str, Any], text: str = "") -> Path:
     return out / PAGE
 
 
-def render_page(data: Mapping[str, Any], text: str = "") -> str:
+def render_page(data: Entry, text: str = "") -> str:
     """Render the page as HTML text; see `write_page`."""
     bundle = files("nte.viewer") / "bundle"
     whole = {"version": __version__, "folder": FOLDER, "heat": heat_tables(), **data}

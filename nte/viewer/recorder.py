@@ -5,7 +5,7 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from hashlib import sha256
 from pathlib import Path
-from typing import Any, Literal
+from typing import Any, Literal, TypeAlias
 
 import numpy as np
 
@@ -20,6 +20,7 @@ FOLDER = "layers"  # beside the page
 REFERENCE, INPUT = "reference", "noisy input"
 BRIGHTENED = {"indirect": 10.0}  # indirect light is a small part of a picture; papers print it ten times as bright
 
+Entry: TypeAlias = dict[str, Any]  # what the page knows of a clip or a layer, as JSON
 Group = Literal["image", "flip", "extra", "channel"]
 
 
@@ -115,7 +116,7 @@ class Recorder:
             for index in kept.frames:
                 remove(self._path(kept, index))
 
-    def entry(self) -> dict[str, Any]:
+    def entry(self) -> Entry:
         """Describe the clip for the page, as JSON."""
         frames = sorted({index for kept in self._there.values() for index in kept.frames})
         return {
@@ -153,7 +154,7 @@ class _Kept:
     picture: bool = False  # sRGB of 8 bits
 
 
-def _described(layer: Layer, kept: _Kept, frames: list[int]) -> dict[str, Any]:
+def _described(layer: Layer, kept: _Kept, frames: list[int]) -> Entry:
     row = CHANNELS.get(layer.channel)
     shown = layer.shown or {1: "heat", 2: "motion"}.get(kept.components, "radiance")
     if kept.picture or layer.group == "flip":
@@ -172,7 +173,7 @@ def _described(layer: Layer, kept: _Kept, frames: list[int]) -> dict[str, Any]:
     }
 
 
-def titled(entry: Mapping[str, Any], titles: Mapping[str, str]) -> dict[str, Any]:
+def titled(entry: Entry, titles: Mapping[str, str]) -> Entry:
     """Return the description of a clip with denoisers called by their titles (spec → title)."""
     layers = [{**layer, "of": titles.get(layer["of"], layer["of"])} for layer in entry["layers"]]
     return {**entry, "layers": layers}

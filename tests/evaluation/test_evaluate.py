@@ -405,7 +405,7 @@ def test_what_was_stopped_while_it_wrote_is_written_again_by_the_same_evaluation
     with pytest.raises(NteError, match="out: exists"):
         evaluate([clip], ["taa"], out)
     evaluate([clip], ["noisy"], out)
-    assert {path.name for path in out.iterdir()} == {"metrics.json", "index.html"}
+    assert {path.name for path in out.iterdir()} == {"metrics.json", "index.html", "layers"}
 
 
 def test_leftovers_of_a_killed_process_are_in_nobodys_way(clip: Path, tmp_path: Path) -> None:
@@ -417,7 +417,7 @@ def test_leftovers_of_a_killed_process_are_in_nobodys_way(clip: Path, tmp_path: 
         path = temporary_name(out / name)
         path.with_name(path.name.replace(f"_{os.getpid()}_", f"_{dead.pid}_")).touch()
     evaluate([clip], ["noisy"], out)
-    assert {path.name for path in out.iterdir()} == {"metrics.json", "index.html"}
+    assert {path.name for path in out.iterdir()} == {"metrics.json", "index.html", "layers"}
 
 
 def test_clips_are_found_below_a_folder_once_and_in_order(tmp_path: Path) -> None:

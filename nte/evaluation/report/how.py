@@ -1,13 +1,10 @@
 """What the report says about how its numbers are computed, as titled lists of terms."""
 
 from collections.abc import Mapping
-from typing import Any
 
 from nte.evaluation.metric_table import METRICS, Row, settings_of
 from nte.evaluation.metrics import GLOSSY, MOVING_PX, SHADOWED
 from nte.viewer.recorder import BRIGHTENED
-
-Section = dict[str, Any]
 
 _REGIONS = (
     ("All", "The whole image."),
@@ -23,7 +20,7 @@ _REGIONS = (
 )
 
 
-def how_it_is_computed(rows: list[Row], methods: Mapping[str, str] | None) -> list[Section]:
+def how_it_is_computed(rows: list[Row], methods: Mapping[str, str] | None) -> list[Row]:
     """Explain metrics, regions, methods and settings. methods: title → spec, if the denoisers have titles."""
     sections = [
         {"title": "Metrics", "text": _procedure(rows), "terms": [[m.label, _reading(m.how, m.better)] for m in METRICS]}

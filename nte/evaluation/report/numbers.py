@@ -1,7 +1,6 @@
 """The numbers of an evaluation as the viewer reads them: tables with intervals over clips, curves, and their scale."""
 
 from collections.abc import Iterable
-from typing import Any
 
 from nte.evaluation.bootstrap import bootstrap_interval
 from nte.evaluation.metric_table import METRICS, Row, best_of
@@ -12,7 +11,7 @@ CURVES = ("psnr", "ssim", "flip", "l1", "temporal_l1")
 _NOT_OF_REGIONS = ("ms_per_frame",)
 
 
-def metric_table() -> list[dict[str, Any]]:
+def metric_table() -> list[Row]:
     """Describe every metric for the viewer."""
     return [
         {"name": m.name, "label": m.label, "better": m.better, "digits": m.digits, "curve": m.name in CURVES}
@@ -20,7 +19,7 @@ def metric_table() -> list[dict[str, Any]]:
     ]
 
 
-def tables(rows: list[Row]) -> list[dict[str, Any]]:
+def tables(rows: list[Row]) -> list[Row]:
     """Average over clips, for each region and light that has rows: denoiser → metric → [mean, low, high].
 
     low and high are the interval of 95 % over clips; null for a single clip. The lights of a report with one are "".
@@ -34,7 +33,7 @@ def tables(rows: list[Row]) -> list[dict[str, Any]]:
     return [_table(rows, region, light, several) for region, light in [("all", None), *parts]]
 
 
-def _table(rows: list[Row], region: str, light: str | None, named: bool) -> dict[str, Any]:
+def _table(rows: list[Row], region: str, light: str | None, named: bool) -> Row:
     means = means_of(rows, region, light)
     metrics = [m for m in METRICS if region == "all" or m.name not in _NOT_OF_REGIONS]
     best = {metric.name: sorted(best_of(means, metric)) for metric in metrics}

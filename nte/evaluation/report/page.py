@@ -2,7 +2,6 @@
 
 from collections.abc import Mapping
 from pathlib import Path
-from typing import Any
 
 from nte.evaluation.metric_table import Row, format_table
 from nte.evaluation.report.how import how_it_is_computed
@@ -30,7 +29,7 @@ def write_report(evaluation: Evaluation, out: Path, methods: Mapping[str, str] |
     )
 
 
-def report_data(evaluation: Evaluation, methods: Mapping[str, str] | None, clips: list[Row]) -> dict[str, Any]:
+def report_data(evaluation: Evaluation, methods: Mapping[str, str] | None, clips: list[Row]) -> Row:
     """Collect what the viewer reads. clips: their entries, see `nte.viewer.recorder.Recorder.entry`."""
     rows = evaluation.metrics["rows"]
     return {
