@@ -280,6 +280,8 @@ def test_light_stays_finite_and_the_damage_does_not_last(spec: str, start: int, 
             continue
         error = abs(float(image[number].mean() / alone.mean()) - 1)
         allowed = 0.0 if case == NOTHING_SEEN and filled else left_of(case, start, memories, denoiser, alone.mean())
+        if "factor=share" in spec:
+            allowed += 0.001  # its window of 15×15 pixels is most of these pictures
         if not error < 0.01 + allowed:
             wrong[case] = error, allowed
     assert not wrong

@@ -146,12 +146,8 @@ class _Pair:
             best = int(first[:, i].masked_fill(~known, float("inf")).argmin())
             error = float(second[best, i])
             as_good = known & ((first[:, i] + second[:, i]) / 2 <= max(EXPLAINED / 2, 2 * error))
-            by_given = float(given_wide[i].nan_to_num(1.0))  # EXPLAINED already if camera jitter is all that lacks
-            if (
-                by_given > EXPLAINED
-                and error <= min(EXPLAINED, BETTER * by_given)
-                and as_good.sum() <= ALONE * known.sum()
-            ):
+            contradicts = error <= min(EXPLAINED, BETTER * float(given_wide[i].nan_to_num(1.0)))
+            if contradicts and as_good.sum() <= ALONE * known.sum():
                 around = (displacements - displacements[best]).square().sum(1) <= AROUND**2
                 seen = displacements[as_good & around].mean(0)
                 mean = motion[0].flatten(1)[:, self.usable & (self.cell == cell)].nan_to_num().mean(1)

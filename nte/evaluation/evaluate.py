@@ -80,10 +80,15 @@ def evaluate(
             for label, clip in opened.items()
         }
         frames = {label: len(clip) for label, clip in opened.items()}
-        if jobs > 1 or scheduler is not None:
-            scores = _elsewhere(units, frames, out, jobs, scheduler, progress)
-        else:
-            scores = _here(units, frames, loaded, progress)
+        try:
+            if jobs > 1 or scheduler is not None:
+                scores = _elsewhere(units, frames, out, jobs, scheduler, progress)
+            else:
+                scores = _here(units, frames, loaded, progress)
+        except NteError:  # nothing comes of this command: leave nothing of it
+            clear(out)
+            finish(out)
+            raise
         found = gathered([scores[label] for label in units])
         found.write(out)
         write_report(found, out)

