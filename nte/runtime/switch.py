@@ -6,7 +6,7 @@ nte.motion.geometric. So an engine that gives the vectors does not pay for the s
 
 from collections.abc import Iterator
 from contextlib import contextmanager
-from typing import Any
+from typing import Protocol
 
 import onnx
 import torch
@@ -73,13 +73,20 @@ def _scattering() -> onnx.GraphProto:
     return branch
 
 
+class _Graph(Protocol):
+    """What PyTorch hands to the symbolic function of an operator."""
+
+    def op(self, kind: str, *inputs: object, **attributes: object) -> object:
+        """Add an operator of ONNX."""
+
+
 @contextmanager
 def _plain_scattering() -> Iterator[None]:
     """Let scatter_reduce become one operator: by default two branches come with each, for tensors without axes."""
 
     @symbolic_helper.parse_args("v", "i", "v", "v", "s", "b")
     def scatter(
-        graph: Any, tensor: object, axis: int, index: object, source: object, reduce: str, include_self: bool
+        graph: _Graph, tensor: object, axis: int, index: object, source: object, reduce: str, include_self: bool
     ) -> object:
         assert include_self, "as ONNX does"
         reduction = {"amin": "min", "amax": "max"}[reduce]

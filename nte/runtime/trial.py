@@ -2,7 +2,6 @@
 
 from collections.abc import Iterable, Iterator
 from dataclasses import replace
-from typing import Any
 
 import numpy as np
 import numpy.typing as npt
@@ -12,7 +11,7 @@ from nte.frames.frame import Frame
 from nte.frames.scalars import sequence_scalars
 from nte.recurrence import FORWARD
 
-Numbers = npt.NDArray[Any]
+Numbers = npt.NDArray[np.number]
 
 
 def trial_frames(
