@@ -10,7 +10,7 @@ VENV := .venv
 BIN := $(VENV)/bin
 INSTALLED := $(VENV)/installed
 
-.PHONY: demo test fast slow coverage lint docs viewer viewer-check acceptance paper bench clean
+.PHONY: demo test fast slow coverage lint docs viewer viewer-check viewer-fresh acceptance paper bench clean
 
 demo: $(INSTALLED)
 	$(BIN)/nte render datasets/quickstart.yaml --out data/quickstart
@@ -48,7 +48,6 @@ viewer-check:
 	@if $(MAKE) --no-print-directory viewer/node_modules; then $(MAKE) --no-print-directory viewer-fresh; \
 	else echo "viewer: its bundle was not built again, as npm or its registry is missing"; fi
 
-.PHONY: viewer-fresh
 viewer-fresh: viewer/node_modules
 	cd viewer && npm run --silent types && npm run --silent build -- build
 	diff -r viewer/build nte/viewer/bundle

@@ -7,7 +7,7 @@ import pytest
 
 from nte.config import load_config, to_yaml
 from nte.errors import NteError
-from nte.evaluation.comparison.schema import read_comparison
+from nte.evaluation.comparison.read import read_comparison
 from nte.importing.channel_map import load_channel_map
 from nte.models.cost import macs_per_pixel
 from nte.models.rae import RaeConfig

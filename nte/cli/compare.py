@@ -23,8 +23,8 @@ def add(commands: Commands) -> None:
 
 
 def _compare(options: argparse.Namespace) -> int:
+    from nte.evaluation.comparison.read import read_comparison
     from nte.evaluation.comparison.run import check_networks, run_comparison
-    from nte.evaluation.comparison.schema import read_comparison
     from nte.evaluation.comparison.text import failure_lines, plain
     from nte.render.recipes.clips import render_recipe
 

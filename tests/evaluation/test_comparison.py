@@ -12,8 +12,8 @@ from PIL import Image
 from nte import NteError
 from nte.cli import main
 from nte.denoiser import Noisy
+from nte.evaluation.comparison.read import read_comparison
 from nte.evaluation.comparison.run import run_comparison
-from nte.evaluation.comparison.schema import read_comparison
 from nte.evaluation.comparison.text import markdown, plain
 from nte.evaluation.evaluate import evaluate
 from nte.evaluation.report.strips import most_different, strip

@@ -4,8 +4,8 @@ from pathlib import Path
 
 import pytest
 
+from nte.evaluation.comparison.read import read_comparison
 from nte.evaluation.comparison.run import check_networks
-from nte.evaluation.comparison.schema import read_comparison
 
 ROOT = Path(__file__).parents[2]
 COMPARISONS = sorted(ROOT.glob("configs/compare_*.yaml"))

@@ -9,8 +9,8 @@ import pytest
 
 from nte import NteError
 from nte.cli import main
+from nte.evaluation.comparison.read import read_comparison
 from nte.evaluation.comparison.run import check_networks, run_comparison
-from nte.evaluation.comparison.schema import read_comparison
 from nte.training.loop import train
 from tests.synthetic import disc_frame, write_clip
 from tests.training.runs import assert_same_run, interrupted_after, metrics
