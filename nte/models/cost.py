@@ -157,6 +157,7 @@ def _bilinear(*shapes: _Shape, out_shape: _Shape = None, **_: object) -> int:
 _PRODUCTS: dict[_Operator, Callable[..., int]] = {
     _aten.mul: _product,
     _aten.addcmul: _product,
+    _aten.addcmul_: _product,
     _aten.lerp: _product,
     _aten.grid_sampler_2d: _bilinear,
     _aten.upsample_bilinear2d: _bilinear,

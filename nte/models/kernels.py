@@ -19,7 +19,7 @@ def apply_kernels(image: Tensor, kernels: Tensor) -> Tensor:
     """
     padded = F.pad(image, [math.isqrt(int(kernels.shape[1])) // 2] * 4, mode="replicate")
     # A traced graph needs the plain operators, and inference has nothing to save for a backward pass.
-    if torch.is_grad_enabled() and not torch.jit.is_tracing():  # type: ignore[attr-defined, no-untyped-call]
+    if torch.is_grad_enabled() and not _is_tracing():
         filtered: Tensor = _ApplyKernels.apply(padded, kernels)  # type: ignore[no-untyped-call]
         return filtered
     return _sum_of_taps(padded, kernels)
@@ -65,8 +65,14 @@ def _sum_of_taps(padded: Tensor, kernels: Tensor) -> Tensor:
     height, width = kernels.shape[-2:]
     filtered = torch.zeros_like(padded[:, :, :height, :width])
     for tap, (rows, columns) in enumerate(_windows(padded, kernels)):
-        filtered = filtered + kernels[:, tap : tap + 1] * padded[:, :, rows, columns]
+        weight, shifted = kernels[:, tap : tap + 1], padded[:, :, rows, columns]
+        # In place it takes a third of the time; in a graph it would become one more product.
+        filtered = filtered + weight * shifted if _is_tracing() else filtered.addcmul_(weight, shifted)
     return filtered
+
+
+def _is_tracing() -> bool:
+    return torch.jit.is_tracing()  # type: ignore[attr-defined, no-any-return, no-untyped-call]
 
 
 def _windows(padded: Tensor, kernels: Tensor) -> Iterator[tuple[slice, slice]]:

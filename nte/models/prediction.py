@@ -125,8 +125,9 @@ class KernelHeads(nn.Module):
                 continue
             blended = scale == 0 and self.temporal
             weighed = int(blended or scale > bool(self.mixing))
-            spatial, temporal = values[:, weighed : weighed + self.taps], values[:, weighed + self.taps :]
-            alpha = values[:, :1].sigmoid() if weighed else None
+            # A split has one backward pass for all parts; that of each slice would write zeros for the others.
+            alphas, spatial, temporal = values.split([weighed, self.taps, self.taps * blended], 1)
+            alpha = alphas.sigmoid() if weighed else None
             predicted.append(ScaleKernels(weights(spatial), alpha, weights(temporal) if blended else None))
         return predicted
 

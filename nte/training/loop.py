@@ -37,9 +37,9 @@ def train(
 
     config: the configuration, or its YAML file. force: replace a run that exists. device: auto, cpu, cuda, cuda:1, …
     overrides: `key=value` for the file, such as `resume=true`. Training ends after the steps of its phases, never by
-    the clock; Ctrl-C stops it after the current step. Raises NteError for wrong data or configuration, for a run that
-    exists without `force`, if another process trains in the run's folder, and if the loss or its gradient is not
-    finite.
+    the clock; Ctrl-C stops it after the current step, and then raises KeyboardInterrupt. Raises NteError for wrong data
+    or configuration, for a run that exists without `force`, if another process trains in the run's folder, and if the
+    loss or its gradient is not finite.
 
     >>> run = nte.train("config.yaml", device="cpu", overrides=["name=mine"])
     step 1: loss ...
@@ -132,8 +132,10 @@ def _run(
     bar.close()
     if writer is not None:
         writer.close()
-    if done < last and fabric.is_global_zero:
-        print(f"stopped after step {done} of {last}; continue with resume=true")
+    if done < last:
+        if fabric.is_global_zero:
+            print(f"stopped after step {done} of {last}; continue with resume=true", flush=True)
+        raise KeyboardInterrupt
 
 
 def _batches(step: int, accumulate: int) -> range:

@@ -105,5 +105,7 @@ def launch(device: str, seed: int) -> "Fabric":
     except (ValueError, RuntimeError, AssertionError) as error:
         raise NteError(f"--device {device}: {str(error).splitlines()[0]}") from error
     torch.use_deterministic_algorithms(fabric.device.type == "cpu")
+    # It would also fill every new tensor with NaN, which took a tenth of a step.
+    torch.utils.deterministic.fill_uninitialized_memory = False  # type: ignore[attr-defined]
     fabric.seed_everything(seed, verbose=False)
     return fabric

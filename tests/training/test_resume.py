@@ -74,7 +74,7 @@ def test_ctrl_c_stops_after_the_step_and_can_be_resumed(
     wait_for_step(process, 3)
     os.killpg(process.pid, signal.SIGINT)
     output, errors = process.communicate(timeout=300)
-    assert process.returncode == 0, errors
+    assert process.returncode == 130, errors
     assert "Traceback" not in errors
     done = checkpoint(run)["step"]
     assert f"stopped after step {done} of 80; continue with resume=true" in output
