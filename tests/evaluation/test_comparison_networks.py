@@ -112,7 +112,7 @@ def test_each_seed_is_trained_once_and_a_network_is_the_mean_over_its_seeds(
 def test_a_training_that_was_stopped_goes_on(
     compare: Callable[..., dict], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    with interrupted_after(3, monkeypatch):
+    with interrupted_after(3, monkeypatch), pytest.raises(KeyboardInterrupt):
         compare()
     assert [line["step"] for line in metrics(tmp_path / "runs/wide_seed1") if "loss" in line] == [1, 2, 3]
     assert not (tmp_path / "runs/wide_seed2").exists()
