@@ -13,6 +13,7 @@ from nte.errors import NteError
 from nte.files import is_folder_name
 from nte.models.registry import DEFAULT, network_type
 from nte.models.trainable import NetworkConfig
+from nte.shipped import shipped
 from nte.training.losses import LossConfig
 
 
@@ -100,7 +101,7 @@ def load_train_config(path: Path, overrides: list[str]) -> TrainConfig:
 
     Raises NteError, naming the file and the key, for a value that is not allowed.
     """
-    return load_config(TrainConfig, path, overrides, _of_its_network, _check)
+    return load_config(TrainConfig, shipped(path), overrides, _of_its_network, _check)
 
 
 def read_train_config(path: Path, overrides: Sequence[str] = ()) -> TrainConfig:

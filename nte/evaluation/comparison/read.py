@@ -10,6 +10,7 @@ from nte.evaluation.metric_table import METRICS
 from nte.evaluation.metrics import REGIONS
 from nte.files import is_folder_name
 from nte.frames.channels import TARGETS
+from nte.shipped import shipped
 
 _NAMES = tuple(metric.name for metric in METRICS)
 
@@ -21,6 +22,7 @@ def read_comparison(path: Path) -> Comparison:
 
     Raises NteError, naming the file and the key, for a comparison that is not valid.
     """
+    path = shipped(path)
     comparison = load_config(Comparison, path, check=_check)
     comparison.recipes = {folder: str(path.parent / recipe) for folder, recipe in comparison.recipes.items()}
     for network in comparison.networks.values():

@@ -26,6 +26,7 @@ from nte.render.recipes.recipe import ClipPlan, make_stage, plan, read_recipe
 from nte.render.world.scene import Pixels
 from nte.render.world.seeds import derive_generator, derive_seed
 from nte.render.world.transforms import Floats
+from nte.shipped import shipped
 from nte.version import __version__
 
 FPS = 24
@@ -57,15 +58,15 @@ def render_recipe(
     path (nte.jobs.on_cluster). Raises NteError for a faulty recipe, a folder that is not ours, or a full disk.
     """
     require_jobs(jobs)
-    out, folder = Path(out), Path(recipe_path).parent
+    out, path = Path(out), shipped(Path(recipe_path))
     load_mitsuba()  # before anything is read or written, because it may be missing
-    recipe = read_recipe(Path(recipe_path))
-    plans = plan(recipe, folder)
+    recipe = read_recipe(path)
+    plans = plan(recipe, path.parent)
     for key in ("components", "shutter", "unshadowed"):
         if any(getattr(unit.group, key) for unit in plans):
             require_arrays(key)
     with only_writer(out), Progress("render", sum(p.group.frames for p in plans), "frame", progress) as told:
-        claim(out, recipe, force, folder)
+        claim(out, recipe, force, path.parent)
 
         units = {unit.folder: unit for unit in plans}
         work = partial(render_clip, out=out.absolute())

@@ -1,0 +1,17 @@
+"""The configurations, comparisons and recipes that come with nte, by the names that they have in its repository."""
+
+from pathlib import Path
+
+FOLDERS = ("configs", "datasets")
+_HERE = Path(__file__).parent
+_PLACES = _HERE, _HERE.parent  # an installed package has them inside, a clone beside it
+
+
+def shipped(path: Path) -> Path:
+    """Return the file that ships with nte if the path, such as configs/quickstart.yaml, names one and does not exist.
+
+    Every other path is returned as it is.
+    """
+    if path.exists() or path.parts[:1] not in [(folder,) for folder in FOLDERS] or ".." in path.parts:
+        return path
+    return next((place / path for place in _PLACES if (place / path).is_file()), path)
