@@ -29,7 +29,7 @@ from nte.motion.pyramid import (
     upsample,
 )
 from nte.motion.search import SEARCHES, Search, noise_of, searches_for
-from nte.motion.warp import fetch_bilinear, pixel_centres, warp
+from nte.motion.warp import fetch_bilinear, pixel_centres, refuse_other_shape, warp
 from nte.motion.whole_shift import whole_shift
 
 __all__ = [
@@ -39,6 +39,7 @@ __all__ = [
 
 
 _ENOUGH = 32  # least number of pixels along each axis for a reliable shift of the whole image
+_LARGEST = 1e6  # values are clamped here, so that products of their squares are finite
 
 
 Searches = Search | Sequence[Search]  # one for all images of a batch, or one per image
@@ -72,14 +73,14 @@ def find_motion(
     """Find the motion (N, 2, H, W), px, current → previous, by searching each pixel of `current` in `previous`.
 
     current and previous (N, C, H, W): grey images, or noise-free guides as channels. Values should have the magnitude
-    of displayed ones, [0, 1], because the log norms compare them with 2. Values that are not finite count as 0. The
-    previous image is clamped at its border. search: one for all images, or one per image; None chooses one of SEARCHES
-    for each image of `current` by its noise. known: motion that overwrites what is found on every level, and so guides
-    the search around it.
+    of displayed ones, [0, 1], because the log norms compare them with 2. Values that are not finite count as 0, and
+    those beyond ±10⁶ as that. The previous image is clamped at its border. search: one for all images, or one per
+    image; None chooses one of SEARCHES for each image of `current` by its noise. known: motion that overwrites what is
+    found on every level, where it is finite, and so guides the search around it.
 
     The motion is always finite, and the same input gives the same output. Each image of a batch is searched as if it
     were alone. Small images get fewer levels (FewerLevelsWarning). No gradients are recorded. Raises NteError for
-    images that differ in size, and for a number of searches that does not fit.
+    images or known motion that differ in size, and for a number of searches that does not fit.
 
     >>> previous = torch.rand(1, 1, 64, 64, generator=torch.Generator().manual_seed(0))
     >>> current = previous.roll((2, 3), (2, 3))  # two pixels down, three to the right
@@ -87,6 +88,7 @@ def find_motion(
     [-3.0, -2.0]
     """
     _require_sizes(current, previous)
+    known = known and _finite(known, current)
     searches = _for_each(search or searches_for(current), current)
     for one in dict.fromkeys(one for one, _ in searches):
         _tell_of_missing_levels(current, _unit(current, one), len(one.radii))
@@ -113,8 +115,12 @@ def patch_error(current: Tensor, previous: Tensor, motion: Tensor, search: Searc
 
     The motion may come from anywhere but must be finite. Norm, patches and level are those of the search, so the errors
     of found motion and of other motion can be compared. The unit is that of the norm; log 2 is subtracted from log
-    distances, so that 0 means equal. search: one for all images, or one per image; raises NteError for another number.
+    distances, so that 0 means equal. search: one for all images, or one per image. Raises NteError for another number,
+    and for images or a motion that differ in size.
     """
+    _require_sizes(current, previous)
+    refuse_other_shape("motion", motion, "current", current)
+    motion = motion.float()
     return torch.cat(
         [
             _error(_scaled(current[n], one), _scaled(previous[n], one), motion[n], one)
@@ -191,6 +197,13 @@ def _for_each(search: Searches, images: Tensor) -> list[tuple[Search, slice]]:
     if len(searches) != len(images):
         raise NteError(f"{len(searches)} searches for {len(images)} images: expected one, or one for each")
     return [(one, slice(n, n + 1)) for n, one in enumerate(searches)]
+
+
+def _finite(known: Known, like: Tensor) -> Known:
+    """Known motion in single precision, not known where it is not finite. Raises NteError for another size."""
+    for name, values in known._asdict().items():
+        refuse_other_shape(f"known {name}", values, "current", like)
+    return Known(known.motion.float(), known.mask.bool() & known.motion.isfinite().all(1, keepdim=True))
 
 
 def _unit(image: Tensor, search: Search) -> int:
@@ -278,7 +291,8 @@ def _fetched(image: Tensor, motion: Tensor) -> Tensor:
 
 def _scaled(image: Tensor, search: Search) -> Tensor:
     """Finite values, in the scale in which the norm compares them."""
-    return torch.nan_to_num(image.float(), 0, 0, 0) * (search.gain if search.norm.startswith("log") else 1.0)
+    values = torch.nan_to_num(image.float(), 0, 0, 0).clamp_(-_LARGEST, _LARGEST)
+    return values * search.gain if search.norm.startswith("log") else values
 
 
 def _error(now: Tensor, before: Tensor, motion: Tensor, search: Search) -> Tensor:
