@@ -13,34 +13,27 @@ import torch
 from torch import Tensor
 
 from nte.errors import NteError
-from nte.motion.agreement import agree
-from nte.motion.box import box_mean
-from nte.motion.patch_distance import REACH, best_shift
+from nte.motion.coarse_to_fine import search_levels
+from nte.motion.patch_distance import distance_along
 from nte.motion.pyramid import (
     SCALE,
     SMALLEST,
     FewerLevelsWarning,
     Known,
-    Level,
     count_levels,
-    pyramid,
     smaller,
     smaller_known,
     upsample,
 )
 from nte.motion.search import SEARCHES, Search, noise_of, searches_for
-from nte.motion.warp import fetch_bilinear, pixel_centres, refuse_other_shape, warp
-from nte.motion.whole_shift import whole_shift
+from nte.motion.warp import refuse_other_shape, warp
 
 __all__ = [
     "SEARCHES", "BothWays", "Correspondence", "FewerLevelsWarning", "Known", "Search", "Searches", "find_both_ways",
     "find_correspondence", "find_motion", "noise_of", "patch_error", "rejection_mask", "searches_for",
 ]  # fmt: skip
 
-
-_ENOUGH = 32  # least number of pixels along each axis for a reliable shift of the whole image
 _LARGEST = 1e6  # values are clamped here, so that products of their squares are finite
-
 
 Searches = Search | Sequence[Search]  # one for all images of a batch, or one per image
 
@@ -103,9 +96,9 @@ def _find_alone(current: Tensor, previous: Tensor, search: Search, known: Known 
     """The motion of one image (1, C, H, W), as `find_motion` returns it."""
     now, before = (_scaled(image, search) for image in (current, previous))
     if _unit(current, search) == 1:
-        return _search(now, before, known, search)
+        return search_levels(now, before, known, search)
     now, before = smaller(now, 2), smaller(before, 2)
-    motion = upsample(_search(now, before, known and smaller_known(known, 2), search), current, 2) * 2
+    motion = upsample(search_levels(now, before, known and smaller_known(known, 2), search), current, 2) * 2
     return motion if known is None else torch.where(known.mask, known.motion, motion)
 
 
@@ -164,33 +157,6 @@ def rejection_mask(error: Tensor, kappa: float, eta: float) -> Tensor:
     return (kappa * error - eta).clamp(0, 1)
 
 
-def _search(current: Tensor, previous: Tensor, known: Known | None, search: Search) -> Tensor:
-    """The motion, searched level by level from the coarsest to the finest."""
-    levels = pyramid(current, previous, known, len(search.radii))
-    whole = _whole_motion(levels)
-    motion: Tensor | None = None
-    for level in reversed(range(len(levels))):
-        motion = _search_level(levels[level], motion, whole / SCALE**level, search, level)
-    assert motion is not None
-    return _settled(levels[0], motion, search) if whole.any() else motion
-
-
-def _settled(images: Level, motion: Tensor, search: Search) -> Tensor:
-    """The motion of the finest level, replaced by the median motion, that of the pan, wherever that fits no worse.
-
-    In nearly flat parts of a panned image, noise and rounding mislead the search by whole pixels.
-    """
-    now, before, known = images
-    middle = motion.flatten(2).median(2).values[..., None, None]
-    distance = _distance(now, before, motion, search, search.radii[0])
-    for pan in (middle, middle.round()):
-        other = pan.expand_as(motion)
-        its_distance = _distance(now, before, other, search, search.radii[0])
-        better = its_distance <= distance
-        motion, distance = torch.where(better, other, motion), torch.where(better, its_distance, distance)
-    return motion if known is None else torch.where(known.mask, known.motion, motion)
-
-
 def _for_each(search: Searches, images: Tensor) -> list[tuple[Search, slice]]:
     """Each image's search, with its slice of the batch. Raises NteError if the number of searches does not fit."""
     searches = [search] * len(images) if isinstance(search, Search) else list(search)
@@ -234,61 +200,6 @@ def _tell_of_missing_levels(image: Tensor, unit: int, wanted: int) -> None:
         )
 
 
-def _whole_motion(levels: list[Level]) -> Tensor:
-    """The shift (1, 2, 1, 1) of the whole image, in px of the finest level, measured in whole px of the second finest.
-
-    The shift is 0 where the two finest levels reach it by themselves.
-    """
-    level = int(len(levels) > 1 and min(levels[1].current.shape[-2:]) >= _ENOUGH)
-    now, before, _ = levels[level]
-    x, y = whole_shift(now, before, farthest=0.5)
-    near = max(abs(x), abs(y)) <= REACH
-    return now.new_tensor([0, 0] if near else [x, y]).view(1, 2, 1, 1) * float(SCALE**level)
-
-
-def _search_level(images: Level, coarser: Tensor | None, whole: Tensor, search: Search, level: int) -> Tensor:
-    """The motion of one level, searched around the coarser level's motion, the whole image's shift, and no motion.
-
-    Coarse levels do not show fine texture, and an error larger than the reach of the finer level cannot be corrected.
-    Therefore every start is tried, and each pixel takes the best fit; the first start wins ties. The finest level,
-    which costs most, uses the first start only.
-    """
-    now, before, known = images
-    still = whole.expand(-1, -1, *now.shape[-2:])
-    starts = [still] if coarser is None else [upsample(coarser, now, SCALE) * SCALE]
-    if coarser is not None and level > 0:
-        starts.append(still)
-    if level > 0 and whole.any():  # for objects at rest before a moving background
-        starts.append(torch.zeros_like(still))
-    motion, distance = _search_from(now, before, starts[0], search, level)
-    for start in starts[1:]:
-        other, its_distance = _search_from(now, before, start, search, level)
-        better = its_distance < distance
-        motion, distance = torch.where(better, other, motion), torch.where(better, its_distance, distance)
-    if radius := dict(enumerate(search.smoothing)).get(level, 0):
-        motion = box_mean(motion, 2 * radius + 1)
-    if strength := dict(enumerate(search.agreement)).get(level, 0.0):
-        # `_scaled` has applied the gain for the log norms.
-        gain = 1.0 if search.norm.startswith("log") else search.gain
-        motion = agree(now, before, motion, strength, gain)
-    return motion if known is None else torch.where(known.mask, known.motion, motion)
-
-
-def _search_from(now: Tensor, before: Tensor, start: Tensor, search: Search, level: int) -> tuple[Tensor, Tensor]:
-    """The motion and patch distance of the best shift around `start`."""
-    radius, refine = search.radii[level], level < search.refined
-    if not start.any():
-        return best_shift(now, before, radius, search.norm, refine)
-    shift, distance = best_shift(now, _fetched(before, start), radius, search.norm, refine)
-    # The best match lies at x + shift in the warped image; from there `start` leads to the previous image.
-    return shift + _fetched(start, shift), distance
-
-
-def _fetched(image: Tensor, motion: Tensor) -> Tensor:
-    """The image fetched along the motion; unlike `warp`, without the validity mask, which would double the cost."""
-    return fetch_bilinear(image, pixel_centres(image) + motion)
-
-
 def _scaled(image: Tensor, search: Search) -> Tensor:
     """Finite values, in the scale in which the norm compares them."""
     values = torch.nan_to_num(image.float(), 0, 0, 0).clamp_(-_LARGEST, _LARGEST)
@@ -298,15 +209,5 @@ def _scaled(image: Tensor, search: Search) -> Tensor:
 def _error(now: Tensor, before: Tensor, motion: Tensor, search: Search) -> Tensor:
     """The result of `patch_error` for scaled images."""
     shrink = (2 if search.half else 1) * SCALE**search.error_level
-    distance = _distance(now, before, motion, search, search.radii[search.error_level], shrink)
+    distance = distance_along(now, before, motion, search.norm, search.radii[search.error_level], shrink)
     return upsample(distance, now, shrink)
-
-
-def _distance(now: Tensor, before: Tensor, motion: Tensor, search: Search, radius: int, shrink: int = 1) -> Tensor:
-    """The patch distance of scaled images along a motion, computed on images that are smaller by `shrink`."""
-    difference = smaller(now, shrink) - smaller(_fetched(before, motion), shrink)
-    distance = difference.square_() if search.norm == "l2" else difference.abs_()
-    distance = distance.mean(1, keepdim=True)
-    if search.norm.startswith("log"):
-        distance = torch.log1p(distance / 2)  # log(2 + |a − b|) − log 2
-    return box_mean(distance, 2 * radius + 1)
