@@ -19,10 +19,11 @@ _ROUNDING = 1e-5  # of the largest value: a smaller difference is none
 def whole_shift(current: Tensor, previous: Tensor, farthest: float = 0.25) -> tuple[int, int]:
     """Find the whole-pixel shift (x, y) for which current(p) looks most like previous(p + shift) in most of the image.
 
-    current and previous (1, C, H, W): finite; channels are averaged. farthest: longest shift along an axis, as a share
-    of the image size; a small overlap proves little. The phase correlation uses a Hann window against the border. Its
-    highest peak may belong to a small bright object that moves by itself, so the median difference of the overlap
-    decides among the highest peaks. No shift wins ties. Costs three Fourier transforms.
+    Areas that are constant, such as a background without noise, do not count. current and previous (1, C, H, W):
+    finite; channels are averaged. farthest: longest shift along an axis, as a share of the image size; a small overlap
+    proves little. The phase correlation uses a Hann window against the border. Its highest peak may belong to a small
+    bright object that moves by itself, so the median difference of the overlap decides among the highest peaks. No
+    shift wins ties. Costs three Fourier transforms.
     """
     height, width = current.shape[-2:]
     current, previous = current.mean(1, keepdim=True), previous.mean(1, keepdim=True)
