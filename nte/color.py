@@ -36,6 +36,16 @@ def display(radiance: Tensor, exposure: Tensor) -> Tensor:
     return torch.where(tonemapped <= DARK, SLOPE * tonemapped, curve)
 
 
+def undisplay(shown: Tensor) -> Tensor:
+    """Convert display values (N, C, H, W) in [0, 1) to exposed radiance: the inverse of `display` at exposure 1.
+
+    Values that are white to within rounding give a million.
+    """
+    curve = ((shown + OFFSET) / GAIN) ** POWER
+    tonemapped = torch.where(shown <= SLOPE * DARK, shown / SLOPE, curve)
+    return tonemapped / (1 - tonemapped).clamp(min=1e-6)
+
+
 def psnr(squared_error: Tensor) -> Tensor:
     """Convert the mean squared error of images in [0, 1] to a peak signal-to-noise ratio in dB, at most PSNR_MAX."""
     return (-10 * squared_error.log10()).clamp(max=PSNR_MAX)

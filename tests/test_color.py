@@ -5,7 +5,7 @@ import torch
 from hypothesis import given
 from hypothesis import strategies as st
 
-from nte.color import BLACK, compress, demodulate, display, divisor, luminance, per_sequence, remodulate
+from nte.color import BLACK, compress, demodulate, display, divisor, luminance, per_sequence, remodulate, undisplay
 
 
 def test_luminance_is_rec_709() -> None:
@@ -25,6 +25,15 @@ def test_the_display_transform() -> None:
     toe = 12.92 * 0.001 / 1.001
     torch.testing.assert_close(shown, torch.tensor([0.7353569, 0.0, 1.0, toe]), atol=1e-5, rtol=1e-4)
     assert display(-radiance, torch.ones(1)).max() == 0
+
+
+def test_the_display_transform_can_be_inverted() -> None:
+    radiance = torch.tensor([0.0, 1e-6, 1e-3, 0.5, 7.0, 1e3, 6e4]).view(1, 1, 1, 7).expand(1, 3, 1, 7)
+    torch.testing.assert_close(undisplay(display(radiance, torch.ones(1))), radiance, rtol=2e-2, atol=0)
+    torch.testing.assert_close(
+        undisplay(display(radiance, torch.ones(1)))[..., :5], radiance[..., :5], rtol=1e-5, atol=0
+    )
+    assert undisplay(torch.ones(1, 3, 1, 1)).isfinite().all()
 
 
 def test_the_display_transform_exposes_each_sequence_by_its_own() -> None:

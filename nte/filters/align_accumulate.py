@@ -13,7 +13,7 @@ from nte.color import demodulate, remodulate
 from nte.denoiser import Filter, Result, State, require_size, sanitised
 from nte.filters.align import SearchOptions, align
 from nte.filters.blocks import fetch_history, keep_where_bad, remembered, restarts, texture_of
-from nte.filters.estimated import Chooser, matched_grey, searchable
+from nte.filters.estimated import Chooser, matched_grey, searchable, shown_at
 from nte.frames.frame import Frame
 from nte.frames.scalars import sequence_exposure
 from nte.frames.usable import mask_of
@@ -74,16 +74,18 @@ class AlignAccumulate(Filter[AlignAccumulateOptions]):
         current = current if albedo is None else demodulate(current, albedo)
         carried = None if state is None else state.exposure
         exposure = torch.from_numpy(sequence_exposure(frame, carried)).to(current)
+        before = None
         if state is not None:
             require_size(frame, state.merged)
-        grey = searchable(matched_grey(current, exposure), frame, self.target, state and state.grey)
+            before = shown_at(exposure, state.grey, state.exposure)
+        grey = searchable(matched_grey(current, exposure), frame, (self.target,), before)
         merged, length = current, torch.ones_like(grey)
         kept = remembered(current, length < 1, frame, self.target)
         motion, mask = current.new_zeros(frame.batch, 2, *frame.size), torch.ones_like(grey)
-        if state is not None:
+        if before is not None:
             starts = restarts(frame)
             usable = frame[mask_of(self.target)]
-            motion, valid, error = align(grey, state.grey, frame, how.motion, self.choose)
+            motion, valid, error = align(grey, before, frame, how.motion, self.choose)
             motion = torch.where(starts, 0.0, motion)
             mask = torch.where(starts, 1.0, rejection_mask(error, how.kappa, how.eta))
             where = Reprojection(motion, valid, torch.zeros_like(valid))

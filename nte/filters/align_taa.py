@@ -12,7 +12,8 @@ from torch import Tensor
 from nte.denoiser import Filter, Result, State, require_size, sanitised
 from nte.filters.align import Aligned, SearchOptions, align
 from nte.filters.blocks import clamp_history, fetch_finite, keep_where_bad, remembered, restarts, usable_moments
-from nte.filters.estimated import matched_grey, searchable
+from nte.filters.estimated import matched_grey, searchable, shown_at
+from nte.frames.channels import GUIDES
 from nte.frames.frame import Frame
 from nte.frames.scalars import sequence_exposure
 from nte.motion.catmull_rom import warp_catmull_rom
@@ -60,7 +61,7 @@ class AlignTaa(Filter[AlignTaaOptions]):
         super().__init__(options, device=device)
         how = self.options
         self.choose = how.chooser()
-        looks = ("albedo", "normal") if how.guides or how.tolerance == "adaptive" else ()
+        looks = GUIDES if how.guides or how.tolerance == "adaptive" else ()
         self.needs = ("color", *looks, *(["motion"] if how.motion == "geometric" else []))
 
     @sanitised
@@ -70,21 +71,23 @@ class AlignTaa(Filter[AlignTaaOptions]):
         current = frame["color"]
         carried = None if state is None else state.exposure
         exposure = torch.from_numpy(sequence_exposure(frame, carried)).to(current)
-        guides = None
-        if "albedo" in self.needs:
-            guides = torch.cat([frame["albedo"], frame["normal"]], 1)
+        guides = before = None
         if state is not None:
             require_size(frame, state.output)
+            before = state.searched if how.guides else shown_at(exposure, state.searched, state.exposure)
+        if "albedo" in self.needs:
+            guides = torch.cat([frame[name] for name in GUIDES], 1)
+            guides = searchable(guides, frame, GUIDES, state and state.guides)
         if how.guides and guides is not None:
             searched = guides
         else:
-            searched = searchable(matched_grey(current, exposure), frame, "color", state and state.searched)
+            searched = searchable(matched_grey(current, exposure), frame, ("color",), before)
         output, valid = current, torch.zeros_like(current[:, :1], dtype=torch.bool)
         mask = torch.zeros_like(current[:, :1])
         aligned = Aligned(current.new_zeros(frame.batch, 2, *frame.size), mask > 0, mask)
-        if state is not None:
+        if before is not None:
             starts = restarts(frame)
-            aligned = align(searched, state.searched, frame, how.motion, self.choose)
+            aligned = align(searched, before, frame, how.motion, self.choose)
             aligned = aligned._replace(motion=torch.where(starts, 0.0, aligned.motion), valid=aligned.valid & ~starts)
             mask = torch.where(starts, 0.0, rejection_mask(aligned.error, how.kappa, how.eta))
             output, valid = self._blend(current, mask, aligned, guides, state, frame)

@@ -3,7 +3,7 @@
 Hanika, Tessari and Dachsbacher 2021, «Fast Temporal Reprojection without Motion Vectors».
 """
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from typing import Any, Literal, NamedTuple, TypeAlias
 
@@ -11,9 +11,10 @@ import numpy as np
 import torch
 from torch import Tensor
 
-from nte.color import display, luminance
+from nte.color import display, luminance, per_sequence, undisplay
 from nte.denoiser import Denoiser, Filter, Result, State, require_size, sanitised
 from nte.filters.blocks import restarts
+from nte.frames.channels import GUIDES
 from nte.frames.frame import Array, Frame
 from nte.frames.scalars import sequence_exposure
 from nte.frames.usable import mask_of
@@ -35,14 +36,26 @@ def matched_grey(color: Tensor, exposure: Tensor) -> Tensor:
     return display(luminance(color), exposure.nan_to_num(1))
 
 
-def searchable(image: Tensor, frame: Frame, target: str, previous: Tensor | None) -> Tensor:
-    """Fill the bad pixels of the image (N, C, H, W) that a search compares, made from channel `target` of the frame.
+def shown_at(exposure: Tensor, grey: Tensor, was: Tensor) -> Tensor:
+    """Convert displayed luminance (N, 1, H, W) to another exposure (N,) than it `was` displayed at, (N,).
+
+    Two images can be compared in one exposure only. One whose exposure stays comes out bit for bit. NaN counts as 1.
+    """
+    ratio = exposure.nan_to_num(1) / was.nan_to_num(1)
+    if (ratio == 1).all():
+        return grey
+    ratio = ratio.to(grey)
+    return torch.where(per_sequence(ratio) == 1, grey, display(undisplay(grey), ratio))
+
+
+def searchable(image: Tensor, frame: Frame, names: Sequence[str], previous: Tensor | None) -> Tensor:
+    """Fill the bad pixels of the image (N, C, H, W) that a search compares, made from these channels of the frame.
 
     They keep their values in the previous such image, or, where a sequence starts (None: all do), take the mean of the
     usable pixels. Left black, they would repel all patches that touch them, and the vectors around would be wrong.
     """
-    known = frame[mask_of(target)] > 0
-    if known.all():
+    masks = [frame[mask_of(name)] for name in names if mask_of(name) in frame]
+    if not masks or (known := torch.stack(masks).amin(0) > 0).all():
         return image
     mean = (image * known).sum((2, 3), keepdim=True) / known.sum((2, 3), keepdim=True).clamp(min=1)
     kept = mean if previous is None else torch.where(restarts(frame), mean, previous)
@@ -106,7 +119,7 @@ class Estimator:
     def __init__(self, options: EstimateOptions | None = None, *, device: str = "cpu", errors: bool = False) -> None:
         self.options = EstimateOptions() if options is None else options
         self.choose, self.device, self.errors = Chooser(self.options.noise), device, errors
-        looks = ("albedo", "normal") if self.options.guides else ()
+        looks = GUIDES if self.options.guides else ()
         self.needs: tuple[str, ...] = ("color", *looks, *(("motion",) if self.options.known else ()))
 
     def step(self, frame: Frame, state: _Seen | None) -> tuple[Estimate, _Seen]:
@@ -121,18 +134,20 @@ class Estimator:
             require_size(frame, state.image)
         carried = None if state is None else state.exposure
         exposure = torch.from_numpy(sequence_exposure(frame, carried))
-        image = matched_grey(color, exposure.to(color))
+        image, before = matched_grey(color, exposure.to(color)), None
+        names: tuple[str, ...] = ("color",)
+        if state is not None:
+            before = state.image if self.options.guides else shown_at(exposure, state.image, state.exposure)
         if self.options.guides:
-            image = torch.cat([tensors["albedo"], tensors["normal"]], 1)
-        elif mask_of("color") in tensors:
-            image = searchable(image, tensors, "color", state and state.image)
-        if state is None:
+            names, image = GUIDES, torch.cat([tensors[name] for name in GUIDES], 1)
+        image = searchable(image, tensors, names, before)
+        if before is None:
             nothing = torch.zeros_like(image[:, :1])
             error = nothing if self.errors else None
             return Estimate(nothing.repeat(1, 2, 1, 1), error, nothing > 0), _Seen(image, exposure)
         search = self.choose(image)
-        motion = find_motion(image, state.image, search, self._known(tensors))
-        error = patch_error(image, state.image, motion, search) if self.errors else None
+        motion = find_motion(image, before, search, self._known(tensors))
+        error = patch_error(image, before, motion, search) if self.errors else None
         valid = inside(pixel_centres(motion) + motion)
         goes_on = ~restarts(tensors)
         motion, valid = motion * goes_on, valid & goes_on

@@ -88,11 +88,14 @@ def known_exposure(color: npt.NDArray[np.float32], lit: float = 0.0) -> npt.NDAr
 
 
 def sequence_exposure(frame: Frame, carried: Array | None) -> npt.NDArray[np.float32]:
-    """Return the exposure (N,) of a sequence: the carried one if it is known, else that of this frame.
+    """Return the exposure (N,) of a sequence: what the frame gives, else the carried one, else that of its pixels.
 
     carried: the exposure (N,) that the previous frame returned, or None at the start. A sequence that starts with
     this frame (`reset`) ignores it. NaN until a frame has light.
     """
+    given = given_exposure(frame)
+    if given is not None:
+        return given
     own = np.full(frame.batch, np.nan, np.float32) if carried is None else _as_numpy(carried)
     if frame.reset is not None:
         own = np.where(_as_numpy(frame.reset) > 0, np.float32(np.nan), own)

@@ -22,7 +22,7 @@ from math import inf
 import numpy as np
 import numpy.typing as npt
 
-from nte.frames.channels import CHANNELS, Channel, Kind
+from nte.frames.channels import CHANNELS, GUIDES, Channel, Kind
 from nte.frames.frame import Array, Frame
 from nte.frames.scalars import FARTHEST, given_exposure, known_exposure
 
@@ -94,14 +94,15 @@ def usable(row: Channel, values: Array, brightest: Array | float = ABSOLUTE) -> 
 
 
 def mask_of(name: str) -> str:
-    """Name the mask (N, 1, H, W) that `usable_frame` adds for a noisy channel: 1 where it is usable, else 0."""
+    """Name the mask (N, 1, H, W) that `usable_frame` adds for a channel: 1 where it is usable, else 0."""
     return f"{name} usable"
 
 
 def usable_frame(frame: Frame, names: Iterable[str], cap: npt.NDArray[np.float32]) -> Frame:
     """Sanitise the named channels of a frame, and add a mask (`mask_of`) for noisy light and noisy scalars.
 
-    names: channels that the frame or the table lacks are skipped. cap: radiance (N,) at which light is capped.
+    A guide (albedo, normal) gets a mask if it has faults: pixels that are not finite, or beyond 1000. names: channels
+    that the frame or the table lacks are skipped. cap: radiance (N,) at which light is capped.
     """
     found: dict[str, Array] = {}
     for row in (CHANNELS[name] for name in dict.fromkeys(names) if name in frame and name in CHANNELS):
@@ -111,9 +112,15 @@ def usable_frame(frame: Frame, names: Iterable[str], cap: npt.NDArray[np.float32
         if not fine:
             found[row.name] = usable(row, values, brightest)
         # A wrapper passes on a frame that is sanitised already, where faults are black: its mask stays.
-        if row.noisy and row.kind in ("radiance", "scalar") and mask not in frame:
+        if mask in frame:
+            continue
+        if row.noisy and row.kind in ("radiance", "scalar"):
             first = values[:, :1]
             found[mask] = first * 0 + 1 if fine else _like(says_something(values, brightest), values)
+        elif row.name in GUIDES and not fine:
+            known = (abs(values) <= LONG).all(1)[:, None]
+            if not known.all():
+                found[mask] = _like(known, values)
     return frame.with_channels(**found)
 
 

@@ -13,33 +13,27 @@ import torch
 from torch import Tensor
 
 from nte.errors import NteError
-from nte.motion.agreement import agree
-from nte.motion.box import box_mean
-from nte.motion.patch_distance import REACH, best_shift
+from nte.motion.coarse_to_fine import search_levels
+from nte.motion.patch_distance import distance_along
 from nte.motion.pyramid import (
     SCALE,
     SMALLEST,
     FewerLevelsWarning,
     Known,
-    Level,
     count_levels,
-    pyramid,
     smaller,
     smaller_known,
     upsample,
 )
 from nte.motion.search import SEARCHES, Search, noise_of, searches_for
-from nte.motion.warp import fetch_bilinear, pixel_centres, warp
-from nte.motion.whole_shift import whole_shift
+from nte.motion.warp import refuse_other_shape, warp
 
 __all__ = [
     "SEARCHES", "BothWays", "Correspondence", "FewerLevelsWarning", "Known", "Search", "Searches", "find_both_ways",
     "find_correspondence", "find_motion", "noise_of", "patch_error", "rejection_mask", "searches_for",
 ]  # fmt: skip
 
-
-_ENOUGH = 32  # least number of pixels along each axis for a reliable shift of the whole image
-
+_LARGEST = 1e6  # values are clamped here, so that products of their squares are finite
 
 Searches = Search | Sequence[Search]  # one for all images of a batch, or one per image
 
@@ -72,14 +66,14 @@ def find_motion(
     """Find the motion (N, 2, H, W), px, current → previous, by searching each pixel of `current` in `previous`.
 
     current and previous (N, C, H, W): grey images, or noise-free guides as channels. Values should have the magnitude
-    of displayed ones, [0, 1], because the log norms compare them with 2. Values that are not finite count as 0. The
-    previous image is clamped at its border. search: one for all images, or one per image; None chooses one of SEARCHES
-    for each image of `current` by its noise. known: motion that overwrites what is found on every level, and so guides
-    the search around it.
+    of displayed ones, [0, 1], because the log norms compare them with 2. Values that are not finite count as 0, and
+    those beyond ±10⁶ as that. The previous image is clamped at its border. search: one for all images, or one per
+    image; None chooses one of SEARCHES for each image of `current` by its noise. known: motion that overwrites what is
+    found on every level, where it is finite, and so guides the search around it.
 
     The motion is always finite, and the same input gives the same output. Each image of a batch is searched as if it
     were alone. Small images get fewer levels (FewerLevelsWarning). No gradients are recorded. Raises NteError for
-    images that differ in size, and for a number of searches that does not fit.
+    images or known motion that differ in size, and for a number of searches that does not fit.
 
     >>> previous = torch.rand(1, 1, 64, 64, generator=torch.Generator().manual_seed(0))
     >>> current = previous.roll((2, 3), (2, 3))  # two pixels down, three to the right
@@ -87,6 +81,7 @@ def find_motion(
     [-3.0, -2.0]
     """
     _require_sizes(current, previous)
+    known = known and _finite(known, current)
     searches = _for_each(search or searches_for(current), current)
     for one in dict.fromkeys(one for one, _ in searches):
         _tell_of_missing_levels(current, _unit(current, one), len(one.radii))
@@ -101,9 +96,9 @@ def _find_alone(current: Tensor, previous: Tensor, search: Search, known: Known 
     """The motion of one image (1, C, H, W), as `find_motion` returns it."""
     now, before = (_scaled(image, search) for image in (current, previous))
     if _unit(current, search) == 1:
-        return _search(now, before, known, search)
+        return search_levels(now, before, known, search)
     now, before = smaller(now, 2), smaller(before, 2)
-    motion = upsample(_search(now, before, known and smaller_known(known, 2), search), current, 2) * 2
+    motion = upsample(search_levels(now, before, known and smaller_known(known, 2), search), current, 2) * 2
     return motion if known is None else torch.where(known.mask, known.motion, motion)
 
 
@@ -113,8 +108,12 @@ def patch_error(current: Tensor, previous: Tensor, motion: Tensor, search: Searc
 
     The motion may come from anywhere but must be finite. Norm, patches and level are those of the search, so the errors
     of found motion and of other motion can be compared. The unit is that of the norm; log 2 is subtracted from log
-    distances, so that 0 means equal. search: one for all images, or one per image; raises NteError for another number.
+    distances, so that 0 means equal. search: one for all images, or one per image. Raises NteError for another number,
+    and for images or a motion that differ in size.
     """
+    _require_sizes(current, previous)
+    refuse_other_shape("motion", motion, "current", current)
+    motion = motion.float()
     return torch.cat(
         [
             _error(_scaled(current[n], one), _scaled(previous[n], one), motion[n], one)
@@ -158,39 +157,19 @@ def rejection_mask(error: Tensor, kappa: float, eta: float) -> Tensor:
     return (kappa * error - eta).clamp(0, 1)
 
 
-def _search(current: Tensor, previous: Tensor, known: Known | None, search: Search) -> Tensor:
-    """The motion, searched level by level from the coarsest to the finest."""
-    levels = pyramid(current, previous, known, len(search.radii))
-    whole = _whole_motion(levels)
-    motion: Tensor | None = None
-    for level in reversed(range(len(levels))):
-        motion = _search_level(levels[level], motion, whole / SCALE**level, search, level)
-    assert motion is not None
-    return _settled(levels[0], motion, search) if whole.any() else motion
-
-
-def _settled(images: Level, motion: Tensor, search: Search) -> Tensor:
-    """The motion of the finest level, replaced by the median motion, that of the pan, wherever that fits no worse.
-
-    In nearly flat parts of a panned image, noise and rounding mislead the search by whole pixels.
-    """
-    now, before, known = images
-    middle = motion.flatten(2).median(2).values[..., None, None]
-    distance = _distance(now, before, motion, search, search.radii[0])
-    for pan in (middle, middle.round()):
-        other = pan.expand_as(motion)
-        its_distance = _distance(now, before, other, search, search.radii[0])
-        better = its_distance <= distance
-        motion, distance = torch.where(better, other, motion), torch.where(better, its_distance, distance)
-    return motion if known is None else torch.where(known.mask, known.motion, motion)
-
-
 def _for_each(search: Searches, images: Tensor) -> list[tuple[Search, slice]]:
     """Each image's search, with its slice of the batch. Raises NteError if the number of searches does not fit."""
     searches = [search] * len(images) if isinstance(search, Search) else list(search)
     if len(searches) != len(images):
         raise NteError(f"{len(searches)} searches for {len(images)} images: expected one, or one for each")
     return [(one, slice(n, n + 1)) for n, one in enumerate(searches)]
+
+
+def _finite(known: Known, like: Tensor) -> Known:
+    """Known motion in single precision, not known where it is not finite. Raises NteError for another size."""
+    for name, values in known._asdict().items():
+        refuse_other_shape(f"known {name}", values, "current", like)
+    return Known(known.motion.float(), known.mask.bool() & known.motion.isfinite().all(1, keepdim=True))
 
 
 def _unit(image: Tensor, search: Search) -> int:
@@ -221,78 +200,14 @@ def _tell_of_missing_levels(image: Tensor, unit: int, wanted: int) -> None:
         )
 
 
-def _whole_motion(levels: list[Level]) -> Tensor:
-    """The shift (1, 2, 1, 1) of the whole image, in px of the finest level, measured in whole px of the second finest.
-
-    The shift is 0 where the two finest levels reach it by themselves.
-    """
-    level = int(len(levels) > 1 and min(levels[1].current.shape[-2:]) >= _ENOUGH)
-    now, before, _ = levels[level]
-    x, y = whole_shift(now, before, farthest=0.5)
-    near = max(abs(x), abs(y)) <= REACH
-    return now.new_tensor([0, 0] if near else [x, y]).view(1, 2, 1, 1) * float(SCALE**level)
-
-
-def _search_level(images: Level, coarser: Tensor | None, whole: Tensor, search: Search, level: int) -> Tensor:
-    """The motion of one level, searched around the coarser level's motion, the whole image's shift, and no motion.
-
-    Coarse levels do not show fine texture, and an error larger than the reach of the finer level cannot be corrected.
-    Therefore every start is tried, and each pixel takes the best fit; the first start wins ties. The finest level,
-    which costs most, uses the first start only.
-    """
-    now, before, known = images
-    still = whole.expand(-1, -1, *now.shape[-2:])
-    starts = [still] if coarser is None else [upsample(coarser, now, SCALE) * SCALE]
-    if coarser is not None and level > 0:
-        starts.append(still)
-    if level > 0 and whole.any():  # for objects at rest before a moving background
-        starts.append(torch.zeros_like(still))
-    motion, distance = _search_from(now, before, starts[0], search, level)
-    for start in starts[1:]:
-        other, its_distance = _search_from(now, before, start, search, level)
-        better = its_distance < distance
-        motion, distance = torch.where(better, other, motion), torch.where(better, its_distance, distance)
-    if radius := dict(enumerate(search.smoothing)).get(level, 0):
-        motion = box_mean(motion, 2 * radius + 1)
-    if strength := dict(enumerate(search.agreement)).get(level, 0.0):
-        # `_scaled` has applied the gain for the log norms.
-        gain = 1.0 if search.norm.startswith("log") else search.gain
-        motion = agree(now, before, motion, strength, gain)
-    return motion if known is None else torch.where(known.mask, known.motion, motion)
-
-
-def _search_from(now: Tensor, before: Tensor, start: Tensor, search: Search, level: int) -> tuple[Tensor, Tensor]:
-    """The motion and patch distance of the best shift around `start`."""
-    radius, refine = search.radii[level], level < search.refined
-    if not start.any():
-        return best_shift(now, before, radius, search.norm, refine)
-    shift, distance = best_shift(now, _fetched(before, start), radius, search.norm, refine)
-    # The best match lies at x + shift in the warped image; from there `start` leads to the previous image.
-    return shift + _fetched(start, shift), distance
-
-
-def _fetched(image: Tensor, motion: Tensor) -> Tensor:
-    """The image fetched along the motion; unlike `warp`, without the validity mask, which would double the cost."""
-    return fetch_bilinear(image, pixel_centres(image) + motion)
-
-
 def _scaled(image: Tensor, search: Search) -> Tensor:
     """Finite values, in the scale in which the norm compares them."""
-    return torch.nan_to_num(image.float(), 0, 0, 0) * (search.gain if search.norm.startswith("log") else 1.0)
+    values = torch.nan_to_num(image.float(), 0, 0, 0).clamp_(-_LARGEST, _LARGEST)
+    return values * search.gain if search.norm.startswith("log") else values
 
 
 def _error(now: Tensor, before: Tensor, motion: Tensor, search: Search) -> Tensor:
     """The result of `patch_error` for scaled images."""
     shrink = (2 if search.half else 1) * SCALE**search.error_level
-    distance = _distance(now, before, motion, search, search.radii[search.error_level], shrink)
+    distance = distance_along(now, before, motion, search.norm, search.radii[search.error_level], shrink)
     return upsample(distance, now, shrink)
-
-
-def _distance(now: Tensor, before: Tensor, motion: Tensor, search: Search, radius: int, shrink: int = 1) -> Tensor:
-    """The patch distance of scaled images along a motion, computed on images that are smaller by `shrink`."""
-    difference = smaller(now, shrink) - smaller(_fetched(before, motion), shrink)
-    distance = difference.square_() if search.norm == "l2" else difference.abs_()
-    distance = distance.mean(1, keepdim=True)
-    if search.norm.startswith("log"):
-        distance = torch.log1p(distance / 2)  # log(2 + |a − b|) − log 2
-    return box_mean(distance, 2 * radius + 1)

@@ -11,6 +11,10 @@ import torch
 import torch.nn.functional as F
 from torch import Tensor
 
+from nte.motion.box import box_mean
+from nte.motion.pyramid import smaller
+from nte.motion.warp import fetch_along
+
 Norm = Literal["l2", "l1", "log", "log_centred"]
 NORMS = ("l2", "l1", "log", "log_centred")
 
@@ -67,6 +71,22 @@ def best_shift(current: Tensor, previous: Tensor, radius: int, norm: Norm, refin
                 )
             distance[n, 0, top:bottom] = (least - _floor(norm)).clamp(min=0)
     return shift, distance
+
+
+def distance_along(
+    current: Tensor, previous: Tensor, motion: Tensor, norm: Norm, radius: int, shrink: int = 1
+) -> Tensor:
+    """Compute the patch distance between `current` and `previous` fetched along a motion (N, 2, H, W), px.
+
+    current and previous (N, C, H, W): finite. Log distances are returned without log 2 and without the weight of the
+    centre. shrink: the images are compared, and the distance (N, 1, h, w) is returned, smaller by this whole factor.
+    """
+    difference = smaller(current, shrink) - smaller(fetch_along(previous, motion), shrink)
+    distance = difference.square_() if norm == "l2" else difference.abs_()
+    distance = distance.mean(1, keepdim=True)
+    if norm.startswith("log"):
+        distance = torch.log1p(distance / 2)  # log(2 + |a − b|) − log 2
+    return box_mean(distance, 2 * radius + 1)
 
 
 class _Strips:

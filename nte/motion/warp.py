@@ -52,6 +52,11 @@ def warp(image: Tensor, motion: Tensor) -> Warped:
     return Warped(fetch_bilinear(image, position), inside(position))
 
 
+def fetch_along(image: Tensor, motion: Tensor) -> Tensor:
+    """Fetch image(x + motion(x)) as `warp` does, but without the validity mask, which would double the cost."""
+    return fetch_bilinear(image, pixel_centres(image) + motion)
+
+
 def fetch_bilinear(image: Tensor, position: Tensor) -> Tensor:
     """Fetch an image (N, C, H, W) at positions (N, 2, h, w), px, giving (N, C, h, w); outside, the border repeats."""
     height, width = image.shape[-2:]

@@ -287,6 +287,66 @@ class Recorder(Denoiser):
         return Result(frame["color"]), ()
 
 
+def errors_of_motion(denoiser: Denoiser, frames: list[Frame]) -> list[np.ndarray]:
+    """The distance (H, W) of the motion from the true one, px, in each frame but the first."""
+    session = Session(denoiser)
+    if isinstance(denoiser, EstimatedMotion):
+        for frame in frames:
+            session.step(frame)
+        assert isinstance(denoiser.denoiser, Recorder)
+        found = [frame["motion"] for frame in denoiser.denoiser.frames]
+    else:
+        found = [session.step(frame, ("motion",)).extras["motion"] for frame in frames]
+    true = np.array([-SPEED, 0]).reshape(2, 1, 1)
+    return [np.sqrt(np.square(np.asarray(motion)[0] - true).sum(0)) for motion in found[1:]]
+
+
+@pytest.mark.parametrize("kind", ["align_taa", "estimate"])
+@pytest.mark.parametrize("spoilt", [("albedo",), ("normal",), ("albedo", "normal")])
+@pytest.mark.parametrize("index", [0, 1])
+@pytest.mark.filterwarnings("ignore::nte.frames.bad.BadPixelWarning")
+def test_a_hole_in_the_guides_does_not_mislead_the_vectors_around_it(
+    kind: str, spoilt: tuple[str, ...], index: int
+) -> None:
+    """Sanitised, it is 0, as black as a sky: the vectors around it would be wrong by ten pixels and more."""
+    frames = moving(3)
+    hole = {name: frames[index][name].copy() for name in spoilt}
+    for values in hole.values():
+        values[..., 30:62, 46:90] = np.nan
+    frames[index] = frames[index].with_channels(**hole)
+    wrapper = EstimatedMotion(Recorder(), EstimateOptions(guides=True))
+    errors = errors_of_motion(wrapper if kind == "estimate" else AlignTaa(AlignTaaOptions(guides=True)), frames)
+    around = np.zeros((96, 128), bool)
+    around[22:70, 40:98] = True
+    around[30:62, 43:93] = False  # the hole, and where it has moved to
+    assert all(error[around].mean() < 0.6 for error in errors)
+
+
+@pytest.mark.parametrize("kind", ["align_taa", "align_accumulate", "estimate"])
+def test_an_exposure_that_a_frame_gives_is_the_one_in_which_it_is_searched(kind: str) -> None:
+    """A cave, and then the open, 10⁶ times as bright: displayed in the cave's exposure, everything would be white."""
+    made = {"align_taa": AlignTaa, "align_accumulate": AlignAccumulate}
+    frames = []
+    for index, frame in enumerate(moving(4)):
+        light = 1.0 if index < 2 else 1e6
+        color = frame["color"] * np.float32(light)
+        frames.append(replace(frame.with_channels(color=color), exposure=np.float32([0.2 / light])))
+    wrapper = EstimatedMotion(Recorder())
+    errors = errors_of_motion(wrapper if kind == "estimate" else made[kind](), frames)
+    inner = (slice(12, -12), slice(24, -12))
+    assert errors[0][inner].mean() < 0.1
+    assert errors[2][inner].mean() < 0.1  # errors[1] is that of the change
+
+
+@pytest.mark.parametrize("kind", ["align_taa", "align_accumulate", "estimate"])
+def test_light_that_stays_is_found_when_only_the_exposure_changes(kind: str) -> None:
+    made = {"align_taa": AlignTaa, "align_accumulate": AlignAccumulate}
+    frames = [replace(f, exposure=np.float32([e])) for f, e in zip(moving(3), (0.2, 2.0, 0.05), strict=True)]
+    wrapper = EstimatedMotion(Recorder())
+    for errors in errors_of_motion(wrapper if kind == "estimate" else made[kind](), frames):
+        assert errors[12:-12, 24:-12].mean() < 0.1
+
+
 @pytest.mark.parametrize("kind", ["numpy", "torch"])
 def test_the_wrapper_supplies_the_motion_that_the_images_show(kind: str) -> None:
     inner = Recorder()

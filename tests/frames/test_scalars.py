@@ -72,6 +72,11 @@ def test_a_sequence_that_restarts_has_the_exposure_of_its_own_first_frame() -> N
     np.testing.assert_array_equal(sequence_exposure(replace(frame, reset=None), carried), carried)
 
 
+def test_an_exposure_that_a_frame_gives_takes_the_place_of_the_carried_one() -> None:
+    frame = Frame({"color": constant(1.0, batch=2)}, exposure=np.array([3.0], np.float32))
+    assert sequence_exposure(frame, np.array([0.5, 0.5], np.float32)).tolist() == [3, 3]
+
+
 def test_the_depth_scale_is_the_median_of_what_is_hit() -> None:
     depth = np.zeros((3, 1, 4, 5), np.float32)
     depth[0, 0, 0, :3] = 2, 3, 7

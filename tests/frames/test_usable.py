@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 
 from nte.denoiser import Denoiser, Noisy, sanitised
 from nte.filters.taa import Taa, TaaOptions
-from nte.frames.channels import CHANNELS
+from nte.frames.channels import CHANNELS, GUIDES
 from nte.frames.frame import Frame
 from nte.frames.usable import BRIGHTEST, known_cap, light_cap, mask_of, usable, usable_frame
 from tests.everything import floor_frame
@@ -65,6 +65,21 @@ def test_what_is_usable_stays_bit_for_bit(seed: int, scale: float) -> None:
     for name, values in frame.channels.items():
         np.testing.assert_array_equal(found[name], values, err_msg=name)
     assert (found[mask_of("color")] == 1).all()
+
+
+@pytest.mark.parametrize("name", GUIDES)
+@pytest.mark.parametrize("bad", [np.nan, np.inf, -1e4])
+def test_faults_of_guides_are_told_from_what_is_black(name: str, bad: float) -> None:
+    values = np.zeros((2, 3, 4, 8), np.float32)
+    values[1, 1, 2, 3] = bad
+    for frame in (Frame({name: values}), Frame({name: torch.from_numpy(values)})):
+        found = usable_frame(frame, (name,), np.ones(2, np.float32))
+        mask = np.asarray(found[mask_of(name)])
+        assert mask[1, 0, 2, 3] == 0
+        assert mask.sum() == mask.size - 1
+        again = usable_frame(found, (name,), np.ones(2, np.float32))
+        np.testing.assert_array_equal(again[mask_of(name)], mask)
+    assert mask_of(name) not in usable_frame(Frame({name: values[:1]}), (name,), np.ones(1, np.float32))
 
 
 @settings(max_examples=60, deadline=None)

@@ -17,6 +17,7 @@ from nte.motion.correspondence import (
     Search,
     find_both_ways,
     find_correspondence,
+    find_motion,
     patch_error,
     rejection_mask,
 )
@@ -168,6 +169,48 @@ def test_known_vectors_overwrite_what_is_found_and_guide_what_is_around(half: bo
     assert not find_correspondence(image, image, search).motion.any()
 
 
+def test_known_vectors_that_are_not_finite_are_searched_and_double_precision_is_as_good() -> None:
+    current, previous = disc(107, 124), disc(100, 128)
+    mask = within(107, 124, 30, current)[None, None]
+    told = torch.tensor([-7.0, 4.0], dtype=torch.float64).view(1, 2, 1, 1).expand(1, 2, 256, 320).clone()
+    whole = find_motion(current, previous, known=Known(told, mask))
+    assert (whole[0][:, mask[0, 0]] == told[0][:, mask[0, 0]]).all()
+    told[..., 120:124, 100:110] = torch.tensor([float("nan"), float("inf")]).repeat(5)
+    holed = find_motion(current, previous, known=Known(told, mask))
+    assert holed.dtype == torch.float32
+    assert (holed - whole)[..., within(107, 124, 20, current)].abs().mean() < 0.1
+    assert (holed - whole)[..., ~within(107, 124, 100, current)].abs().max() < 1e-3
+    with pytest.raises(NteError, match=r"known motion has the shape \(1, 2, 256, 319\)"):
+        find_motion(current, previous, known=Known(told[..., :-1], mask))
+    two = torch.cat([current, current])
+    with pytest.raises(NteError, match=r"known motion has the shape \(1, 2, 256, 320\)"):
+        find_motion(two, two, known=Known(told, mask))
+
+
+def test_the_patch_error_takes_any_precision_and_refuses_other_sizes() -> None:
+    current, previous = disc(107, 124), disc(100, 128)
+    motion = torch.zeros(1, 2, 256, 320)
+    error = patch_error(current, previous, motion, SEARCHES["clean"])
+    assert torch.equal(patch_error(current.double(), previous.double(), motion.double(), SEARCHES["clean"]), error)
+    with pytest.raises(NteError, match="expected two images"):
+        patch_error(current, previous[..., :-1], motion, SEARCHES["clean"])
+    with pytest.raises(NteError, match=r"motion has the shape \(1, 2, 256, 319\)"):
+        patch_error(current, previous, motion[..., :-1], SEARCHES["clean"])
+
+
+@pytest.mark.parametrize("noise", SEARCHES)
+def test_values_of_any_size_give_finite_motion_and_mixed_precision_the_same(noise: str) -> None:
+    image = 0.5 + 0.4 * texture((90, 110))[None, None]
+    current, previous = image[..., 3:, 5:], image[..., :-3, :-5]
+    for scale in (1e-30, 1e6, 1e20, 3e38):
+        found = find_correspondence(scale * current, scale * previous, SEARCHES[noise])
+        assert found.motion.isfinite().all()
+        assert found.error.isfinite().all()
+    with torch.autocast("cpu", torch.bfloat16):
+        mixed = find_motion(current, previous, SEARCHES[noise])
+    assert torch.equal(mixed, find_motion(current, previous, SEARCHES[noise]))
+
+
 def test_noise_free_channels_lead_where_radiance_is_noise() -> None:
     generator = torch.Generator().manual_seed(1)
     noise = [torch.rand(1, 1, 256, 320, generator=generator) for _ in range(2)]
@@ -270,6 +313,28 @@ def test_a_pan_of_the_whole_image_is_found_by_every_preset(
     motion = find_correspondence(current, previous, SEARCHES[noise]).motion[0]
     there = (slice(0, size[0] - y), slice(max(-x, 0), size[1] - max(x, 0)))
     apart = (motion - torch.tensor([float(x), float(y)]).view(2, 1, 1)).square().sum(0).sqrt()[there]
+    assert apart.median() < 0.35
+    assert apart.mean() < 0.5
+
+
+def hills(size: tuple[int, int], share: float, sky: float) -> Tensor:
+    """Textured hills on this share of the image below a constant sky, (1, 1, H, W)."""
+    rows, columns = torch.meshgrid(torch.arange(size[0]) + 0.5, torch.arange(size[1]) + 0.5, indexing="ij")
+    line = size[0] * (1 - share) + size[0] / 20 * torch.sin(columns * 10 / size[1]) + 0.05 * columns
+    return torch.where(rows > line, 0.5 + 0.4 * texture(size), sky)[None, None]
+
+
+@pytest.mark.parametrize("noise", SEARCHES)
+@pytest.mark.parametrize("pan", [(48, 18), (80, 30)])
+def test_a_pan_is_found_below_a_sky_that_fills_most_of_the_image(noise: str, pan: tuple[int, int]) -> None:
+    x, y = pan
+    size = (300, 400)
+    image = hills((size[0] + 40, size[1] + 100), 0.35, 0.0)
+    current, previous = image[..., y : y + size[0], x : x + size[1]], image[..., : size[0], : size[1]]
+    motion = find_correspondence(current, previous, SEARCHES[noise]).motion[0]
+    there = current[0, 0, : size[0] - y, : size[1] - x] > 0
+    apart = (motion - torch.tensor([float(x), float(y)]).view(2, 1, 1)).square().sum(0).sqrt()
+    apart = apart[: size[0] - y, : size[1] - x][there]
     assert apart.median() < 0.35
     assert apart.mean() < 0.5
 

@@ -4,7 +4,7 @@ import pytest
 import torch
 
 from nte.motion.whole_shift import whole_shift
-from tests.motion.test_correspondence import texture
+from tests.motion.test_correspondence import hills, noisy, texture
 
 
 @pytest.mark.parametrize(("x", "y"), [(0, 0), (7, 0), (-31, 12), (40, -25), (-3, -44)])
@@ -60,3 +60,27 @@ def test_the_pan_of_a_small_image_is_a_shift(size: tuple[int, int]) -> None:
     large = texture((size[0] + 10, size[1] + 12))[None, None]
     current, previous = large[..., : size[0], 12:], large[..., 10:, : size[1]]
     assert whole_shift(current, previous, farthest=0.5) == (12, -10)
+
+
+@pytest.mark.parametrize("sky", [0.0, 0.37])
+@pytest.mark.parametrize("noise", [0.0, 0.05])
+def test_a_background_without_noise_hides_no_shift_of_what_stands_before_it(sky: float, noise: float) -> None:
+    large = hills((208, 260), 0.35, sky)
+    views = large[..., 8:, 20:], large[..., :-8, :-20]
+    current, previous = (torch.where(view == sky, view, noisy(view, noise, seed)) for seed, view in enumerate(views))
+    found = whole_shift(current, previous, farthest=0.5)
+    assert max(abs(found[0] - 20), abs(found[1] - 8)) <= 1
+    assert whole_shift(previous, previous, farthest=0.5) == (0, 0)
+
+
+@pytest.mark.parametrize("share", [0.05, 0.1, 0.3])
+def test_noise_before_a_background_without_noise_is_no_shift(share: float) -> None:
+    """What is compared with a background differs by its own noise alone, and little noise agrees by chance."""
+    shifted = 0
+    for seed in range(12):
+        image = hills((75, 100), share, 0.37)
+        noise = torch.empty(2, *image.shape[2:]).exponential_(generator=torch.Generator().manual_seed(seed))
+        light = image / (1 - image) * noise
+        now, before = torch.where(image == 0.37, image, light / (1 + light))[0][:, None, None]
+        shifted += whole_shift(now, before, farthest=0.5) != (0, 0)
+    assert shifted <= 1

@@ -1,0 +1,98 @@
+"""The search from the coarsest level to the finest, each around what the coarser one found.
+
+Hanika, Tessari and Dachsbacher 2021, «Fast Temporal Reprojection without Motion Vectors», section 3.1.
+"""
+
+import torch
+from torch import Tensor
+
+from nte.motion.agreement import agree
+from nte.motion.box import box_mean
+from nte.motion.patch_distance import REACH, best_shift, distance_along
+from nte.motion.pyramid import SCALE, Known, Level, pyramid, upsample
+from nte.motion.search import Search
+from nte.motion.warp import fetch_along
+from nte.motion.whole_shift import whole_shift
+
+_ENOUGH = 32  # least number of pixels along each axis for a reliable shift of the whole image
+
+
+def search_levels(current: Tensor, previous: Tensor, known: Known | None, search: Search) -> Tensor:
+    """Find the motion (1, 2, H, W), px, of one image level by level, from the coarsest to the finest.
+
+    current and previous (1, C, H, W): finite, in the scale in which the norm compares them. Where motion is known it is
+    returned as it is. A pan of the whole image is one of the motions around which the coarser levels search.
+    """
+    levels = pyramid(current, previous, known, len(search.radii))
+    whole = _whole_motion(levels)
+    motion: Tensor | None = None
+    for level in reversed(range(len(levels))):
+        motion = _search_level(levels[level], motion, whole / SCALE**level, search, level)
+    assert motion is not None
+    return _settled(levels[0], motion, search) if whole.any() else motion
+
+
+def _settled(images: Level, motion: Tensor, search: Search) -> Tensor:
+    """The motion of the finest level, replaced by the median motion, that of the pan, wherever that fits no worse.
+
+    In nearly flat parts of a panned image, noise and rounding mislead the search by whole pixels.
+    """
+    now, before, known = images
+    middle = motion.flatten(2).median(2).values[..., None, None]
+    distance = distance_along(now, before, motion, search.norm, search.radii[0])
+    for pan in (middle, middle.round()):
+        other = pan.expand_as(motion)
+        its_distance = distance_along(now, before, other, search.norm, search.radii[0])
+        better = its_distance <= distance
+        motion, distance = torch.where(better, other, motion), torch.where(better, its_distance, distance)
+    return motion if known is None else torch.where(known.mask, known.motion, motion)
+
+
+def _whole_motion(levels: list[Level]) -> Tensor:
+    """The shift (1, 2, 1, 1) of the whole image, in px of the finest level, measured in whole px of the second finest.
+
+    The shift is 0 where the two finest levels reach it by themselves.
+    """
+    level = int(len(levels) > 1 and min(levels[1].current.shape[-2:]) >= _ENOUGH)
+    now, before, _ = levels[level]
+    x, y = whole_shift(now, before, farthest=0.5)
+    near = max(abs(x), abs(y)) <= REACH
+    return now.new_tensor([0, 0] if near else [x, y]).view(1, 2, 1, 1) * float(SCALE**level)
+
+
+def _search_level(images: Level, coarser: Tensor | None, whole: Tensor, search: Search, level: int) -> Tensor:
+    """The motion of one level, searched around the coarser level's motion, the whole image's shift, and no motion.
+
+    Coarse levels do not show fine texture, and an error larger than the reach of the finer level cannot be corrected.
+    Therefore every start is tried, and each pixel takes the best fit; the first start wins ties. The finest level,
+    which costs most, uses the first start only.
+    """
+    now, before, known = images
+    still = whole.expand(-1, -1, *now.shape[-2:])
+    starts = [still] if coarser is None else [upsample(coarser, now, SCALE) * SCALE]
+    if coarser is not None and level > 0:
+        starts.append(still)
+    if level > 0 and whole.any():  # for objects at rest before a moving background
+        starts.append(torch.zeros_like(still))
+    motion, distance = _search_from(now, before, starts[0], search, level)
+    for start in starts[1:]:
+        other, its_distance = _search_from(now, before, start, search, level)
+        better = its_distance < distance
+        motion, distance = torch.where(better, other, motion), torch.where(better, its_distance, distance)
+    if radius := dict(enumerate(search.smoothing)).get(level, 0):
+        motion = box_mean(motion, 2 * radius + 1)
+    if strength := dict(enumerate(search.agreement)).get(level, 0.0):
+        # The images of log norms have the gain already.
+        gain = 1.0 if search.norm.startswith("log") else search.gain
+        motion = agree(now, before, motion, strength, gain)
+    return motion if known is None else torch.where(known.mask, known.motion, motion)
+
+
+def _search_from(now: Tensor, before: Tensor, start: Tensor, search: Search, level: int) -> tuple[Tensor, Tensor]:
+    """The motion and patch distance of the best shift around `start`."""
+    radius, refine = search.radii[level], level < search.refined
+    if not start.any():
+        return best_shift(now, before, radius, search.norm, refine)
+    shift, distance = best_shift(now, fetch_along(before, start), radius, search.norm, refine)
+    # The best match lies at x + shift in the warped image; from there `start` leads to the previous image.
+    return shift + fetch_along(start, shift), distance
