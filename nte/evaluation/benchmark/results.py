@@ -123,7 +123,7 @@ class Results:
 
     def _needed(self, row: Measured) -> str:
         slow = row.too_slow
-        said = f"{slow:.2g} times too slow" if slow > 1 else f"fast enough ({1 / slow:.2g} times)"
+        said = f"{_short(slow)} times too slow" if slow > 1 else f"fast enough ({_short(1 / slow)} times)"
         share = row.share_needed(self.machine[row.threads])
         return said if share is None else f"{said}, {_percent(share)} of the peak needed"
 
@@ -144,4 +144,9 @@ def _threads(count: int) -> str:
 
 
 def _percent(share: float | None) -> str:
-    return "" if share is None else f"{100 * share:.2g} %"
+    return "" if share is None else f"{_short(100 * share)} %"
+
+
+def _short(number: float) -> str:
+    """A number in two digits, or its whole part from 100."""
+    return f"{number:.0f}" if number >= 100 else f"{number:.2g}"
