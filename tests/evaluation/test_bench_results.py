@@ -37,7 +37,8 @@ def require_schema(content: dict[str, Any]) -> None:
     """Assert that this is what the page about the command describes."""
     assert content.keys() == {"format", "machine", "rows"}
     assert content["format"] == FORMAT == "nte-bench/2"
-    for found, wanted in [*((row, ROW) for row in content["rows"]), *((row, MACHINE) for row in content["machine"])]:
+    pairs: list[tuple[dict[str, Any], dict[str, Any]]] = [(row, ROW) for row in content["rows"]]
+    for found, wanted in [*pairs, *((row, MACHINE) for row in content["machine"])]:
         assert found.keys() == wanted.keys()
         for name, kind in wanted.items():
             assert isinstance(found[name], kind), name
