@@ -14,7 +14,7 @@ from nte.options import Options
 _ESTIMATE = "estimate"  # the wrapper around any denoiser that comes before a +
 
 
-def load_denoiser(spec: str | Path, device: str = "cpu") -> Denoiser:
+def load_denoiser(spec: str | Path, device: str = "cpu", threads: int = 0) -> Denoiser:
     """Load the denoiser that `spec` describes.
 
     `spec` is a run folder, a checkpoint in a run folder (RUN/best.safetensors), an .onnx file, or
@@ -25,8 +25,10 @@ def load_denoiser(spec: str | Path, device: str = "cpu") -> Denoiser:
     nte.filters.estimated; keys noise, guides, known). `target=components`, for filters that have every component as a
     target, denoises each light component separately and sums them. So does
     `composite:visibility=SPEC,glossy=SPEC,indirect=SPEC`, with a denoiser of its own for each; a SPEC with commas
-    stands in brackets, and a filter gets the light as its target. Raises NteError for anything unknown, and lists what
-    there is.
+    stands in brackets, and a filter gets the light as its target.
+
+    threads: number of CPU threads of an exported model, 0 lets ONNX Runtime choose; everything else computes on those
+    that PyTorch has in this process. Raises NteError for anything unknown, and lists what there is.
 
     >>> nte.load_denoiser("taa:alpha=0.2,clamp=clip").needs
     ('color', 'motion')
@@ -34,14 +36,15 @@ def load_denoiser(spec: str | Path, device: str = "cpu") -> Denoiser:
     spec = str(spec)
     wrapper, plus, inner = spec.partition("+")
     if plus and wrapper.partition(":")[0] == _ESTIMATE:
-        return _estimated(spec, wrapper.partition(":")[2], load_denoiser(inner, device), device)
+        return _estimated(spec, wrapper.partition(":")[2], load_denoiser(inner, device, threads), device)
     if spec.partition(":")[0] == COMPOSITE and not isdir(spec):
-        return Composition({light: _of_light(light, inner, spec, device) for light, inner in lights_of(spec).items()})
+        parts = lights_of(spec).items()
+        return Composition({light: _of_light(light, inner, spec, device, threads) for light, inner in parts})
     path = Path(spec)
     if path.suffix == ".onnx":
         from nte.runtime.session import OnnxDenoiser
 
-        return complete(OnnxDenoiser(path, [onnx_provider(device)]))
+        return complete(OnnxDenoiser(path, [onnx_provider(device)], threads))
     if isfile(path / "config.yaml") or path.suffix == ".safetensors":
         load_run = load("nte.training.run", "load_run", "train", spec)
         require_device(device)
@@ -70,14 +73,14 @@ def parts_of(spec: str) -> list[str]:
     return [spec]
 
 
-def _of_light(light: str, inner: str, spec: str, device: str) -> Denoiser:
+def _of_light(light: str, inner: str, spec: str, device: str, threads: int) -> Denoiser:
     """The denoiser of one light of the composite `spec`; a filter that is told no target gets this one."""
     name, _, options = inner.partition(":")
     try:
         if name in NAMES and not isfile(Path(inner) / "config.yaml") and "target" not in parse(inner, options):
             kind = filter_type(inner)
             inner = f"{name}:target={light},{options}" if "target" in kind.options_type.names() else inner
-        denoiser = load_denoiser(inner, device)
+        denoiser = load_denoiser(inner, device, threads)
     except NteError as error:
         raise NteError(f"{COMPOSITE}, {light}: {error}") from error
     if denoiser.target != light:

@@ -2,7 +2,7 @@
 
 import argparse
 import json
-from contextlib import nullcontext
+from contextlib import ExitStack
 from pathlib import Path
 
 from nte.cli.parsing import DENOISER, Commands, add_device, add_force, command, parse_size
@@ -17,34 +17,39 @@ def add(commands: Commands) -> None:
     size = "(default: 1280x720, or the clip's)"
     parser.add_argument("--size", nargs="+", type=parse_size, default=[], metavar="WIDTHxHEIGHT", help=size)
     parser.add_argument("--frames", type=int, default=10, help="timed frames, after a warm-up (default: 10)")
+    threads = "numbers of CPU threads, each denoiser with each (default: as many as PyTorch takes)"
+    parser.add_argument("--threads", nargs="+", type=int, default=[], metavar="N", help=threads)
     parser.add_argument("--clip", type=Path, help="frames to run on, scaled (default: synthetic ones)")
     parser.add_argument("--steps", action="store_true", help="also the time in each named step of a denoiser")
-    parser.add_argument("--json", type=Path, metavar="FILE", help="write the rows there")
+    parser.add_argument("--json", type=Path, metavar="FILE", help="write the results there")
+    parser.add_argument("--plot", type=Path, metavar="FILE.svg", help="draw the quality of the clip against time")
     add_device(parser)
     add_force(parser)
 
 
 def _bench(options: argparse.Namespace) -> None:
-    from nte.evaluation.benchmark.bench import FORMAT, bench
+    from nte.evaluation.benchmark.bench import bench, require_quality, require_threads
+    from nte.evaluation.benchmark.plot import write_plot
     from nte.files import only_writer_of, write_whole
-    from nte.text_table import aligned
 
-    if options.json and not options.json.parent.is_dir():
-        raise NteError(f"{options.json}: its folder does not exist")
-    with only_writer_of(options.json, options.force) if options.json else nullcontext():
-        rows = bench(options.specs, options.size, options.frames, options.clip, options.device, options.steps)
+    if options.plot and options.plot.suffix != ".svg":
+        raise NteError(f"--plot {options.plot}: expected a name that ends in .svg")
+    written = [path for path in (options.json, options.plot) if path]
+    for path in written:
+        if not path.parent.is_dir():
+            raise NteError(f"{path}: its folder does not exist")
+    require_threads(options.threads)
+    if options.plot:
+        require_quality(options.clip, options.size)
+    with ExitStack() as reserved:
+        for path in written:
+            reserved.enter_context(only_writer_of(path, options.force))
+        results = bench(
+            options.specs, options.size, options.frames, options.clip, options.device, options.steps, options.threads
+        )
+        print(results.text())
         if options.json:
-            content = json.dumps({"format": FORMAT, "rows": rows}, indent=1)
+            content = json.dumps(results.json(), indent=1)
             write_whole(options.json, lambda path: path.write_text(content + "\n"))
-    titles = ["denoiser", "size", "ms per frame", "p95", "peak MB", "PSNR"]
-    cells = [
-        [
-            row["denoiser"], f"{row['width']}x{row['height']}", f"{row['ms_per_frame']:.1f}", f"{row['p95']:.1f}",
-            f"{row['peak_mb']:.0f}", f"{row['psnr']:.2f}" if "psnr" in row else "",
-        ]
-        for row in rows
-    ]  # fmt: skip
-    print(aligned([list(column) for column in zip(titles, *cells, strict=True)]))
-    for row in rows:
-        for name, milliseconds in row.get("steps", {}).items():
-            print(f"{row['denoiser']} {row['width']}x{row['height']}: {name} {milliseconds:.1f} ms")
+        if options.plot:
+            write_plot(options.plot, results.rows)

@@ -6,6 +6,7 @@ import torch
 
 from nte.denoiser import Denoiser, Result, State
 from nte.frames.frame import Frame
+from nte.machine import wait_for
 
 
 class Timed(Denoiser):
@@ -19,13 +20,9 @@ class Timed(Denoiser):
         self.seconds: list[float] = []
 
     def step(self, frame: Frame, state: State | None, extras: tuple[str, ...] = ()) -> tuple[Result, State]:
-        self._wait()
+        wait_for(self.clock)
         start = time.perf_counter()
         result = self.denoiser.step(frame, state, extras)
-        self._wait()
+        wait_for(self.clock)
         self.seconds.append(time.perf_counter() - start)
         return result
-
-    def _wait(self) -> None:
-        if self.clock.type != "cpu":
-            torch.accelerator.synchronize(self.clock)

@@ -4,6 +4,7 @@ PyTorch spreads single operations over threads, which then wait for each other. 
 microseconds this waiting dominates, most of all on a machine that has other work to do.
 """
 
+import os
 from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import contextmanager
@@ -13,6 +14,15 @@ import torch
 from torch import Tensor
 
 _SHARED: ContextVar[int] = ContextVar("threads that side_by_side may use", default=1)
+
+
+def limit_threads(count: int) -> None:
+    """Let filters compute on `count` CPU threads in this process from now on: those of PyTorch, and OIDN.
+
+    OIDN counts its threads once, when its first image is denoised.
+    """
+    torch.set_num_threads(count)
+    os.environ["OIDN_NUM_THREADS"] = str(count)
 
 
 @contextmanager

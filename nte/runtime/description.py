@@ -52,6 +52,7 @@ def read_description(path: Path, text: str | None, inputs: Shapes, outputs: Sequ
     state: Any = info.get("state")
     scales: Any = info.get("scales", {})
     cost: Any = info.get("cost", [])
+    macs: Any = info.get("macs", {})
     known = {
         "version": isinstance(info.get("version"), str),
         "needs": _are_channels(info.get("needs")),
@@ -61,6 +62,7 @@ def read_description(path: Path, text: str | None, inputs: Shapes, outputs: Sequ
         "smallest": type(info.get("smallest")) is int and 0 < info["smallest"] < 2**16,
         "conventions": isinstance(info.get("conventions"), dict),
         "cost": isinstance(cost, list) and all(isinstance(line, str) for line in cost),
+        "macs": isinstance(macs, dict) and all(type(n) in (int, float) and 0 <= n < 1e12 for n in macs.values()),
         "sha256": isinstance(info.get("sha256"), str),
         "state": isinstance(state, dict)
         and all(isinstance(source, str) and source in {*outputs, *CHANNELS, *SCALARS} for source in state.values()),

@@ -157,6 +157,7 @@ def _description(denoiser: TrainableDenoiser) -> dict[str, object]:
     conventions |= {name: f"not an input: {scalar} is measured from it" for name, scalar in measured.items()}
     image = f"the denoised target in the units of {denoiser.target}"
     scales = {name: tensor.scale for name, tensor in denoiser.recurrent.items() if tensor.scale > 1}
+    cost = cost_of(denoiser)
     return {
         "format": FORMAT,
         "version": __version__,
@@ -169,7 +170,8 @@ def _description(denoiser: TrainableDenoiser) -> dict[str, object]:
         "state": {name: tensor.source for name, tensor in denoiser.recurrent.items()},
         **({"scales": scales} if scales else {}),
         "smallest": SMALLEST,
-        "cost": cost_of(denoiser).lines(),
+        "cost": cost.lines(),
+        "macs": {name: sum(counts) for name, counts in cost.macs.items()},
         "conventions": conventions | OF_SEQUENCES | {"image": image} | dict(denoiser.conventions),
     }
 

@@ -3,18 +3,17 @@
 The steps are those of a configuration, with its network and clips; nothing is written.
 """
 
-import time
 from contextlib import closing
 from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import NamedTuple
 
 import torch
-from torch import Tensor, nn
 from torch.profiler import ProfilerActivity, profile
 from torch.utils.flop_counter import FlopCounterMode
 
 from nte.errors import NteError
+from nte.machine import convolution_peak
 from nte.models.registry import make_network
 from nte.text_table import aligned
 from nte.training.config import TrainConfig
@@ -25,8 +24,6 @@ from nte.training.schedule import Schedule
 from nte.training.step import Stepper, make_loss, make_optimiser
 
 STEPS = 3  # measured, of which the fastest counts; one more before them decodes clips and allocates memory
-_WIDTH, _SIDE, _BATCH = 64, 96, 4  # of the convolution that is measured alone: large enough for every core
-_TRIES = 4
 
 
 class Profile(NamedTuple):
@@ -98,29 +95,6 @@ def profile_training(config: TrainConfig, device: str = "auto") -> Profile:
     for event in sorted(profiler.events(), key=lambda event: event.time_range.start):
         if event.is_user_annotation and "#" not in event.name:  # PyTorch's own have a #
             named[event.name] = named.get(event.name, 0.0) + event.time_range.elapsed_us() / 1e6 / slowed
-    return Profile(seconds, named, counter.get_total_flops(), measured_peak(fabric.device, config.precision))
-
-
-def measured_peak(device: torch.device, precision: str = "32-true") -> float:
-    """Measure the operations per second of a large convolution, forward and backward, in a training's precision.
-
-    The best of some tries, as other programs only make it slower.
-    """
-    layer = nn.Conv2d(_WIDTH, _WIDTH, 3, padding=1).to(device)
-    image = torch.rand(_BATCH, _WIDTH, _SIDE, _SIDE, device=device, requires_grad=True)
-
-    def once() -> None:
-        with torch.autocast(device.type, torch.bfloat16, enabled=precision == "bf16-mixed"):
-            made: Tensor = layer(image)
-        made.float().sum().backward()  # type: ignore[no-untyped-call]
-        if device.type == "cuda":
-            torch.cuda.synchronize()
-
-    with FlopCounterMode(display=False) as counter:
-        once()
-    times = []
-    for _ in range(_TRIES):
-        begin = time.perf_counter()
-        once()
-        times.append(time.perf_counter() - begin)
-    return float(counter.get_total_flops() / min(times))
+    kind = torch.bfloat16 if config.precision == "bf16-mixed" else torch.float32
+    peak = 2 * convolution_peak(fabric.device, kind, training=True)
+    return Profile(seconds, named, counter.get_total_flops(), peak)

@@ -1,6 +1,7 @@
 """nte bench: what it runs on, what it measures, and what it says of wrong input."""
 
 import json
+import os
 import time
 from pathlib import Path
 
@@ -10,17 +11,26 @@ import pytest
 from nte.cli import main
 from nte.denoiser import Noisy
 from nte.errors import NteError
-from nte.evaluation.benchmark.bench import _psnr, bench
+from nte.evaluation.benchmark.bench import bench
 from nte.evaluation.benchmark.frames import clip_frames, scaled, synthetic_frames
 from nte.evaluation.benchmark.steps import grouped, named_steps
+from nte.evaluation.benchmark.worker import Task, Worker
 from nte.filters.prior import complete
 from nte.filters.svgf import Svgf
 from nte.frames.channels import CHANNELS
 from nte.frames.frame import Frame
+from nte.models.cost import macs_per_pixel
 from nte.runtime.export import export_onnx
 from nte.runtime.session import OnnxDenoiser
+from tests.evaluation.test_bench_results import require_schema
 from tests.models.lights import light_network
-from tests.synthetic import disc_clip
+from tests.synthetic import disc_clip, disc_frame, write_clip
+
+
+def export_light(folder: Path) -> Path:
+    """An exported network with few weights."""
+    export_onnx(light_network("color"), folder / "model.onnx", progress=lambda line: None)
+    return folder / "model.onnx"
 
 
 def test_synthetic_frames_have_every_channel_and_any_size() -> None:
@@ -92,10 +102,8 @@ def test_the_denoiser_below_a_network_is_its_first_step() -> None:
 
 @pytest.mark.slow
 def test_the_steps_of_an_exported_graph_are_those_of_its_network(tmp_path: Path) -> None:
-    network = light_network("color")
-    export_onnx(network, tmp_path / "model.onnx", progress=lambda line: None)
-    source = synthetic_frames((64, 64), [*network.needs, *network.optional])
-    steps = named_steps(OnnxDenoiser(tmp_path / "model.onnx"), source)
+    denoiser = OnnxDenoiser(export_light(tmp_path))
+    steps = named_steps(denoiser, synthetic_frames((64, 64), [*denoiser.needs, *denoiser.optional]))
     assert set(steps) == {"scatter", "reading", "carrying", "reprojection", "prediction", "kernels", "blending"}
     assert all(spent > 0 for spent in steps.values())
 
@@ -127,12 +135,30 @@ def test_wrong_input_is_named(tmp_path: Path, capsys: pytest.CaptureFixture[str]
     with pytest.raises(NteError, match=r"clip.json"):
         bench(["noisy"], clip=tmp_path / "none")
     (tmp_path / "rows.json").touch()
+    clip = str(disc_clip(tmp_path / "clip", frames=1))
+    bare = str(write_clip(tmp_path / "bare", [{"color": disc_frame(0)["color"]}]))
     for arguments, message in (
         (["noisy", "--json", str(tmp_path / "rows.json")], "rows.json: exists: choose another name"),
         (["noisy", "--json", str(tmp_path / "none" / "rows.json")], "its folder does not exist"),
+        (["noisy", "--threads", "0"], f"--threads is 0, expected 1 to {os.cpu_count()}"),
+        (["noisy", "--threads", "1", "5000"], f"--threads is 5000, expected 1 to {os.cpu_count()}"),
+        (["noisy", "--plot", str(tmp_path / "plot.svg")], "--plot needs --clip"),
+        (
+            ["noisy", "--plot", str(tmp_path / "plot.gif"), "--clip", clip],
+            "plot.gif: expected a name that ends in .svg",
+        ),
+        (["noisy", "--plot", str(tmp_path / "none" / "plot.svg"), "--clip", clip], "its folder does not exist"),
+        (
+            ["noisy", "--plot", str(tmp_path / "plot.svg"), "--clip", clip, "--size", "9x9"],
+            "needs the size of the clip",
+        ),
+        (["noisy", "--plot", str(tmp_path / "plot.svg"), "--clip", bare], "bare has no reference"),
     ):
         assert main(["bench", *arguments]) == 2
-        assert message in capsys.readouterr().err
+        said = capsys.readouterr().err
+        assert message in said
+        assert len(said.splitlines()) == 1
+    assert {path.name for path in tmp_path.iterdir()} == {"rows.json", "clip", "bare"}
     with pytest.raises(SystemExit) as stopped:
         main(["bench", "noisy", "--size", "12x0"])
     assert stopped.value.code == 2
@@ -142,37 +168,55 @@ def test_wrong_input_is_named(tmp_path: Path, capsys: pytest.CaptureFixture[str]
 @pytest.mark.slow
 def test_bench_measures_each_denoiser_at_each_size(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     clip = disc_clip(tmp_path / "clip", frames=3, seed=0)
-    path = tmp_path / "rows.json"
-    arguments = [
-        "noisy",
-        "taa",
-        "--size",
-        "64x48",
-        "320x256",
-        "--frames",
-        "3",
-        "--clip",
-        str(clip),
-        "--json",
-        str(path),
-    ]
-    assert main(["bench", *arguments]) == 0
-    written = json.loads(path.read_text())
-    assert written["format"] == "nte-bench/1"
+    model = export_light(tmp_path)
+    paths = ["--json", str(tmp_path / "rows.json"), "--plot", str(tmp_path / "rows.svg")]
+    arguments = f"noisy taa {model} --size 64x48 320x256 --frames 3 --clip {clip} --threads 1 --steps".split()
+    assert main(["bench", *arguments, *paths]) == 0
+    written = json.loads((tmp_path / "rows.json").read_text())
+    require_schema(written)
     rows = written["rows"]
+    specs = ["noisy", "taa", str(model)]
     assert [(row["denoiser"], row["width"], row["height"]) for row in rows] == [
-        ("noisy", 64, 48),
-        ("taa", 64, 48),
-        ("noisy", 320, 256),
-        ("taa", 320, 256),
+        *((spec, 64, 48) for spec in specs),
+        *((spec, 320, 256) for spec in specs),
     ]
     for row in rows:
         assert 0 < row["ms_per_frame"] <= row["p95"]
-        assert row["peak_mb"] >= 0
-        assert ("psnr" in row) == (row["width"] == 64)
+        assert (row["psnr"] is None) == (row["flip"] is None) == (row["width"] != 64)
+        assert bool(row["macs"]) == (row["denoiser"] == str(model))
     assert rows[1]["psnr"] > rows[0]["psnr"]
-    assert rows[3]["peak_mb"] < 300
-    assert "320x256" in capsys.readouterr().out
+    assert rows[1]["flip"] < rows[0]["flip"]
+    assert rows[4]["peak_mb"] < 300
+    network = light_network("color")
+    assert rows[5]["macs"] == {name: pytest.approx(sum(of)) for name, of in macs_per_pixel(network).items()}
+    assert 0 < rows[5]["step_shares_of_peak"]["prediction"] < 1
+    assert rows[5]["step_shares_of_peak"]["scatter"] is None  # it has no multiply-accumulates
+    said = capsys.readouterr().out
+    assert "320x256" in said
+    assert "peak of a convolution, 1 thread: float32" in said
+    drawn = (tmp_path / "rows.svg").read_text()
+    assert all(spec in drawn for spec in specs)
+
+
+@pytest.mark.slow
+@pytest.mark.skipif((os.cpu_count() or 1) < 2, reason="needs two cores")
+@pytest.mark.skipif(not Path("/proc/self/task").is_dir(), reason="counts threads as Linux lists them")
+def test_a_denoiser_has_the_threads_that_it_is_given(tmp_path: Path) -> None:
+    pytest.importorskip("pyoidn", reason="the extra `compare` is not installed")
+
+    def running(spec: str, threads: int) -> int:
+        worker = Worker(Task(spec, (64, 80), threads, None, "cpu"))
+        try:
+            worker.load()
+            worker.denoise(0)
+            return len(os.listdir(f"/proc/{worker.process.pid}/task"))
+        finally:
+            worker.stop()
+
+    of_pytorch = running("noisy", 2) - running("noisy", 1)
+    assert of_pytorch == 1
+    for spec in ("oidn:quality=fast", str(export_light(tmp_path))):  # these have threads of their own
+        assert running(spec, 2) - running(spec, 1) - of_pytorch == 1, spec
 
 
 @pytest.mark.slow
@@ -183,15 +227,3 @@ def test_what_a_process_finds_wrong_is_told_here(tmp_path: Path) -> None:
     clip = disc_clip(tmp_path / "clip", frames=2)
     with pytest.raises(NteError, match="clip: Asvgf needs gradient, which is missing"):
         bench(["asvgf"], clip=clip, frames=1)
-
-
-@pytest.mark.parametrize("value", [float("nan"), float("inf"), -20.0])
-def test_bad_pixels_of_a_reference_do_not_count(value: float) -> None:
-    rng = np.random.default_rng(2)
-    image, reference = (rng.random((1, 3, 6, 9)).astype(np.float32) for _ in range(2))
-    exposure = np.ones(1, np.float32)
-    reference[:, :, 2, 5] = image[:, :, 2, 5]
-    without = _psnr(image, reference, exposure)
-    reference[:, 1, 2, 5] = value
-    # One of 54 pixels had no error: without it the mean is 54/53 of what it was.
-    assert _psnr(image, reference, exposure) == pytest.approx(without - 10 * np.log10(54 / 53), abs=1e-4)

@@ -4,41 +4,18 @@ A machine's speed drifts; as the denoisers alternate frame by frame, all of them
 are fair. As each has its own process, its peak memory is not mixed with that of another one.
 """
 
-import multiprocessing
-import statistics
-import time
+import os
 from collections.abc import Sequence
-from dataclasses import dataclass
-from multiprocessing.connection import Connection
 from pathlib import Path
 
-import numpy as np
+import torch
 
-from nte.denoiser import State, require_channels
 from nte.errors import NteError
-from nte.evaluation.benchmark.frames import source_of
-from nte.evaluation.benchmark.steps import WARM_UP, named_steps
-from nte.evaluation.metric_table import Row
-from nte.frames.channels import reference_of
-from nte.frames.clip import Clip
-from nte.frames.frame import Array
-from nte.frames.reference import usable_pixels
-from nte.frames.scalars import sequence_scalars
-from nte.memory import peak_resident_mb
+from nte.evaluation.benchmark.results import Measured, Results
+from nte.evaluation.benchmark.steps import WARM_UP
+from nte.evaluation.benchmark.worker import Task, Worker, size_of
+from nte.machine import device_or_cpu, measure_speed
 from nte.progress import Progress
-from nte.registry import load_denoiser
-
-FORMAT = "nte-bench/1"
-
-
-@dataclass(frozen=True)
-class Task:
-    """One denoiser at one size, on a clip's frames or on synthetic ones."""
-
-    spec: str
-    size: tuple[int, int]  # (height, width)
-    clip: Path | None  # None: synthetic frames
-    device: str
 
 
 def bench(
@@ -48,143 +25,64 @@ def bench(
     clip: Path | None = None,
     device: str = "cpu",
     steps: bool = False,
-) -> list[Row]:
-    """Measure denoisers; return a row for each size and denoiser, with `ms_per_frame` (median), `p95` and `peak_mb`.
+    threads: Sequence[int] = (),
+) -> Results:
+    """Measure denoisers, and the speed of the machine; return a row for each size, number of threads and denoiser.
 
     sizes: (height, width) each; empty takes the clip's size, or 1280×720. frames: number of timed frames, after four
-    others. clip: None for synthetic frames. steps: also measure the milliseconds of each named step of a denoiser
-    (nte.evaluation.benchmark.steps), apart and including the profiler's own time. In a row, peak_mb is
-    the peak of resident memory (10⁶ bytes) above that of the process with denoiser and first frame loaded, and psnr
-    the mean over the timed frames, if the clip has the target's reference and its own size. Raises NteError for a
-    denoiser that does not fit the frames, and if a process dies.
+    others. clip: None for synthetic frames; frames that are timed are compared with its reference, if the size is its
+    own. steps: also measure the milliseconds of each named step of a denoiser (nte.evaluation.benchmark.steps), apart.
+    threads: numbers of CPU threads, each of which every denoiser is measured on; empty takes as many as PyTorch does.
+    Raises NteError for a denoiser that does not fit the frames, and if a process dies.
     """
     if frames < 1:
         raise NteError(f"--frames is {frames}, expected at least 1")
     if not specs:
         raise NteError("nothing to measure: expected at least one denoiser")
-    own = _size_of(clip) if clip else (720, 1280)
-    rows = []
+    threads = list(dict.fromkeys(threads)) or [torch.get_num_threads()]
+    require_threads(threads)
+    own = size_of(clip) if clip else (720, 1280)
+    rows: list[Measured] = []
     for size in sizes or [own]:
-        tasks = [Task(spec, size, clip, device) for spec in specs]
+        tasks = [Task(spec, size, count, clip, device) for count in threads for spec in specs]
         rows += _together(tasks, frames, steps)
-    return rows
+    return Results(rows, {count: measure_speed(device_or_cpu(device), count) for count in threads})
 
 
-def _size_of(clip: Path) -> tuple[int, int]:
-    info = Clip(clip).info
-    return int(info["height"]), int(info["width"])
+def require_threads(threads: Sequence[int]) -> None:
+    """Raise NteError for a number of threads that is not between 1 and the number of this machine's cores."""
+    cores = os.cpu_count() or 1
+    if wrong := [count for count in threads if not 1 <= count <= cores]:
+        raise NteError(f"--threads is {wrong[0]}, expected 1 to {cores}, as this machine has {cores} cores")
 
 
-def _together(tasks: Sequence[Task], frames: int, steps: bool) -> list[Row]:
+def require_quality(clip: Path | None, sizes: Sequence[tuple[int, int]]) -> None:
+    """Raise NteError unless denoisers can be compared with the reference of a clip in one of the sizes."""
+    from nte.frames.clip import Clip
+
+    if clip is None:
+        raise NteError("--plot needs --clip: there is no quality without a reference")
+    height, width = size_of(clip)
+    if sizes and (height, width) not in sizes:
+        raise NteError(f"--plot needs the size of the clip, {width}x{height}: there is no quality at another --size")
+    if not any(name.startswith("reference") for name in Clip(clip).channels):
+        raise NteError(f"--plot: {clip} has no reference, which quality is measured against")
+
+
+def _together(tasks: Sequence[Task], frames: int, steps: bool) -> list[Measured]:
     """Measure denoisers that alternate frame by frame; return their rows."""
-    workers: list[_Worker] = []
+    workers: list[Worker] = []
     try:
-        # Loaded one after the other: loading is not measured, but two at once would take twice the memory.
+        # Loaded one after the other: loading two at once would take twice the memory, and longer.
         for task in tasks:
-            workers.append(_Worker(task))
-            workers[-1].answer()
+            workers.append(Worker(task))
+            workers[-1].load()
         with Progress(f"bench {tasks[0].size[1]}x{tasks[0].size[0]}", WARM_UP + frames, "frame") as progress:
             for index in range(WARM_UP + frames):
                 for worker in workers:
-                    worker.time(index)
+                    worker.denoise(index)
                 progress.advance(1)
-        return [worker.row(steps) for worker in workers]
+        return [worker.measured(steps) for worker in workers]
     finally:
         for worker in workers:
             worker.stop()
-
-
-class _Worker:
-    """A process with one denoiser, seen from outside."""
-
-    def __init__(self, task: Task) -> None:
-        context = multiprocessing.get_context("spawn")
-        self.task = task
-        self.pipe, theirs = context.Pipe()
-        self.process = context.Process(target=_serve, args=(theirs, task), daemon=True)
-        self.process.start()
-        theirs.close()
-        self.times: list[float] = []
-        self.scores: list[float] = []
-
-    def answer(self) -> Array:
-        """Receive the process's next answer; its NteError is raised here."""
-        try:
-            answer = self.pipe.recv()
-        except (EOFError, ConnectionResetError):
-            self.process.join()
-            code = self.process.exitcode
-            raise NteError(f"'{self.task.spec}': its process ended with status {code}: out of memory?") from None
-        if isinstance(answer, NteError):
-            raise answer
-        return answer
-
-    def time(self, index: int) -> None:
-        """Let the process denoise a frame; keep the time unless the frame is one of the warm-up."""
-        self.pipe.send(index)
-        milliseconds, score = self.answer()
-        if index >= WARM_UP:
-            self.times.append(milliseconds)
-            self.scores += [] if score is None else [score]
-
-    def row(self, steps: bool) -> Row:
-        """End the measurement and return the row of results."""
-        self.pipe.send("steps" if steps else "end")
-        peak, named = self.answer()
-        height, width = self.task.size
-        row = {"denoiser": self.task.spec, "width": width, "height": height, "frames": len(self.times)}
-        row |= {"ms_per_frame": statistics.median(self.times), "p95": float(np.percentile(self.times, 95))}
-        row |= {"peak_mb": peak}
-        if self.scores:
-            row["psnr"] = statistics.mean(self.scores)
-        if steps:
-            row["steps"] = named
-        return row
-
-    def stop(self) -> None:
-        """End the process."""
-        self.pipe.close()
-        self.process.terminate()
-        self.process.join()
-
-
-def _serve(pipe: Connection, task: Task) -> None:
-    """Run in the process: send None when ready, then answer a frame's index with (ms, PSNR or None)."""
-    try:
-        denoiser = load_denoiser(task.spec, task.device)
-        reference = reference_of(denoiser.target)
-        scored = task.clip is not None and task.size == _size_of(task.clip)
-        channels = [*denoiser.needs, *denoiser.optional, *([reference] if scored else [])]
-        source = source_of(task.clip, task.size, channels)
-        first = source(0)
-        require_channels(denoiser, first.channels, task.clip or "synthetic frames")
-        exposure = sequence_scalars(first)[0] if scored and "color" in first else np.ones(1, np.float32)
-        before = peak_resident_mb()
-        del first  # later frames take its place: a frame's memory is not the denoiser's
-        pipe.send(None)
-        state: State | None = None
-        while isinstance(index := pipe.recv(), int):
-            frame = source(index)
-            start = time.perf_counter()
-            result, state = denoiser.step(frame, state)
-            milliseconds = 1e3 * (time.perf_counter() - start)
-            score = _psnr(result.image, frame[reference], exposure) if scored and reference in frame else None
-            pipe.send((milliseconds, score))
-        peak = peak_resident_mb() - before
-        pipe.send((peak, named_steps(denoiser, source) if index == "steps" else {}))
-        pipe.recv()  # until the other side closes
-    except NteError as error:
-        pipe.send(error)
-    except EOFError:
-        pass
-
-
-def _psnr(image: Array, reference: Array, exposure: Array) -> float:
-    """PSNR in decibels after the display transform, over the pixels with a usable reference."""
-    import torch
-
-    from nte.color import display, psnr
-
-    shown = [display(torch.as_tensor(a), torch.as_tensor(exposure)) for a in (image, reference)]
-    errors = (shown[0] - shown[1]).square().mean(1, keepdim=True)[usable_pixels(torch.as_tensor(reference))]
-    return float(psnr(errors.mean()))

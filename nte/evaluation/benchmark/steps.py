@@ -8,66 +8,98 @@ from contextlib import ExitStack, contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+import torch
+from torch.profiler import record_function
+
 from nte.denoiser import Denoiser, State
 from nte.evaluation.benchmark.frames import Source
 from nte.evaluation.metric_table import Row
 from nte.filters.prior import OnTop
+from nte.frames.frame import Frame
+from nte.machine import wait_for
 
 WARM_UP = 4  # frames before the timed ones: caches fill, and history grows beyond what filters call young
+
+_CPU = torch.device("cpu")
 
 if TYPE_CHECKING:
     from nte.runtime.session import OnnxDenoiser
 
 
-def named_steps(denoiser: Denoiser, source: Source, frames: int = 2) -> dict[str, float]:
+def named_steps(denoiser: Denoiser, source: Source, frames: int = 2, device: torch.device = _CPU) -> dict[str, float]:
     """Measure the milliseconds per frame in each step of a denoiser, in the order in which they first begin.
 
     The steps of a filter are its scopes of torch.profiler.record_function; those of a network are its direct child
     modules, by their names, in PyTorch and in an exported graph. What another denoiser makes of the frame first is the
-    step `prior`. frames: number of measured frames, after four others.
-    Only CPU time is profiled.
+    step `prior`. frames: number of measured frames, after four others. device: where PyTorch computes; each step begins
+    and ends when the device has done all work before. Of an exported graph, ONNX Runtime's own clock on the CPU counts.
     """
     from nte.runtime.session import OnnxDenoiser
 
     if isinstance(denoiser, OnTop):
-        return _of_both(denoiser, source, frames)
+        return _of_both(denoiser, source, frames, device)
     if isinstance(denoiser, OnnxDenoiser):
         return _of_graph(denoiser, source, frames)
-    from torch.profiler import ProfilerActivity, profile
-
     state: State | None = None
     for index in range(WARM_UP):
         _, state = denoiser.step(source(index), state)
+    given = [source(index) for index in range(WARM_UP, WARM_UP + frames)]
+    with _children_recorded(denoiser), _stopwatch(device) as spent:
+        for frame in given:
+            _, state = denoiser.step(frame, state)
+    return {name: seconds * 1e3 / frames for name, seconds in spent.items()}
+
+
+@contextmanager
+def _stopwatch(device: torch.device) -> Iterator[dict[str, float]]:
+    """Collect the seconds in each scope of record_function within the context: name → sum.
+
+    In the place of the profiler, whose own time would be in the small steps, and which knows the work of a device only
+    by the kernels that it runs.
+    """
     spent: dict[str, float] = {}
-    with _children_recorded(denoiser):
-        for index in range(WARM_UP, WARM_UP + frames):
-            frame = source(index)
-            with profile(activities=[ProfilerActivity.CPU]) as profiler:
-                _, state = denoiser.step(frame, state)
-            for event in sorted(profiler.events(), key=lambda event: event.time_range.start):
-                if event.is_user_annotation:
-                    spent[event.name] = spent.get(event.name, 0.0) + event.time_range.elapsed_us() / 1e3 / frames
-    return spent
+    begun: dict[int, float] = {}
+
+    def begin(scope: record_function) -> record_function:
+        wait_for(device)
+        spent.setdefault(scope.name, 0.0)
+        begun[id(scope)] = time.perf_counter()
+        return scope
+
+    def end(scope: record_function, *error: object) -> None:
+        wait_for(device)
+        spent[scope.name] += time.perf_counter() - begun.pop(id(scope))
+
+    before = {name: getattr(record_function, name) for name in ("__enter__", "__exit__")}
+    try:
+        for name, method in zip(before, (begin, end), strict=True):
+            setattr(record_function, name, method)
+        yield spent
+    finally:
+        for name, method in before.items():
+            setattr(record_function, name, method)
 
 
-def _of_both(denoiser: OnTop, source: Source, frames: int) -> dict[str, float]:
+def _of_both(denoiser: OnTop, source: Source, frames: int, device: torch.device) -> dict[str, float]:
     """The time of the denoiser below, and the steps of the one on top, which gets the images of the first."""
     state: State | None = None
     images, ends = [], [time.perf_counter()]
     for index in range(WARM_UP + frames):
         result, state = denoiser.below.step(source(index), state)
+        wait_for(device)
         images.append(result.image)
         ends.append(time.perf_counter())
-    above = named_steps(denoiser.top, lambda index: source(index).with_channels(prior=images[index]), frames)
+
+    def with_prior(index: int) -> Frame:
+        return source(index).with_channels(prior=images[index])
+
+    above = named_steps(denoiser.top, with_prior, frames, device)
     return {"prior": 1e3 * (ends[-1] - ends[WARM_UP]) / frames} | above
 
 
 @contextmanager
 def _children_recorded(denoiser: Denoiser) -> Iterator[None]:
     """Let each direct child of a PyTorch module be a named scope; other denoisers stay as they are."""
-    import torch
-    from torch.profiler import record_function
-
     scopes = ExitStack()  # of the child that runs: children of one module run one after the other
 
     def record(child: torch.nn.Module, name: str) -> None:
