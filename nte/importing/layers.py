@@ -190,6 +190,8 @@ def missing(
     hint = ""
     if count == 1 and len(source.layer) == 1 and len(_below(stored, source.layer[0])) > 1:
         hint = ", of which the map may name one by its full name"
+    if name in ("color", "reference") and source.layer != [_OWN] and {"R", "G", "B"} <= set(stored):
+        hint = f"; channels.{name}={_OWN} takes R, G and B"
     if not source.view and (views := [view for part in parts for view in part.views]):
         hint = f"; it has the views {', '.join(views)}: choose one with view=NAME"
     if reduced := [part.full(name) for part in parts for name in part.subsampled]:
