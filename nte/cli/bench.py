@@ -5,7 +5,7 @@ import json
 from contextlib import nullcontext
 from pathlib import Path
 
-from nte.cli.parsing import DENOISER, Commands, add_device, add_force, command, parse_size
+from nte.cli.parsing import DENOISER, Commands, add_device, add_force, add_provider, command, parse_size
 from nte.errors import NteError
 
 
@@ -21,18 +21,21 @@ def add(commands: Commands) -> None:
     parser.add_argument("--steps", action="store_true", help="also the time in each named step of a denoiser")
     parser.add_argument("--json", type=Path, metavar="FILE", help="write the rows there")
     add_device(parser)
+    add_provider(parser)
     add_force(parser)
 
 
 def _bench(options: argparse.Namespace) -> None:
     from nte.evaluation.benchmark.bench import FORMAT, bench
     from nte.files import only_writer_of, write_whole
+    from nte.registry import with_provider
     from nte.text_table import aligned
 
     if options.json and not options.json.parent.is_dir():
         raise NteError(f"{options.json}: its folder does not exist")
+    specs = with_provider(options.specs, options.provider) if options.provider else options.specs
     with only_writer_of(options.json, options.force) if options.json else nullcontext():
-        rows = bench(options.specs, options.size, options.frames, options.clip, options.device, options.steps)
+        rows = bench(specs, options.size, options.frames, options.clip, options.device, options.steps)
         if options.json:
             content = json.dumps({"format": FORMAT, "rows": rows}, indent=1)
             write_whole(options.json, lambda path: path.write_text(content + "\n"))
