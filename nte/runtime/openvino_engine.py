@@ -12,6 +12,7 @@ import openvino
 
 from nte.errors import NteError
 from nte.frames.clip import Pixels
+from nte.runtime.description import METADATA_KEY
 from nte.runtime.engine import Value
 from nte.runtime.providers import OnnxOptions
 
@@ -75,8 +76,6 @@ def _size(side: openvino.Dimension) -> int | str:
 
 def _metadata(model: openvino.Model) -> str | None:
     """The JSON that nte wrote: OpenVINO keeps a model's properties under `framework`."""
-    from nte.runtime.description import METADATA_KEY
-
     keys = ["framework", METADATA_KEY]
     return str(model.get_rt_info(keys).astype(str)) if model.has_rt_info(keys) else None
 

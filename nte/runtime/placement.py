@@ -6,7 +6,7 @@ from typing import NamedTuple
 
 from omegaconf import OmegaConf
 
-from nte.runtime.engine import session_for
+from nte.runtime.onnx_engine import session_for
 from nte.runtime.onnx_file import operators_of
 from nte.runtime.providers import PROVIDERS, OnnxOptions, installed
 

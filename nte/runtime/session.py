@@ -11,8 +11,9 @@ from nte.frames.clip import Pixels
 from nte.frames.frame import Frame
 from nte.recurrence import DENOISED, FORWARD, NetworkState, begin, hand_on
 from nte.runtime.description import read_description, recurrent_of, require_seal
-from nte.runtime.engine import engine_for
-from nte.runtime.providers import OnnxOptions
+from nte.runtime.engine import Engine
+from nte.runtime.onnx_engine import OnnxRuntime
+from nte.runtime.providers import PROVIDERS, OnnxOptions, require_installed
 from nte.runtime.weights import require_finite_weights
 
 
@@ -30,7 +31,7 @@ class OnnxDenoiser(Denoiser):
         if not self.path.is_file():
             raise NteError(f"{path}: does not exist; expected an .onnx file made by nte export")
         require_seal(self.path)
-        self._engine = engine_for(self.path, self.options, profile)
+        self._engine = _engine_for(self.path, self.options, profile)
         require_finite_weights(self.path)
         self._inputs, self._outputs = self._engine.inputs, self._engine.outputs
         self.info = read_description(self.path, self._engine.metadata, self._inputs, self._outputs)
@@ -91,3 +92,15 @@ class OnnxDenoiser(Denoiser):
         if min(frame.size) < self.info["smallest"]:
             raise NteError(f"frame {frame.index}: size {frame.size}, expected at least {self.info['smallest']} pixels")
         return np.ascontiguousarray(array)
+
+
+def _engine_for(path: Path, options: OnnxOptions, profile: Path | None) -> Engine:
+    """Load the graph at `path` where the options say. Raises NteError for a provider that is not installed."""
+    require_installed(options.provider)
+    if PROVIDERS[options.provider].name:
+        return OnnxRuntime(path, options, profile)
+    from nte.runtime.openvino_engine import OpenVino
+
+    if profile is not None:
+        raise NteError(f"{path}: {options.provider} has no profile by steps: expected another provider")
+    return OpenVino(path, options)

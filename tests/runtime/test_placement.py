@@ -8,7 +8,7 @@ import onnxruntime
 import pytest
 
 from nte.info import describe
-from nte.runtime.engine import session_for
+from nte.runtime.onnx_engine import session_for
 from nte.runtime.onnx_file import operators_of
 from nte.runtime.placement import Placement, placement
 from nte.runtime.providers import PROVIDERS, OnnxOptions

@@ -16,7 +16,6 @@ from nte.denoiser import Session
 from nte.errors import NteError
 from nte.frames.frame import Frame
 from nte.memory import peak_resident_mb
-from nte.runtime import engine
 from nte.runtime.providers import PROVIDERS, OnnxOptions, asked_of_onnx_runtime
 from nte.runtime.session import OnnxDenoiser
 from tests.synthetic import disc_clip, random_frames
@@ -226,4 +225,4 @@ def test_openvino_is_asked_for_only_where_it_is(model: Path, monkeypatch: pytest
     with pytest.raises(
         NteError, match=r"openvino is not installed; there is cpu.*pip install 'nte-denoiser\[openvino\]'"
     ):
-        engine.engine_for(model, OnnxOptions(provider="openvino"))
+        OnnxDenoiser(model, OnnxOptions(provider="openvino"))
