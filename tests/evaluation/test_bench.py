@@ -130,6 +130,7 @@ def test_wrong_input_is_named(tmp_path: Path, capsys: pytest.CaptureFixture[str]
     for arguments, message in (
         (["noisy", "--json", str(tmp_path / "rows.json")], "rows.json: exists: choose another name"),
         (["noisy", "--json", str(tmp_path / "none" / "rows.json")], "its folder does not exist"),
+        (["noisy", "--provider", "openvino"], "--provider openvino: no exported model (.onnx) among noisy"),
     ):
         assert main(["bench", *arguments]) == 2
         assert message in capsys.readouterr().err
