@@ -147,6 +147,6 @@ def _onnx_options(spec: str, text: str, device: str) -> OnnxOptions:
     provider = given.setdefault("provider", kind)
     if provider == kind and kind not in PROVIDERS:
         raise NteError(f"--device {device}: no exported model runs there: expected one of {', '.join(PROVIDERS)}")
-    if number and provider in PROVIDERS and PROVIDERS[provider].index:
+    if number and provider in PROVIDERS and PROVIDERS[provider].device:
         given.setdefault("index", number)
     return OnnxOptions.parse(given, spec)

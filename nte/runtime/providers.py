@@ -16,7 +16,7 @@ class Provider(NamedTuple):
     package: str  # on PyPI
     name: str = ""  # ONNX Runtime's; "" for OpenVINO
     options: Mapping[str, str] = MappingProxyType({})
-    index: str = ""  # its option for the number of a device; "" if it has none
+    device: str = ""  # its option for the number of a device; "" if it has none
     memory: str = "cpu"  # where ONNX Runtime keeps what is carried from frame to frame
     then: tuple[str, ...] = ()  # ONNX Runtime's providers for operators that it leaves over, before the CPU
 
@@ -53,7 +53,7 @@ class OnnxOptions(Options, name="exported model"):
         super().__post_init__()
         if self.precision != "f32" and self.provider != "openvino":
             raise NteError(f"{self.name}: precision is {self.precision}, which only openvino has, not {self.provider}")
-        if self.index and not PROVIDERS[self.provider].index:
+        if self.index and not PROVIDERS[self.provider].device:
             raise NteError(f"{self.name}: index is {self.index}, but {self.provider} has one device")
 
 
@@ -83,11 +83,11 @@ def require_installed(provider: str) -> None:
 def asked_of_onnx_runtime(options: OnnxOptions) -> list[tuple[str, dict[str, str]]]:
     """Return ONNX Runtime's providers with their options, best first; the CPU takes what is left over."""
     known = PROVIDERS[options.provider]
-    number = {known.index: str(options.index)} if known.index else {}
+    number = {known.device: str(options.index)} if known.device else {}
     first = (known.name, {**known.options, **number})
     others = [(name, {**_CUDA.options, **number} if name == _CUDA.name else {}) for name in known.then]
-    cpu = [] if options.provider == "cpu" else [("CPUExecutionProvider", {})]
-    return [first, *others, *cpu]
+    rest: list[tuple[str, dict[str, str]]] = [("CPUExecutionProvider", {})]
+    return [first, *others, *([] if options.provider == "cpu" else rest)]
 
 
 def _has_openvino() -> bool:
