@@ -21,8 +21,8 @@ _LACKING = (
 class OnnxRuntime:
     """ONNX Runtime with one provider. Recurrent tensors are OrtValues in the provider's memory.
 
-    A run binds new outputs, for which ONNX Runtime's arena gives out memory that nobody holds any more. So nothing grows,
-    an array that was handed out stays as it is, and a state can be used again.
+    A run binds new outputs, for which ONNX Runtime's arena gives out memory that nobody holds any more. So nothing
+    grows, an array that was handed out stays as it is, and a state can be used again.
     """
 
     def __init__(self, path: Path, options: OnnxOptions, profile: Path | None = None) -> None:
