@@ -30,7 +30,10 @@ class OpenVino:
         core = openvino.Core()
         with _told(f"{path}: openvino cannot run it"):
             model = core.read_model(path)
-            settings = {"INFERENCE_PRECISION_HINT": options.precision, "PERFORMANCE_HINT": "LATENCY"}
+            settings: dict[str, str | int] = {
+                "INFERENCE_PRECISION_HINT": options.precision,
+                "PERFORMANCE_HINT": "LATENCY",
+            }
             if options.threads is not None:
                 settings["INFERENCE_NUM_THREADS"] = options.threads
             self._compiled = core.compile_model(model, _DEVICE, settings)
