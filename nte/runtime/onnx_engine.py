@@ -8,7 +8,7 @@ from onnxruntime import OrtValue
 
 from nte.errors import NteError
 from nte.frames.clip import Pixels
-from nte.runtime.description import METADATA_KEY
+from nte.runtime.description import METADATA_KEY, Shapes
 from nte.runtime.engine import Value
 from nte.runtime.providers import PROVIDERS, OnnxOptions, asked_of_onnx_runtime
 
@@ -29,7 +29,7 @@ class OnnxRuntime:
         known, self._path = PROVIDERS[options.provider], path
         self._place = known.memory, options.index if known.memory != "cpu" else 0
         self.session = session_for(path, options, profile)
-        self.inputs = {i.name: i.shape for i in self.session.get_inputs()}
+        self.inputs: Shapes = {i.name: i.shape for i in self.session.get_inputs()}
         self.outputs = [o.name for o in self.session.get_outputs()]
         self.metadata = self.session.get_modelmeta().custom_metadata_map.get(METADATA_KEY)
 

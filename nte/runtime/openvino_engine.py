@@ -12,7 +12,7 @@ import openvino
 
 from nte.errors import NteError
 from nte.frames.clip import Pixels
-from nte.runtime.description import METADATA_KEY
+from nte.runtime.description import METADATA_KEY, Shapes
 from nte.runtime.engine import Value
 from nte.runtime.providers import OnnxOptions
 
@@ -38,7 +38,7 @@ class OpenVino:
                 settings["INFERENCE_NUM_THREADS"] = options.threads
             self._compiled = core.compile_model(model, _DEVICE, settings)
         self.path = path
-        self.inputs = {port.any_name: [_size(side) for side in port.partial_shape] for port in model.inputs}
+        self.inputs: Shapes = {port.any_name: [_size(side) for side in port.partial_shape] for port in model.inputs}
         self.outputs = [port.any_name for port in model.outputs]
         self.metadata = _metadata(model)
         self._idle: list[openvino.InferRequest] = []

@@ -39,7 +39,9 @@ def placement(path: Path, provider: str) -> Placement | None:
         from nte.runtime.openvino_engine import refused_by_openvino
 
         return Placement(tuple(refused_by_openvino(path)), asked=True)
-    parts = session_for(path, OnnxOptions(provider=provider), record=True).get_provider_graph_assignment_info()
+    parts = session_for(
+        path, OnnxOptions.parse({"provider": provider}, provider), record=True
+    ).get_provider_graph_assignment_info()
     others = {node.op_type for part in parts if part.ep_name != PROVIDERS[provider].name for node in part.get_nodes()}
     return Placement(tuple(sorted(others)), asked=True)
 
