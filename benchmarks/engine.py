@@ -24,6 +24,7 @@ from nte.frames.frame import Frame
 from nte.frames.scalars import sequence_scalars
 from nte.recurrence import FORWARD, NetworkState
 from nte.runtime.export import export_onnx
+from nte.runtime.providers import OnnxOptions
 from nte.runtime.session import OnnxDenoiser
 from nte.training.run import load_run
 
@@ -126,7 +127,7 @@ def main(arguments: Sequence[str]) -> None:
     options = parser.parse_args(arguments)
     with tempfile.TemporaryDirectory() as folder:
         export_onnx(load_run(options.source), Path(folder) / "model.onnx", progress=lambda line: None)
-        denoiser = OnnxDenoiser(Path(folder) / "model.onnx", threads=1)
+        denoiser = OnnxDenoiser(Path(folder) / "model.onnx", OnnxOptions(threads=1))
     if FORWARD not in denoiser.optional:
         raise NteError(f"{options.source}: takes no {FORWARD}: expected a network with network.motion=dual")
     clips = [Clip(path) for path in options.clips]

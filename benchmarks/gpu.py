@@ -30,7 +30,7 @@ from nte.filters.prior import OnTop, complete
 from nte.machine import wait_for
 from nte.models.registry import make_network
 from nte.motion.correspondence import find_motion
-from nte.registry import onnx_provider
+from nte.registry import load_denoiser
 from nte.runtime.session import OnnxDenoiser
 from nte.training.config import load_train_config
 from nte.training.run import load_run
@@ -53,7 +53,7 @@ def cases(sources: Sequence[Path], device: str) -> Iterator[Case]:
     """List the rows of the table, networks first."""
     for path in sources:
         if path.suffix == ".onnx":
-            yield Case(f"{path.stem} in ONNX Runtime", lambda path=path: exported(path, device), on_device=False)
+            yield Case(f"{path.stem} in ONNX Runtime", lambda path=path: load_denoiser(path, device), on_device=False)
             continue
         for compile_steps in (False, True):
             for bfloat16 in (False, True):
@@ -76,11 +76,6 @@ def network(path: Path, device: str, compile_steps: bool) -> Denoiser:
             # Not the step itself: its hooks, by which it is timed, stay outside of what is compiled.
             vars(step)["forward"] = torch.compile(step.forward, dynamic=False, backend=BACKEND)
     return complete(bare, device)
-
-
-def exported(path: Path, device: str) -> Denoiser:
-    """Load an exported model for the device, on top of its prior."""
-    return complete(OnnxDenoiser(path, [onnx_provider(device)]), device)
 
 
 def frames_for(case: Case, denoiser: Denoiser, size: tuple[int, int], device: torch.device) -> Source:

@@ -1,5 +1,6 @@
 """Descriptions of a clip, an exported model, a run or a training configuration, for `nte info`."""
 
+from collections.abc import Iterator
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -48,7 +49,22 @@ def _model(path: Path) -> str:
     lines += [f"  needs: {', '.join(model.needs)}", f"  optional: {', '.join(model.optional) or 'none'}"]
     lines += [f"  prior: made by {model.prior}"] if model.prior else []
     lines += [f"  {line}" for line in model.info.get("cost", [])]
+    lines += [f"  {line}" for line in _places(path)]
     return "\n".join(lines + [f"  {key}: {value}" for key, value in model.info["conventions"].items()])
+
+
+def _places(path: Path) -> Iterator[str]:
+    """What each provider does with an exported model."""
+    from nte.runtime.placement import placement
+    from nte.runtime.providers import PROVIDERS
+
+    for provider in PROVIDERS:
+        try:
+            found = placement(path, provider)
+        except NteError as error:  # it is installed, but this machine has no such device
+            yield f"{provider}: does not start: {str(error).removeprefix(f'{path}: ')}"
+        else:
+            yield f"{provider}: not installed, and has no list" if found is None else found.said(provider)
 
 
 def _run(folder: Path) -> str:

@@ -1,8 +1,8 @@
 """Options as frozen dataclasses: each field declares its allowed values, is checked on construction, and parses text.
 
-A field's type decides how text is read: bool, int, float, `Literal[…]`, `bool | None` (None is typed «auto») or
-`tuple[int, …]` (typed 10-4-2). Limits stand beside the type, as `Annotated[float, Allowed(…)]`; limits that several
-classes use have names in this module. Presets, such as a paper's settings, are named changes of the defaults.
+A field's type decides how text is read: bool, int, float, `Literal[…]`, `bool | None` and `int | None` (None is typed
+«auto») or `tuple[int, …]` (typed 10-4-2). Limits stand beside the type, as `Annotated[float, Allowed(…)]`; limits that
+several classes use have names in this module. Presets, such as a paper's settings, are named changes of the defaults.
 """
 
 import math
@@ -119,6 +119,8 @@ def _rule(hint: Any) -> Rule:
         return Rule(_word_or_auto, lambda value: value is None or isinstance(value, bool), known)
     if hint is int:
         return Rule(int, _is_whole, "a whole number")
+    if hint == int | None:
+        return Rule(_whole_or_auto, lambda n: n is None or _is_whole(n), f"{AUTO}, or a whole number")
     if hint is float:
         return Rule(float, lambda value: isinstance(value, Real) and not isinstance(value, bool), "a number")
     if hint == tuple[int, ...]:
@@ -132,6 +134,10 @@ def _word(text: str) -> bool:
 
 def _word_or_auto(text: str) -> bool | None:
     return None if text.lower() == AUTO else _word(text)
+
+
+def _whole_or_auto(text: str) -> int | None:
+    return None if text.lower() == AUTO else int(text)
 
 
 def _is_whole(value: object) -> bool:

@@ -1,5 +1,6 @@
 """The loading of any denoiser from what a user types: a filter by name, a composite, a run, an exported model."""
 
+from collections.abc import Sequence
 from os.path import isdir, isfile  # false of text that is no name of a file, such as options that are longer
 from pathlib import Path
 
@@ -10,7 +11,9 @@ from nte.filters.named import NAMES, filter_type, load, make, parse, require_dev
 from nte.filters.prior import complete
 from nte.frames.channels import COMPONENTS
 from nte.options import Options
+from nte.runtime.providers import PROVIDERS, OnnxOptions
 
+_MODEL = ".onnx"
 _ESTIMATE = "estimate"  # the wrapper around any denoiser that comes before a +
 
 
@@ -21,14 +24,17 @@ def load_denoiser(spec: str | Path, device: str = "cpu", threads: int = 0) -> De
     `name:key=value,key=value`. An existing file or folder wins over a name. The keys are fields of the filter's options
     class; for filters with presets `preset=…` sets several fields at once, and the other keys override it.
 
+    An .onnx file takes options too: `model.onnx:provider=openvino,threads=2` (nte.runtime.providers.OnnxOptions). Where
+    they name no provider it is that of `device`, whose number is kept: `cuda:1`.
+
     `estimate+` or `estimate:key=value+` before any denoiser estimates the motion vectors from the images (module
     nte.filters.estimated; keys noise, guides, known). `target=components`, for filters that have every component as a
     target, denoises each light component separately and sums them. So does
     `composite:visibility=SPEC,glossy=SPEC,indirect=SPEC`, with a denoiser of its own for each; a SPEC with commas
     stands in brackets, and a filter gets the light as its target.
 
-    threads: number of CPU threads of an exported model, 0 lets ONNX Runtime choose; everything else computes on those
-    that PyTorch has in this process. Raises NteError for anything unknown, and lists what there is.
+    threads: number of CPU threads of an exported model that names none, 0 lets it choose; everything else computes on
+    those that PyTorch has in this process. Raises NteError for anything unknown, and lists what there is.
 
     >>> nte.load_denoiser("taa:alpha=0.2,clamp=clip").needs
     ('color', 'motion')
@@ -40,11 +46,11 @@ def load_denoiser(spec: str | Path, device: str = "cpu", threads: int = 0) -> De
     if spec.partition(":")[0] == COMPOSITE and not isdir(spec):
         parts = lights_of(spec).items()
         return Composition({light: _of_light(light, inner, spec, device, threads) for light, inner in parts})
-    path = Path(spec)
-    if path.suffix == ".onnx":
+    if model := model_of(spec):
         from nte.runtime.session import OnnxDenoiser
 
-        return complete(OnnxDenoiser(path, [onnx_provider(device)], threads))
+        return complete(OnnxDenoiser(model[0], _onnx_options(spec, model[1], device, threads)))
+    path = Path(spec)
     if isfile(path / "config.yaml") or path.suffix == ".safetensors":
         load_run = load("nte.training.run", "load_run", "train", spec)
         require_device(device)
@@ -70,7 +76,38 @@ def parts_of(spec: str) -> list[str]:
         return parts_of(inner)
     if spec.partition(":")[0] == COMPOSITE and not isdir(spec):
         return [part for inner in lights_of(spec).values() for part in parts_of(inner)]
-    return [spec]
+    return [str(model[0]) if (model := model_of(spec)) else spec]
+
+
+def model_of(spec: str) -> tuple[Path, str] | None:
+    """Split the specification of an exported model into its file and the text of its options; None for any other."""
+    path, marked, text = spec.rpartition(_MODEL + ":")
+    if spec.endswith(_MODEL) or not marked:
+        return (Path(spec), "") if spec.endswith(_MODEL) else None
+    return Path(path + _MODEL), text
+
+
+def with_provider(specs: Sequence[str], provider: str) -> list[str]:
+    """Let every exported model in the specifications run on a provider, unless it names one of its own.
+
+    Raises NteError if there is no exported model.
+    """
+    if not any(path.endswith(_MODEL) for spec in specs for path in parts_of(spec)):
+        raise NteError(f"--provider {provider}: no exported model (.onnx) among {', '.join(specs)}: expected one")
+    return [_with_provider(spec, provider) for spec in specs]
+
+
+def _with_provider(spec: str, provider: str) -> str:
+    wrapper, plus, inner = spec.partition("+")
+    if plus and wrapper.partition(":")[0] == _ESTIMATE:
+        return f"{wrapper}+{_with_provider(inner, provider)}"
+    if spec.partition(":")[0] == COMPOSITE and not isdir(spec):
+        lights = lights_of(spec).items()
+        return f"{COMPOSITE}:" + ",".join(f"{light}=[{_with_provider(inner, provider)}]" for light, inner in lights)
+    model = model_of(spec)
+    if model is None or "provider" in parse(spec, model[1]):
+        return spec
+    return f"{model[0]}:" + ",".join(filter(None, [f"provider={provider}", model[1]]))
 
 
 def _of_light(light: str, inner: str, spec: str, device: str, threads: int) -> Denoiser:
@@ -104,12 +141,17 @@ def _estimated(spec: str, text: str, denoiser: Denoiser, device: str) -> Denoise
     return wrapped
 
 
-def onnx_provider(device: str) -> tuple[str, dict[str, str]]:
-    """Return ONNX Runtime's execution provider for a device, with its options.
-
-    `cuda:1` gives the CUDA provider on device 1. Raises NteError if the part after the colon is not a number.
-    """
+def _onnx_options(spec: str, text: str, device: str, threads: int) -> OnnxOptions:
+    """The options of an exported model: those of its specification, else what `device` (cuda:1) and `threads` say."""
     kind, colon, number = device.partition(":")
     if colon and not (number.isascii() and number.isdigit()):
         raise NteError(f"--device {device}: '{number}' is no number of a device: expected for example {kind}:1")
-    return f"{kind.upper()}ExecutionProvider", {"device_id": number} if number and kind != "cpu" else {}
+    given = parse(spec, text)
+    provider = given.setdefault("provider", kind)
+    if provider == kind and kind not in PROVIDERS:
+        raise NteError(f"--device {device}: no exported model runs there: expected one of {', '.join(PROVIDERS)}")
+    if number and provider in PROVIDERS and PROVIDERS[provider].device:
+        given.setdefault("index", number)
+    if threads:
+        given.setdefault("threads", str(threads))
+    return OnnxOptions.parse(given, spec)

@@ -8,7 +8,6 @@ from pathlib import Path
 from typing import Any, ClassVar
 
 import numpy as np
-import onnxruntime
 import pytest
 import torch
 
@@ -251,39 +250,3 @@ def test_a_device_that_is_not_there_is_named(device: str) -> None:
         load_denoiser("taa", device)
     assert "\n" not in str(error.value)
     assert isinstance(load_denoiser("noisy", device), Noisy)  # which needs none
-
-
-@pytest.mark.parametrize(
-    ("device", "provider"),
-    [
-        ("cpu", ("CPUExecutionProvider", {})),
-        ("cuda", ("CUDAExecutionProvider", {})),
-        ("cuda:0", ("CUDAExecutionProvider", {"device_id": "0"})),
-        ("cuda:1", ("CUDAExecutionProvider", {"device_id": "1"})),
-        ("rocm:12", ("ROCMExecutionProvider", {"device_id": "12"})),
-        ("cpu:0", ("CPUExecutionProvider", {})),
-    ],
-)
-def test_the_number_of_a_device_reaches_onnx_runtime(
-    monkeypatch: pytest.MonkeyPatch, tmp_path: Path, device: str, provider: tuple[str, dict[str, str]]
-) -> None:
-    """On a machine without that device: what ONNX Runtime would be asked for."""
-    asked = []
-
-    def session(path: str, options: Any, providers: Any) -> None:
-        asked.extend(providers)
-        raise RuntimeError("no such device here")
-
-    monkeypatch.setattr(onnxruntime, "InferenceSession", session)
-    monkeypatch.setattr(onnxruntime, "get_available_providers", lambda: [provider[0]])
-    (tmp_path / "model.onnx").touch()
-    with pytest.raises(NteError, match="no such device here"):
-        load_denoiser(str(tmp_path / "model.onnx"), device)
-    assert asked == [provider]
-
-
-@pytest.mark.parametrize("device", ["cuda:", "cuda:x", "cuda:-1"])
-def test_a_device_number_that_is_none_is_said(tmp_path: Path, device: str) -> None:
-    (tmp_path / "model.onnx").touch()
-    with pytest.raises(NteError, match=f"--device {device}: .* is no number of a device"):
-        load_denoiser(str(tmp_path / "model.onnx"), device)

@@ -5,7 +5,7 @@ import json
 from contextlib import ExitStack
 from pathlib import Path
 
-from nte.cli.parsing import DENOISER, Commands, add_device, add_force, command, parse_size
+from nte.cli.parsing import DENOISER, Commands, add_device, add_force, add_provider, command, parse_size
 from nte.errors import NteError
 
 
@@ -24,6 +24,7 @@ def add(commands: Commands) -> None:
     parser.add_argument("--json", type=Path, metavar="FILE", help="write the results there")
     parser.add_argument("--plot", type=Path, metavar="FILE.svg", help="draw the quality of the clip against time")
     add_device(parser)
+    add_provider(parser)
     add_force(parser)
 
 
@@ -31,6 +32,7 @@ def _bench(options: argparse.Namespace) -> None:
     from nte.evaluation.benchmark.bench import bench, require_quality, require_threads
     from nte.evaluation.benchmark.plot import write_plot
     from nte.files import only_writer_of, write_whole
+    from nte.registry import with_provider
 
     if options.plot and options.plot.suffix != ".svg":
         raise NteError(f"--plot {options.plot}: expected a name that ends in .svg")
@@ -44,8 +46,9 @@ def _bench(options: argparse.Namespace) -> None:
     with ExitStack() as reserved:
         for path in written:
             reserved.enter_context(only_writer_of(path, options.force))
+        specs = with_provider(options.specs, options.provider) if options.provider else options.specs
         results = bench(
-            options.specs, options.size, options.frames, options.clip, options.device, options.steps, options.threads
+            specs, options.size, options.frames, options.clip, options.device, options.steps, options.threads
         )
         print(results.text())
         if options.json:

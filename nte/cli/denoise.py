@@ -3,7 +3,7 @@
 import argparse
 from pathlib import Path
 
-from nte.cli.parsing import DENOISER, Commands, add_device, add_force, command
+from nte.cli.parsing import DENOISER, Commands, add_device, add_force, add_provider, command
 from nte.errors import NteError
 
 
@@ -22,16 +22,19 @@ def add(commands: Commands) -> None:
     parser.add_argument("--exposure", type=float, help="linear factor of the sequence (default: estimated once)")
     parser.add_argument("--png", action="store_true", help="a tonemapped picture beside each frame")
     add_device(parser)
+    add_provider(parser)
     add_force(parser)
 
 
 def _denoise(options: argparse.Namespace) -> None:
-    from nte.registry import load_denoiser
+    from nte.registry import load_denoiser, with_provider
     from nte.sequences import denoise_files
 
     if options.motion and options.motion.partition(":")[0] != "estimate":
         raise NteError(f"--motion {options.motion}: expected estimate, or estimate:key=value,…")
     spec = f"{options.motion}+{options.denoiser}" if options.motion else options.denoiser
+    if options.provider:
+        (spec,) = with_provider([spec], options.provider)
     denoiser = load_denoiser(spec, options.device)
     written = denoise_files(
         options.sources, denoiser, options.out, options.exposure, options.png, options.force, options.map, options.set,

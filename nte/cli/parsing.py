@@ -5,8 +5,13 @@ import re
 from collections.abc import Callable
 from typing import NoReturn, Protocol
 
+from nte.runtime.providers import PROVIDERS
+
 # help text of a denoiser's specification
-DENOISER = "run, .onnx, name:key=value, or composite:visibility=SPEC,glossy=[SPEC,with=commas],indirect=SPEC"
+DENOISER = (
+    "run, model.onnx, model.onnx:provider=NAME, name:key=value, or "
+    "composite:visibility=SPEC,glossy=[SPEC,with=commas],indirect=SPEC"
+)
 
 
 class Parser(argparse.ArgumentParser):
@@ -44,6 +49,12 @@ def add_force(parser: argparse.ArgumentParser, text: str = "overwrite what exist
 def add_device(parser: argparse.ArgumentParser, default: str = "cpu") -> None:
     """Add the option --device."""
     parser.add_argument("--device", default=default, help=f"cpu, cuda, … (default: {default})")
+
+
+def add_provider(parser: argparse.ArgumentParser) -> None:
+    """Add the option --provider."""
+    text = "where exported models run, short for model.onnx:provider=NAME (default: by --device)"
+    parser.add_argument("--provider", choices=PROVIDERS, help=text)
 
 
 def add_jobs(parser: argparse.ArgumentParser, unit: str) -> None:

@@ -233,7 +233,7 @@ def find_clips(paths: Iterable[Path]) -> list[Path]:
         folders = (info.parent for info in path.rglob("clip.json"))
         below = sorted(f for f in folders if not any(name[0] == "." for name in f.relative_to(path).parts))
         if not below:
-            raise NteError(f"{path}: no clip in it: expected clip.json in the folder or below it (nte import makes a clip of other files)")
+            raise NteError(f"{path}: no clip in it: expected clip.json, which nte import writes, in or below it")
         for folder in below:
             found.setdefault(folder.resolve(), folder)
     if not found:

@@ -1,10 +1,8 @@
 """The runtime of exported models, without PyTorch: OnnxDenoiser("model.onnx") is a denoiser like any other."""
 
-from collections.abc import Sequence
 from pathlib import Path
 
 import numpy as np
-import onnxruntime
 
 from nte.denoiser import Denoiser, Result, require_extras
 from nte.errors import NteError
@@ -12,49 +10,31 @@ from nte.frames.channels import COMPONENTS, width_of
 from nte.frames.clip import Pixels
 from nte.frames.frame import Frame
 from nte.recurrence import DENOISED, FORWARD, NetworkState, begin, hand_on
-from nte.runtime.description import METADATA_KEY, read_description, recurrent_of, require_seal
+from nte.runtime.description import read_description, recurrent_of, require_seal
+from nte.runtime.engine import Engine
+from nte.runtime.onnx_engine import OnnxRuntime
+from nte.runtime.providers import PROVIDERS, OnnxOptions, require_installed
 from nte.runtime.weights import require_finite_weights
-
-Provider = str | tuple[str, dict[str, str]]
 
 
 class OnnxDenoiser(Denoiser):
     """An exported model as a denoiser: takes frames of NumPy arrays or PyTorch tensors, and returns the same kind.
 
-    providers: ONNX Runtime execution providers, best first, by name or as (name, options); None takes the CPU. threads:
-    number of CPU threads; 0 lets ONNX Runtime choose. profile: a folder, to which ONNX Runtime writes the times of the
-    graph's operators at `end_profiling`. Raises NteError for a file that is missing, no ONNX model,
-    damaged or not exported by nte, and for a provider that is not available.
+    options: where it runs; None takes the CPU. profile: a folder, to which ONNX Runtime writes the times of the graph's
+    operators at `end_profiling`. The state of a sequence stays in the provider's memory. Several sequences may share a
+    denoiser, also on several threads. Raises NteError for a file that is missing, no ONNX model, damaged or not
+    exported by nte, and for a provider that is not installed or does not start.
     """
 
-    def __init__(
-        self, path: Path | str, providers: Sequence[Provider] | None = None, threads: int = 0,
-        profile: Path | None = None,
-    ) -> None:  # fmt: skip
-        self.path, self._threads = Path(path), threads
+    def __init__(self, path: Path | str, options: OnnxOptions | None = None, *, profile: Path | None = None) -> None:
+        self.path, self.options = Path(path), options or OnnxOptions()
         if not self.path.is_file():
             raise NteError(f"{path}: does not exist; expected an .onnx file made by nte export")
         require_seal(self.path)
-        options = onnxruntime.SessionOptions()
-        options.intra_op_num_threads = threads
-        if profile is not None:
-            options.enable_profiling, options.profile_file_prefix = True, str(profile / "profile")
-        options.log_severity_level = 3  # errors only: the runtime warns about its own graph rewriting
-        chosen = self._providers = list(providers or ["CPUExecutionProvider"])
-        available = onnxruntime.get_available_providers()
-        names = [provider if isinstance(provider, str) else provider[0] for provider in chosen]
-        unknown = [name for name in names if name not in available]
-        if unknown:
-            raise NteError(f"provider '{unknown[0]}' is not available; there are {', '.join(available)}")
-        try:
-            self._session = onnxruntime.InferenceSession(str(self.path), options, providers=chosen)
-        except Exception as error:  # ONNX Runtime raises classes of its own that share no public base
-            raise NteError(f"{path}: not a readable ONNX model: {str(error).splitlines()[0]}") from error
+        self._engine = _engine_for(self.path, self.options, profile)
         require_finite_weights(self.path)
-        self._inputs = {i.name: i.shape for i in self._session.get_inputs()}
-        self._outputs = [o.name for o in self._session.get_outputs()]
-        text = self._session.get_modelmeta().custom_metadata_map.get(METADATA_KEY)
-        self.info = read_description(self.path, text, self._inputs, self._outputs)
+        self._inputs, self._outputs = self._engine.inputs, self._engine.outputs
+        self.info = read_description(self.path, self._engine.metadata, self._inputs, self._outputs)
         self._recurrent = recurrent_of(self.info, self._inputs)
         self.needs: tuple[str, ...] = tuple(self.info["needs"])
         self.optional = tuple(self.info["optional"])
@@ -82,23 +62,25 @@ class OnnxDenoiser(Denoiser):
             given = FORWARD in arrays
             feed[FORWARD] = self._checked(arrays, FORWARD) if given else np.full_like(feed["motion"], np.nan)
         state, reset = begin(arrays, state, self._recurrent, lambda shape: np.zeros(shape, np.float32), self._inputs)
-        feed |= {"reset": reset, **state.scalars.known(), **state.tensors}
-        sources = (tensor.source for tensor in self._recurrent.values())
+        feed |= {"reset": reset, **state.scalars.known()}
+        sources = {tensor.source for tensor in self._recurrent.values()}
+        feed |= {name: self._engine.keep(feed[name]) for name in sources if name in feed}
         outputs = {name: DENOISED + name if name in self.components else name for name in extras}
-        kept = (name for name in sources if name in self._outputs)
-        wanted = list(dict.fromkeys(["image", *kept, *outputs.values()]))
-        used = {name: array for name, array in feed.items() if name in self._inputs}
-        made = dict(zip(wanted, self._session.run(wanted, used), strict=True))
+        shown = list(dict.fromkeys(["image", *outputs.values()]))
+        used = {name: value for name, value in (feed | state.tensors).items() if name in self._inputs}
+        made = self._engine.run(used, shown, [name for name in self._outputs if name in sources.difference(shown)])
+        both = {name: self._engine.keep(made[name]) for name in sources.intersection(shown)}  # `shown` is the caller's
+        after = hand_on(state, self._recurrent, feed | made | both)
         result = Result(made["image"], {name: made[output] for name, output in outputs.items()}).like(frame)
-        return result, hand_on(state, self._recurrent, feed | made)
+        return result, after
 
     def profiled(self, folder: Path) -> "OnnxDenoiser":
-        """Load the model once more, with the same providers and threads, to be profiled into `folder`."""
-        return OnnxDenoiser(self.path, self._providers, self._threads, folder)
+        """Load the model once more, with the same options, to be profiled into `folder`."""
+        return OnnxDenoiser(self.path, self.options, profile=folder)
 
     def end_profiling(self) -> str:
         """Write ONNX Runtime's profile (JSON), and return its path. Only for a model that is profiled."""
-        return str(self._session.end_profiling())
+        return self._engine.end_profiling()
 
     def _checked(self, frame: Frame, name: str) -> Pixels:
         array = frame[name]
@@ -110,3 +92,15 @@ class OnnxDenoiser(Denoiser):
         if min(frame.size) < self.info["smallest"]:
             raise NteError(f"frame {frame.index}: size {frame.size}, expected at least {self.info['smallest']} pixels")
         return np.ascontiguousarray(array)
+
+
+def _engine_for(path: Path, options: OnnxOptions, profile: Path | None) -> Engine:
+    """Load the graph at `path` where the options say. Raises NteError for a provider that is not installed."""
+    require_installed(options.provider)
+    if PROVIDERS[options.provider].name:
+        return OnnxRuntime(path, options, profile)
+    from nte.runtime.openvino_engine import OpenVino
+
+    if profile is not None:
+        raise NteError(f"{path}: {options.provider} has no profile by steps: expected another provider")
+    return OpenVino(path, options)

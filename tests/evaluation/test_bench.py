@@ -153,6 +153,7 @@ def test_wrong_input_is_named(tmp_path: Path, capsys: pytest.CaptureFixture[str]
             "needs the size of the clip",
         ),
         (["noisy", "--plot", str(tmp_path / "plot.svg"), "--clip", bare], "bare has no reference"),
+        (["noisy", "--provider", "openvino"], "--provider openvino: no exported model (.onnx) among noisy"),
     ):
         assert main(["bench", *arguments]) == 2
         said = capsys.readouterr().err

@@ -1,0 +1,95 @@
+"""ONNX Runtime as an engine, with any of its providers: what is carried from frame to frame stays in their memory."""
+
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+
+import onnxruntime
+from onnxruntime import OrtValue
+
+from nte.errors import NteError
+from nte.frames.clip import Pixels
+from nte.runtime.description import METADATA_KEY, Shapes
+from nte.runtime.engine import Value
+from nte.runtime.providers import PROVIDERS, OnnxOptions, asked_of_onnx_runtime
+
+# What ONNX Runtime says of an operator, or of an operator set, that it does not have.
+_LACKING = (
+    "NOT_IMPLEMENTED", "No Op registered", "not a registered function", "Current official support for domain",
+)  # fmt: skip
+
+
+class OnnxRuntime:
+    """ONNX Runtime with one provider. Recurrent tensors are OrtValues in the provider's memory.
+
+    A run binds new outputs, for which ONNX Runtime's arena gives out memory that nobody holds any more. So nothing
+    grows, an array that was handed out stays as it is, and a state can be used again.
+    """
+
+    def __init__(self, path: Path, options: OnnxOptions, profile: Path | None = None) -> None:
+        known, self._path = PROVIDERS[options.provider], path
+        self._place = known.memory, options.index if known.memory != "cpu" else 0
+        self.session = session_for(path, options, profile)
+        self.inputs: Shapes = {i.name: i.shape for i in self.session.get_inputs()}
+        self.outputs = [o.name for o in self.session.get_outputs()]
+        self.metadata = self.session.get_modelmeta().custom_metadata_map.get(METADATA_KEY)
+
+    def keep(self, array: Pixels) -> Value:
+        """Copy an array to the provider's memory."""
+        own = array.copy() if self._place[0] == "cpu" else array  # an OrtValue on the CPU is a view
+        return OrtValue.ortvalue_from_numpy(own, *self._place)
+
+    def run(self, feed: Mapping[str, Value], shown: Sequence[str], kept: Sequence[str]) -> dict[str, Value]:
+        """Run the graph with bound inputs and outputs."""
+        bound = self.session.io_binding()
+        for name, value in feed.items():
+            if isinstance(value, OrtValue):
+                bound.bind_ortvalue_input(name, value)
+            else:
+                bound.bind_cpu_input(name, value)
+        for name in shown:
+            bound.bind_output(name)
+        for name in kept:
+            bound.bind_output(name, *self._place)
+        try:
+            self.session.run_with_iobinding(bound)
+        except Exception as error:  # ONNX Runtime raises classes of its own that share no public base
+            raise NteError(f"{self._path}: cannot run this frame: {_first_line(error)}") from error
+        made = dict(zip([*shown, *kept], bound.get_outputs(), strict=True))
+        return {name: value.numpy() if name in shown else value for name, value in made.items()}
+
+    def end_profiling(self) -> str:
+        """Write ONNX Runtime's profile (JSON), and return its path."""
+        return str(self.session.end_profiling())
+
+
+def session_for(
+    path: Path, options: OnnxOptions, profile: Path | None = None, record: bool = False
+) -> onnxruntime.InferenceSession:
+    """Start a session of ONNX Runtime; a provider that does not start is an error, not a reason for another one.
+
+    record: note which provider takes which operator.
+    """
+    known, settings = PROVIDERS[options.provider], onnxruntime.SessionOptions()
+    settings.intra_op_num_threads = options.threads or 0
+    settings.log_severity_level = 3  # errors only: the runtime warns about its own graph rewriting
+    if profile is not None:
+        settings.enable_profiling, settings.profile_file_prefix = True, str(profile / "profile")
+    if record:
+        settings.add_session_config_entry("session.record_ep_graph_assignment_info", "1")
+    if options.provider == "directml":  # which must not reuse memory by a plan
+        settings.enable_mem_pattern = False
+    asked = asked_of_onnx_runtime(options)
+    try:
+        session = onnxruntime.InferenceSession(str(path), settings, providers=asked, enable_fallback=0)
+    except Exception as error:  # ONNX Runtime raises classes of its own that share no public base
+        what = "not a readable ONNX model" if options.provider == "cpu" else f"{options.provider} cannot run it"
+        if any(sign in str(error) for sign in _LACKING):
+            what = f"{options.provider} lacks an operator of the model, or its version"
+        raise NteError(f"{path}: {what}: {_first_line(error)}") from error
+    if known.name not in (used := session.get_providers()):
+        raise NteError(f"{path}: {options.provider} did not start; ONNX Runtime would use {', '.join(used)} instead")
+    return session
+
+
+def _first_line(error: Exception) -> str:
+    return (str(error).splitlines() or [type(error).__name__])[0]

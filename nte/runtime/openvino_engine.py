@@ -1,0 +1,93 @@
+"""OpenVINO as an engine: it reads the same file as ONNX Runtime, and takes the whole graph.
+
+It is used by itself and not as ONNX Runtime's provider of that name: in onnxruntime-openvino 1.24.1 the provider splits
+our graphs into pieces that depend on each other in a circle, which ends the process.
+"""
+
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import contextmanager
+from pathlib import Path
+
+import openvino
+
+from nte.errors import NteError
+from nte.frames.clip import Pixels
+from nte.runtime.description import METADATA_KEY, Shapes
+from nte.runtime.engine import Value
+from nte.runtime.providers import OnnxOptions
+
+_DEVICE = "CPU"
+
+
+class OpenVino:
+    """A graph that OpenVINO runs on the CPU. What is carried from frame to frame are NumPy arrays.
+
+    Inputs are read where they are. Outputs are copied out of a request, which the next frame takes; each thread that
+    computes at the same time has one of its own.
+    """
+
+    def __init__(self, path: Path, options: OnnxOptions) -> None:
+        core = openvino.Core()
+        with _told(f"{path}: openvino cannot run it"):
+            model = core.read_model(path)
+            settings: dict[str, str | int] = {
+                "INFERENCE_PRECISION_HINT": options.precision,
+                "PERFORMANCE_HINT": "LATENCY",
+            }
+            if options.threads is not None:
+                settings["INFERENCE_NUM_THREADS"] = options.threads
+            self._compiled = core.compile_model(model, _DEVICE, settings)
+        self.path = path
+        self.inputs: Shapes = {port.any_name: [_size(side) for side in port.partial_shape] for port in model.inputs}
+        self.outputs = [port.any_name for port in model.outputs]
+        self.metadata = _metadata(model)
+        self._idle: list[openvino.InferRequest] = []
+
+    def keep(self, array: Pixels) -> Value:
+        """Copy an array."""
+        return array.copy()
+
+    def run(self, feed: Mapping[str, Value], shown: Sequence[str], kept: Sequence[str]) -> dict[str, Value]:
+        """Run the graph in a request that no other thread uses."""
+        try:
+            request = self._idle.pop()
+        except IndexError:
+            request = self._compiled.create_infer_request()
+        with _told(f"{self.path}: openvino cannot run this frame"):
+            request.infer(dict(feed), share_inputs=True)
+        made = {name: request.get_tensor(name).data.copy() for name in (*shown, *kept)}
+        self._idle.append(request)
+        return made
+
+    def end_profiling(self) -> str:
+        """Raise NteError: there is no profile."""
+        raise NteError(f"{self.path}: openvino writes no profile")
+
+
+def refused_by_openvino(path: Path) -> list[str]:
+    """Ask OpenVINO which operators of a model it does not take on the CPU."""
+    core = openvino.Core()
+    with _told(f"{path}: openvino cannot read it"):
+        model = core.read_model(path)
+        taken = core.query_model(model, _DEVICE)
+    return sorted({node.get_type_name() for node in model.get_ops() if node.get_friendly_name() not in taken})
+
+
+def _size(side: openvino.Dimension) -> int | str:
+    return int(side.get_length()) if side.is_static else "free"
+
+
+def _metadata(model: openvino.Model) -> str | None:
+    """The JSON that nte wrote: OpenVINO keeps a model's properties under `framework`."""
+    keys = ["framework", METADATA_KEY]
+    return str(model.get_rt_info(keys).astype(str)) if model.has_rt_info(keys) else None
+
+
+@contextmanager
+def _told(what: str) -> Iterator[None]:
+    """Say in one line what OpenVINO finds wrong: the last line that it prints is the cause."""
+    try:
+        yield
+    except Exception as error:  # RuntimeError, and classes of its own
+        lines = [line.strip() for line in str(error).splitlines() if line.strip()]
+        raise NteError(f"{what}: {lines[-1] if lines else type(error).__name__}") from error

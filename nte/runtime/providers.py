@@ -1,0 +1,94 @@
+"""Where an exported model runs: providers by short names, the options of each, and the package that brings it."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from importlib.util import find_spec
+from types import MappingProxyType
+from typing import Annotated, Literal, NamedTuple
+
+from nte.errors import NteError
+from nte.options import Allowed, Options
+
+
+class Provider(NamedTuple):
+    """One way to run a graph: an execution provider of ONNX Runtime, or OpenVINO itself."""
+
+    package: str  # on PyPI
+    name: str = ""  # ONNX Runtime's; "" for OpenVINO
+    options: Mapping[str, str] = MappingProxyType({})
+    device: str = ""  # its option for the number of a device; "" if it has none
+    memory: str = "cpu"  # where ONNX Runtime keeps what is carried from frame to frame
+    then: tuple[str, ...] = ()  # ONNX Runtime's providers for operators that it leaves over, before the CPU
+
+
+# TF32 is off: it rounds what a convolution reads to 10 bits of mantissa, and f32 is what was asked for.
+_CUDA = Provider("onnxruntime-gpu", "CUDAExecutionProvider", {"use_tf32": "0"}, "device_id", "cuda")
+PROVIDERS: dict[str, Provider] = {
+    "cpu": Provider("onnxruntime", "CPUExecutionProvider"),
+    "openvino": Provider("openvino"),
+    "cuda": _CUDA,
+    "tensorrt": _CUDA._replace(name="TensorrtExecutionProvider", options={}, then=("CUDAExecutionProvider",)),
+    "directml": Provider("onnxruntime-directml", "DmlExecutionProvider", {}, "device_id", "dml"),
+    "coreml": Provider("onnxruntime", "CoreMLExecutionProvider", {"ModelFormat": "MLProgram"}),  # in that for macOS
+    "webgpu": Provider("onnxruntime-webgpu", "WebGpuExecutionProvider"),
+}
+
+
+@dataclass(frozen=True)
+class OnnxOptions(Options, name="exported model"):
+    """Where and how an exported model runs.
+
+    provider: one of PROVIDERS. index: number of its device, where it has several. threads: of the CPU; None (typed
+    auto) lets the provider choose. precision: bf16 lets OpenVINO compute in bfloat16 where it likes.
+    """
+
+    provider: Literal["cpu", "openvino", "cuda", "tensorrt", "directml", "coreml", "webgpu"] = "cpu"
+    index: Annotated[int, Allowed("a number of a device, 0 or more", lambda n: n >= 0)] = 0
+    threads: Annotated[
+        int | None, Allowed("auto, or a whole number from 1 to 1024", lambda n: n is None or 1 <= n <= 1024)
+    ] = None
+    precision: Literal["f32", "bf16"] = "f32"
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        if self.precision != "f32" and self.provider != "openvino":
+            raise NteError(f"{self.name}: precision is {self.precision}, which only openvino has, not {self.provider}")
+        if self.index and not PROVIDERS[self.provider].device:
+            raise NteError(f"{self.name}: index is {self.index}, but {self.provider} has one device")
+
+
+def installed() -> list[str]:
+    """Return the short names of the providers that are there."""
+    import onnxruntime
+
+    there = onnxruntime.get_available_providers()
+    return [name for name, known in PROVIDERS.items() if known.name in there or (not known.name and _has_openvino())]
+
+
+def require_installed(provider: str) -> None:
+    """Raise NteError for a provider that is not there; the error names the package that brings it."""
+    if provider in (there := installed()):
+        return
+    package = PROVIDERS[provider].package
+    how = f"it comes with the package {package}"
+    if package.startswith("onnxruntime-"):  # each of them brings the module onnxruntime
+        how += f", which takes the place of onnxruntime: pip uninstall onnxruntime; pip install {package}"
+    elif package == "openvino":
+        how += ": pip install 'nte-denoiser[openvino]'"
+    else:
+        how += " for macOS"
+    raise NteError(f"provider {provider} is not installed; there is {', '.join(there)}; {how}")
+
+
+def asked_of_onnx_runtime(options: OnnxOptions) -> list[tuple[str, dict[str, str]]]:
+    """Return ONNX Runtime's providers with their options, best first; the CPU takes what is left over."""
+    known = PROVIDERS[options.provider]
+    number = {known.device: str(options.index)} if known.device else {}
+    first = (known.name, {**known.options, **number})
+    others = [(name, {**_CUDA.options, **number} if name == _CUDA.name else {}) for name in known.then]
+    rest: list[tuple[str, dict[str, str]]] = [("CPUExecutionProvider", {})]
+    return [first, *others, *([] if options.provider == "cpu" else rest)]
+
+
+def _has_openvino() -> bool:
+    return find_spec("openvino") is not None
