@@ -30,6 +30,7 @@ FLAT = 0.02  # points whose least extent is a smaller share of the greatest lie 
 OFF = 0.005  # 1 − cosine to the surface's own normal, on average, from which on normals do not agree with it: 6°
 TURNED = 0.3  # a rotation explains the normals if it leaves at most this share of that
 ALONG = 0.95  # cosine, up to its sign, of normals that agree with the surface
+SOME = 0.05  # share of the pixels whose normals point away from which on it is told
 BESIDE = 2.0  # px: greatest distance at which a camera sees half of the surfaces beside their own pixels
 BUFFER = 0.9  # if nearly all depths lie between this and 1, they look like those of a z-buffer
 FAR = 100.0  # a depth that many pixels share exactly, this many times the median of the others, is no surface
@@ -159,10 +160,12 @@ class GeometryTally:
 
     def _judge_normals(self) -> Iterator[Finding]:
         given, unsigned, turned = (median(turn[i] for turn in self._turns) for i in range(3))
-        if given < 0 and unsigned > ALONG:
-            found = f"point away from the camera in most pixels, as {self._shown_by} shows"
+        away = (1 - given / unsigned) / 2 if unsigned > ALONG else 0.0  # share of the pixels
+        if away > SOME:
+            where = "most" if given < 0 else f"{away:.0%} of the"
+            found = f"point away from the camera in {where} pixels, as {self._shown_by} shows"
             yield Finding("normal", found, "normals that face the camera", False)
-        elif 1 - given > OFF and 1 - turned < TURNED * (1 - given):
+        elif 1 - unsigned > OFF and 1 - turned < TURNED * (1 - unsigned):  # a half turn only changes some walls' signs
             found = f"not perpendicular to the surfaces of {self._shown_by}, but one rotation of all makes them so"
             expected = "world space for both (for normals in camera space normal.space=camera, with cameras)"
             yield Finding("normal", found, expected)
