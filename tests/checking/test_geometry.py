@@ -139,6 +139,32 @@ def test_normals_of_another_space_are_told_by_depth_and_cameras(tmp_path: Path, 
     assert "normal: not perpendicular to the surfaces of depth and cameras, but one rotation" in report.reason
 
 
+def test_positions_without_depth_are_compared_with_normals_and_cameras(tmp_path: Path) -> None:
+    matrices = cameras(lambda v, p: (v, p))
+    right = checked(tmp_path / "right", lambda f, i: {}, ("depth",), cameras=matrices)
+    assert [f for f in right.findings if f.channel in ("cameras", "normal", "position")] == []
+    normals = checked(tmp_path / "normals", lambda f, i: in_view(f, 0), ("depth",), cameras=matrices)
+    assert "normal: not perpendicular to the surfaces of position, but one rotation" in normals.reason
+    inverse = cameras(lambda v, p: (np.linalg.inv(v), p))
+    seen_by = checked(tmp_path / "cameras", lambda f, i: {}, ("depth",), cameras=inverse)
+    assert "cameras: do not see position in its own pixels" in seen_by.reason
+
+
+@pytest.mark.parametrize("turned", [360, 240])
+def test_a_panorama_has_no_view_axis(tmp_path: Path, turned: float) -> None:
+    """It sees points all around, so its depth can only be the distance: of a room like a shoe box, here."""
+    y, x = np.mgrid[: SIZE[0], : SIZE[1]] + 0.5
+    down, around = np.pi * y / SIZE[0], np.radians(turned) * x / SIZE[1]
+    ray = np.stack([np.sin(down) * np.cos(around), np.cos(down), np.sin(down) * np.sin(around)])
+    away = np.abs(ray) / np.reshape([3.0, 1.5, 4.0], (3, 1, 1))
+    distance = 1 / away.max(0)
+    normal = -np.sign(ray) * (np.arange(3).reshape(3, 1, 1) == away.argmax(0))
+    channels = {"color": 0 * ray + 1, "normal": normal, "position": distance * ray + 5, "depth": distance[None]}
+    frame = {name: values.astype(np.float32) for name, values in channels.items()}
+    report = check(Clip(write_clip(tmp_path / "clip", [frame] * 2)))
+    assert [f.found for f in report.findings if f.channel in ("depth", "normal", "position")] == []
+
+
 def test_normals_that_point_away_are_a_note(tmp_path: Path) -> None:
     report = checked(tmp_path, lambda f, i: {"normal": -f["normal"]})
     assert report.verdict == "plausible"
