@@ -59,8 +59,8 @@ class ExposureTally:
         apart = (frame["color"] - frame["reference"]).abs() > SAME * frame["reference"].abs()
         self._same &= not bool((apart & good).any())
         block = max(1, min(BLOCK, min(frame.size) // ALONG))
-        blocks = tuple(-(-side // block) for side in frame.size)
-        sums = F.adaptive_avg_pool2d(torch.where(good, both, 0.0), blocks).double()  # the same blocks when turned over
+        height, width = (-(-side // block) for side in frame.size)
+        sums = F.adaptive_avg_pool2d(torch.where(good, both, 0.0), (height, width)).double()  # the same blocks when turned over
         color, reference = sums[:, :3].mean(1), sums[:, 3:].mean(1)
         if scale := _scale(color, reference):
             self._scales.append(scale)

@@ -48,10 +48,9 @@ def turn_of(normal: Tensor, position: Tensor, hit: Tensor, depth: Tensor | None,
         around = depth.unfold(0, 3, 1).unfold(1, 3, 1).flatten(2)
         inside = inside & (around.amax(2) < ONE_SURFACE * around.amin(2))
     else:
-        for step, dim in ((across, 2), (down, 1)):
-            bend = position.diff(n=2, dim=dim)
-            bend = bend[:, 1:-1] if dim == 2 else bend[:, :, 1:-1]
-            inside = inside & (bend.norm(dim=0) < EVEN * step.norm(dim=0))
+        bends = position.diff(n=2, dim=2)[:, 1:-1], position.diff(n=2, dim=1)[:, :, 1:-1]
+        for bend, both in zip(bends, (across, down), strict=True):
+            inside = inside & (bend.norm(dim=0) < EVEN * both.norm(dim=0))
     inside = inside & surface.isfinite().all(0) & (surface.norm(dim=0) > 0)
     inside = inside & normal.isfinite().all(0) & (normal.norm(dim=0) > 0.5)
     if int(inside.sum()) < ENOUGH:
