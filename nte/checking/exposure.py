@@ -60,7 +60,8 @@ class ExposureTally:
         self._same &= not bool((apart & good).any())
         block = max(1, min(BLOCK, min(frame.size) // ALONG))
         height, width = (-(-side // block) for side in frame.size)
-        sums = F.adaptive_avg_pool2d(torch.where(good, both, 0.0), (height, width)).double()  # the same blocks when turned over
+        # The blocks of a picture that is turned over are the same, turned over.
+        sums = F.adaptive_avg_pool2d(torch.where(good, both, 0.0), (height, width)).double()
         color, reference = sums[:, :3].mean(1), sums[:, 3:].mean(1)
         if scale := _scale(color, reference):
             self._scales.append(scale)
