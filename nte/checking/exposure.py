@@ -1,6 +1,9 @@
 """A check that the reference has the scale and orientation of the colour: ratios of block means, over all frames."""
 
 from collections.abc import Iterator
+from math import exp, log
+from statistics import median
+from typing import NamedTuple
 
 import torch
 import torch.nn.functional as F
@@ -10,14 +13,32 @@ from nte.checking.flips import FLIPS, ORIENTATION
 from nte.checking.values import Finding
 from nte.frames.frame import Frame
 
-BLOCK = 16  # pixels, about
+BLOCK, ALONG = 16, 4  # pixels, about: a block's side in images of at least so many blocks along the shorter side
 TOLD, FAILED = 1.2, 1.5  # least factors between colour and reference that are told, and that are a fault
 ALIKE = 1.35  # blocks whose ratio is within this factor of the median agree
 ENOUGH = 12  # least number of blocks that tell an orientation
+LIT = 4  # least number of blocks that tell a scale
 UNLIKE = 0.05  # median difference of the logarithms from which on the blocks are not those of one picture
 FLIPPED = 0.25  # the picture was turned over if that leaves at most this share of the difference
 SAME = 1e-3  # relative difference of one image in half floats and in float32
 AGREE = 0.7  # share of blocks that must agree; with fewer it is noise or another light, not another scale
+FRAMES = 0.1  # share of the frames with a scale of their own from which on it is a fault; a few are only told
+
+
+class _Scale(NamedTuple):
+    """The logarithm of how many times as bright colour is, in two ways, and the share of the blocks that agree."""
+
+    of_blocks: float  # median
+    of_means: float
+    agree: float
+
+    def without(self, blocks: float, means: float) -> float:
+        """Return the logarithm that is left over these two; 0 if noise explains it.
+
+        Noise moves the median of blocks one way, and fireflies move the mean the other.
+        """
+        ways = self.of_blocks - blocks, self.of_means - means
+        return min(ways, key=abs) if ways[0] * ways[1] > 0 else 0.0
 
 
 class ExposureTally:
@@ -27,6 +48,7 @@ class ExposureTally:
         self._color: Tensor | None = None
         self._reference: Tensor | None = None
         self._same = True  # so far colour and reference are one image
+        self._scales: list[_Scale] = []  # of frames that are lit
 
     def add(self, frame: Frame) -> None:
         """Add a PyTorch frame of batch 1, if it has both channels; pixels that are bad in one of them count as 0."""
@@ -36,18 +58,22 @@ class ExposureTally:
         good = (both.isfinite() & (both >= 0)).all(1, keepdim=True)
         apart = (frame["color"] - frame["reference"]).abs() > SAME * frame["reference"].abs()
         self._same &= not bool((apart & good).any())
-        height, width = frame.size
-        blocks = -(-height // BLOCK), -(-width // BLOCK)
-        sums = F.adaptive_avg_pool2d(torch.where(good, both, 0.0), blocks).double()  # the same blocks when turned over
+        block = max(1, min(BLOCK, min(frame.size) // ALONG))
+        height, width = (-(-side // block) for side in frame.size)
+        # The blocks of a picture that is turned over are the same, turned over.
+        sums = F.adaptive_avg_pool2d(torch.where(good, both, 0.0), (height, width)).double()
         color, reference = sums[:, :3].mean(1), sums[:, 3:].mean(1)
+        if scale := _scale(color, reference):
+            self._scales.append(scale)
         self._color = color if self._color is None else self._color + color
         self._reference = reference if self._reference is None else self._reference + reference
 
     def judge(self) -> Iterator[Finding]:
         """Yield a finding if colour is brighter or darker than the reference by about the same factor everywhere.
 
-        It is a fault if the factor exceeds 1.5 and over 70 % of the blocks agree; also if only one of the two is black,
-        and if the two are each other's mirror image. A reference that is the colour itself is only noted.
+        It is a fault if the factor exceeds 1.5 and over 70 % of the blocks agree; also if that factor differs by as
+        much between frames, if only one of the two is black, and if the two are each other's mirror image. A reference
+        that is the colour itself is only noted.
         """
         if self._color is None or self._reference is None:
             return
@@ -60,25 +86,41 @@ class ExposureTally:
         if as_it_is > UNLIKE and flipped[how] < FLIPPED * as_it_is:
             yield Finding("reference", f"shows the picture of color {how}", ORIENTATION)
             return
-        color, reference = self._color.flatten(), self._reference.flatten()
-        if not (float(color.sum()) > 0 and float(reference.sum()) > 0):
-            if float(color.sum()) != float(reference.sum()):
-                dark = "reference" if float(color.sum()) > 0 else "color"
-                yield Finding(dark, "black everywhere", "the same light in color and reference")
-            return
-        lit = (reference > 0.01 * reference.mean()) & (color > 0)
-        if not lit.any():
-            return
-        ratios = (color[lit] / reference[lit]).log()
-        typical, of_means = float(ratios.median()), float((color.sum() / reference.sum()).log())
-        agree = float(((ratios - typical).abs() < torch.tensor(ALIKE).log()).double().mean())
-        closer = min(abs(typical), abs(of_means))  # noise moves the median one way, fireflies the mean the other
-        if typical * of_means <= 0 or closer < float(torch.tensor(TOLD).log()):
-            return
-        factor = float(torch.tensor(typical).exp())
-        found = f"color is {factor:.3g} times as bright (median of blocks; {agree:.0%} of them agree)"
-        fault = closer > float(torch.tensor(FAILED).log()) and agree > AGREE
-        yield Finding("reference", found, "the exposure and scale of color", fault)
+        lit = [float(light.sum()) > 0 for light in (self._color, self._reference)]
+        if lit[0] != lit[1]:
+            dark = "reference" if lit[0] else "color"
+            yield Finding(dark, "black everywhere", "the same light in color and reference")
+        elif scale := _scale(self._color, self._reference):
+            yield from self._judge_scale(scale)
+
+    def _judge_scale(self, whole: _Scale) -> Iterator[Finding]:
+        scales = self._scales or [whole]
+        blocks, means = median(scale.of_blocks for scale in scales), median(scale.of_means for scale in scales)
+        off = [s for s in scales if s.agree > AGREE and abs(s.without(blocks, means)) > log(FAILED)]
+        if off:
+            factors = [exp(scale.of_blocks) for scale in (*off, _Scale(blocks, means, 1.0))]
+            between = f"{min(factors):.3g} to {max(factors):.3g}"
+            found = f"color is {between} times as bright, as frames differ ({len(off)} of {len(scales)} do)"
+            many = len(off) > max(1, FRAMES * len(scales))
+            yield Finding("reference", found, "one exposure and scale for color and reference in all frames", many)
+            if many:
+                return
+        factor = whole.without(0, 0)
+        if abs(factor) >= log(TOLD):
+            agree = f"median of blocks; {whole.agree:.0%} of them agree"
+            found = f"color is {exp(whole.of_blocks):.3g} times as bright ({agree})"
+            fault = abs(factor) > log(FAILED) and whole.agree > AGREE
+            yield Finding("reference", found, "the exposure and scale of color", fault)
+
+
+def _scale(color: Tensor, reference: Tensor) -> _Scale | None:
+    """Compare the means of blocks (1, h, w); None if too few are lit."""
+    lit = (reference > 0.01 * reference.mean()) & (color > 0)
+    if int(lit.sum()) < LIT:
+        return None
+    ratios = (color[lit] / reference[lit]).log()
+    typical, of_means = float(ratios.median()), float((color.sum() / reference.sum()).log())
+    return _Scale(typical, of_means, float(((ratios - typical).abs() < log(ALIKE)).double().mean()))
 
 
 def _unlike(color: Tensor, reference: Tensor) -> float:

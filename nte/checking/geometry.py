@@ -1,9 +1,9 @@
 """A check that depth, position, normals and camera of one frame belong together: they show the same surfaces.
 
 The depth of a point along the view axis is a linear function of its position, whatever the camera. Distances from the
-camera and z-buffers are other functions of it. A normal is perpendicular to the surface that neighbouring positions
-span; if a single rotation of all normals makes it so, they are given in another space, such as that of the camera. A
-camera sees every position in its own pixel. Where there is a camera and no position, position is made from depth.
+camera and z-buffers are other functions of it; a panorama, which sees points in all directions, has nothing but the
+distance. A camera sees every position in its own pixel. Where there is a camera and no position, position is made from
+depth. Normals are compared with positions in `nte.checking.normals`.
 """
 
 from collections.abc import Iterator
@@ -14,7 +14,7 @@ from typing import NamedTuple, cast
 import torch
 from torch import Tensor
 
-from nte.checking.cells import ONE_SURFACE
+from nte.checking.normals import Turn, judge_turns, turn_of
 from nte.checking.values import MANY, Finding
 from nte.frames.frame import Frame
 from nte.motion.camera import points_from_depth, project
@@ -27,9 +27,7 @@ EXACT = 2e-3  # a function fits if half of the points miss it by less than this 
 FITS_NOT = 0.1  # no function fits: half of the points miss each of them by more than this share
 SAME_SCALE = 1.05  # greatest ratio of the units of depth and position
 FLAT = 0.02  # points whose least extent is a smaller share of the greatest lie in a plane, and tell no scale
-OFF = 0.005  # 1 − cosine to the surface's own normal, on average, from which on normals do not agree with it: 6°
-TURNED = 0.3  # a rotation explains the normals if it leaves at most this share of that
-ALONG = 0.95  # cosine, up to its sign, of normals that agree with the surface
+PANORAMA = 0.1  # a greater share of the points behind: no camera with a view axis sees them all
 BESIDE = 2.0  # px: greatest distance at which a camera sees half of the surfaces beside their own pixels
 BUFFER = 0.9  # if nearly all depths lie between this and 1, they look like those of a z-buffer
 FAR = 100.0  # a depth that many pixels share exactly, this many times the median of the others, is no surface
@@ -42,14 +40,7 @@ class _Fit(NamedTuple):
     distance: float
     buffer: float
     scale: float | None  # depth per unit of position along the axis; None if unknown
-
-
-class _Turn(NamedTuple):
-    """Mean cosines of normals to the surface: as they are, up to their sign, and after the best rotation."""
-
-    given: float
-    unsigned: float
-    turned: float
+    behind: float  # share of the points in the half of all directions that is opposite to the others
 
 
 @dataclass
@@ -57,7 +48,7 @@ class GeometryTally:
     """Tally of what depth, position and normals of a clip's frames say about each other."""
 
     _fits: list[_Fit] = field(default_factory=list)
-    _turns: list[_Turn] = field(default_factory=list)
+    _turns: list[Turn] = field(default_factory=list)
     _beside: list[float] = field(default_factory=list)  # px: how far from its pixel the camera sees a frame's surface
     _pixels: int = 0
     _alone: int = 0  # pixels that have a depth, but no normal (without normals: no instance)
@@ -72,27 +63,32 @@ class GeometryTally:
     _blank: str = ""  # the channel that shows no surface there
 
     def add(self, frame: Frame) -> None:
-        """Add a PyTorch frame of batch 1; only the first four with depth count."""
-        if "depth" not in frame or self._frames >= FRAMES:
+        """Add a PyTorch frame of batch 1; only the first four with depth or position count."""
+        if not ("depth" in frame or "position" in frame) or self._frames >= FRAMES:
             return
         self._frames += 1
-        depth = frame["depth"][0, 0].double().nan_to_num(0, 0, 0)
-        self._add_misses(frame, depth)
+        depth = frame["depth"][0, 0].double().nan_to_num(0, 0, 0) if "depth" in frame else None
+        if depth is not None:
+            self._add_misses(frame, depth)
         position = _positions(frame)
         if position is None:
             return
         self._shown_by = "position" if "position" in frame else "depth and cameras"
-        hit = (depth > 0) & position.isfinite().all(0) & (position != 0).any(0)
+        hit = position.isfinite().all(0) & (position != 0).any(0)
+        hit = hit if depth is None else hit & (depth > 0)
         if int(hit.sum()) < ENOUGH:
             return
         if "position" in frame and frame.view is not None and frame.projection is not None:
             seen = project(position[None], frame.view.double(), frame.projection.double())
             apart = (seen - pixel_centres(seen))[0, :, hit].norm(dim=0).nan_to_num(float("inf"))
             self._beside.append(float(apart.median()))
-        step = max(1, int(hit.sum()) // SAMPLED)
-        fit, axis = _explain(position[:, hit][:, ::step], depth[hit][::step])
-        self._fits.append(fit)
-        if "normal" in frame and fit.axis < FITS_NOT and (turn := _turn(frame, position, depth, axis)):
+        axis, fits = None, True
+        if depth is not None:
+            step = max(1, int(hit.sum()) // SAMPLED)
+            fit, axis = _explain(position[:, hit][:, ::step], depth[hit][::step])
+            self._fits.append(fit)
+            fits = fit.axis < FITS_NOT
+        if "normal" in frame and fits and (turn := turn_of(frame["normal"][0].double(), position, hit, depth, axis)):
             self._turns.append(turn)
 
     def _add_misses(self, frame: Frame, depth: Tensor) -> None:
@@ -119,8 +115,7 @@ class GeometryTally:
         yield from self._judge_misses()
         if self._fits:
             yield from self._judge_depth()
-        if self._turns:
-            yield from self._judge_normals()
+        yield from judge_turns(self._turns, self._shown_by)
         if self._beside and (beside := median(self._beside)) > BESIDE:
             where = f"{beside:.3g} px beside them" if beside < float("inf") else "behind the camera"
             expected = "of each frame: view from world space, projection to [0, 1]² with y down; or no cameras"
@@ -146,6 +141,8 @@ class GeometryTally:
         distance, buffer = median(fit.distance for fit in self._fits), median(fit.buffer for fit in self._fits)
         expected = "the distance along the view axis"
         if axis > EXACT and distance < min(axis / 10, EXACT):
+            if median(fit.behind for fit in self._fits) > PANORAMA:
+                return
             found = "is the distance from the camera, as position shows"
             yield Finding("depth", found, f"{expected} (on import depth.along=ray)")
         elif axis > EXACT and buffer < min(axis / 10, EXACT):
@@ -156,16 +153,6 @@ class GeometryTally:
             scale = median(scales)
             if not 1 / SAME_SCALE < scale < SAME_SCALE:
                 yield Finding("depth", f"is {scale:.4g} times as long as position shows", "the units of position")
-
-    def _judge_normals(self) -> Iterator[Finding]:
-        given, unsigned, turned = (median(turn[i] for turn in self._turns) for i in range(3))
-        if given < 0 and unsigned > ALONG:
-            found = f"point away from the camera in most pixels, as {self._shown_by} shows"
-            yield Finding("normal", found, "normals that face the camera", False)
-        elif 1 - given > OFF and 1 - turned < TURNED * (1 - given):
-            found = f"not perpendicular to the surfaces of {self._shown_by}, but one rotation of all makes them so"
-            expected = "world space for both (for normals in camera space normal.space=camera, with cameras)"
-            yield Finding("normal", found, expected)
 
 
 def _positions(frame: Frame) -> Tensor | None:
@@ -199,14 +186,18 @@ def _explain(points: Tensor, depth: Tensor) -> tuple[_Fit, Tensor | None]:
     off = (linear @ plane - unit).abs()
     plane = _solve(*(values[off <= 3 * off.median() + 1e-9] for values in (linear, unit)))
     distance = torch.cat([linear, near.square().sum(1, keepdim=True)], 1)
-    squared = distance @ _solve(distance, unit.square())
+    sphere = _solve(distance, unit.square())
+    squared = distance @ sphere
+    rays = near + sphere[:3] / (2 * sphere[4]).clamp(min=1e-30)  # from the camera, if depth is the distance from it
+    rays = rays / rays.norm(dim=1, keepdim=True).clamp(min=1e-30)
+    behind = float((rays @ rays.mean(0) < 0).double().mean())
     # z = A + B/(a·P + b) is a quotient of two linear functions: z (a·P + b) − (c·P + d) = 0.
     quotient = torch.linalg.eigh(_gram(torch.cat([linear * unit[:, None], -linear], 1)))[1][:, 0]
     buffer = (linear @ quotient[4:]) / (linear @ quotient[:4])
     axis = plane[:3] * depth.median() / size
     known = float(extent[0]) > FLAT * float(size)
     errors = error(linear @ plane), error(squared.clamp(min=0).sqrt()), error(buffer)
-    return _Fit(*errors, float(axis.norm()) if known else None), axis if known else None
+    return _Fit(*errors, float(axis.norm()) if known else None, behind), axis if known else None
 
 
 def _solve(rows: Tensor, values: Tensor) -> Tensor:
@@ -217,31 +208,3 @@ def _solve(rows: Tensor, values: Tensor) -> Tensor:
 
 def _gram(rows: Tensor) -> Tensor:
     return rows.T @ rows
-
-
-def _turn(frame: Frame, position: Tensor, depth: Tensor, axis: Tensor | None) -> _Turn | None:
-    """Compare normals with the surface that the positions (3, H, W) of neighbours span; None if too few can tell.
-
-    axis: the view axis (3,); None if unknown, and then normals count as facing the camera.
-    """
-    if min(depth.shape) < 3:
-        return None
-    across, down = position[:, 1:-1, 2:] - position[:, 1:-1, :-2], position[:, 2:, 1:-1] - position[:, :-2, 1:-1]
-    surface = torch.linalg.cross(across, down, dim=0)
-    normal = frame["normal"][0].double()[:, 1:-1, 1:-1]
-    around = depth.unfold(0, 3, 1).unfold(1, 3, 1).flatten(2)
-    inside = (around.amin(2) > 0) & (around.amax(2) < ONE_SURFACE * around.amin(2))
-    inside = inside & surface.isfinite().all(0) & (surface.norm(dim=0) > 0)
-    inside = inside & normal.isfinite().all(0) & (normal.norm(dim=0) > 0.5)
-    if int(inside.sum()) < ENOUGH:
-        return None
-    step = max(1, int(inside.sum()) // SAMPLED)
-    surface, normal = (values[:, inside][:, ::step] for values in (surface, normal))
-    surface, normal = surface / surface.norm(dim=0), normal / normal.norm(dim=0)
-    # The sign of the cross product depends on the handedness of the space. In a plane the axis is unknown.
-    towards = (axis @ surface if axis is not None else -(surface * normal).sum(0)).median()
-    surface = -surface if float(towards) > 0 else surface
-    u, _, v = torch.linalg.svd(surface @ normal.T)
-    cosine = (surface * normal).sum(0)
-    turned = (surface * (u @ v @ normal)).sum(0)
-    return _Turn(float(cosine.mean()), float(cosine.abs().mean()), float(turned.mean()))

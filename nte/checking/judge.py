@@ -6,6 +6,7 @@ from math import hypot
 from statistics import median
 from typing import Literal
 
+from nte.checking.jitter import without_jitter
 from nte.checking.votes import RIVALS, Votes
 from nte.motion.conventions import Convention
 
@@ -30,16 +31,22 @@ def judge_votes(pairs: Sequence[Votes]) -> Judgement:
     """Weigh the votes of a clip's pairs of frames and judge its motion vectors.
 
     Votes against the vectors count only if they come from at least half of the pairs that vote: one bad frame, or a
-    cut, does not condemn the clip. Fewer than six votes, or votes that disagree, are undecidable.
+    cut, does not condemn the clip. Fewer than six votes, or votes that disagree, are undecidable, and so are votes
+    against the vectors that camera jitter explains.
     """
-    total = Votes()
-    for pair in pairs:
-        total.add(pair)
+    judgement = _weigh(pairs)
+    if judgement.verdict != "implausible" or _weigh(without_jitter(pairs)).verdict == "implausible":
+        return judgement
+    return Judgement("undecidable", f"{_counts(_total(pairs))}, by no more than camera jitter, which vectors leave out")
+
+
+def _weigh(pairs: Sequence[Votes]) -> Judgement:
+    total = _total(pairs)
     bad = len(total.against)
     voting = [pair for pair in pairs if pair.good or pair.against]
     lasting = 2 * sum(bool(pair.against) for pair in voting) >= len(voting)
-    counts = f"{total.good} pieces of the picture confirm the vectors, {bad} contradict them"
-    if bad >= ENOUGH and lasting and bad > WITHOUT_WORD * (total.good + bad):
+    counts = _counts(total)
+    if bad >= ENOUGH and lasting and total.weight_against > WITHOUT_WORD * (total.good + total.weight_against):
         if (rival := _who_explains(total)) is not None:
             explained = f"it explains {total.bad_by(rival)} of {bad} pieces of the picture that contradict the vectors"
             return Judgement("implausible", f"'motion' has another convention: {rival}: {explained}", rival)
@@ -48,6 +55,19 @@ def judge_votes(pairs: Sequence[Votes]) -> Judgement:
     if total.good >= ENOUGH and total.good > total.weight_against:
         return Judgement("plausible", counts, Convention())
     return Judgement("undecidable", f"{counts}: {ENOUGH} are needed, and most must agree")
+
+
+def _total(pairs: Sequence[Votes]) -> Votes:
+    total = Votes()
+    for pair in pairs:
+        total.add(pair)
+    return total
+
+
+def _counts(total: Votes) -> str:
+    bad, estimated = len(total.against), round(total.weight_against)  # of more pieces than a sample, in large images
+    more = f" of about {estimated}" if estimated > bad else ""
+    return f"{total.good} pieces of the picture confirm the vectors, {bad}{more} contradict them"
 
 
 def _who_explains(votes: Votes) -> Convention | None:

@@ -42,13 +42,17 @@ def depth_order(previous: Frame, current: Frame) -> Order:
 
 
 def judge_order(pairs: Sequence[Order]) -> Iterator[Finding]:
-    """Yield a fault if nearly everything that hides something is farther away.
+    """Yield a fault if nearly everything that hides something is farther away, in most pairs of frames.
 
-    pairs: of frames whose vectors are plausible, as others lead anywhere.
+    After a cut to a close-up, or where an object appears from nowhere, everything near is in front of what was far, in
+    that pair: two pairs at least must agree, unless there is only one. pairs: of frames whose vectors are plausible, as
+    others lead anywhere.
     """
-    nearer, farther = sum(pair.nearer for pair in pairs), sum(pair.farther for pair in pairs)
-    if nearer + farther >= ENOUGH and farther > MOST * (nearer + farther):
-        count = f"in {farther} of {nearer + farther} pixels"
+    telling = [pair for pair in pairs if sum(pair)]
+    wrong = [pair for pair in telling if pair.farther > MOST * sum(pair)]
+    farther, pixels = sum(pair.farther for pair in wrong), sum(map(sum, wrong))
+    if pixels >= ENOUGH and 2 * len(wrong) > len(telling) and len(wrong) >= min(2, len(pairs)):
+        count = f"in {farther} of {pixels} pixels"
         found = f"what hides is farther away than what it hides, {count}: inverse depth, as in a z-buffer"
         yield Finding("depth", found, "the distance along the view axis, in scene units")
 

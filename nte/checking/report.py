@@ -1,6 +1,7 @@
 """The report of `nte check`: whether a clip's values and motion vectors are plausible."""
 
 from collections import defaultdict
+from collections.abc import Iterator
 from dataclasses import dataclass, field
 from pathlib import Path
 
@@ -10,6 +11,7 @@ from torch import Tensor
 from nte.checking.cells import cell_votes
 from nte.checking.exposure import ExposureTally
 from nte.checking.flips import ORIENTATION, FlipTally
+from nte.checking.forward import Returns, judge_returns, returns
 from nte.checking.geometry import GeometryTally
 from nte.checking.guides import GuideTally
 from nte.checking.judge import Judgement, Verdict, judge_votes
@@ -86,6 +88,7 @@ class _Vectors:
     still: list[Stillness] = field(default_factory=list)
     orders: list[Order] = field(default_factory=list)
     spaces: list[Spaces] = field(default_factory=list)
+    returns: list[Returns] = field(default_factory=list)
     errors: dict[tuple[str, str, str], Mean] = field(default_factory=lambda: defaultdict(Mean))
     disoccluded: Mean = field(default_factory=Mean)
     invalid: Mean = field(default_factory=Mean)
@@ -104,6 +107,8 @@ class _Vectors:
             return
         self.still.append(stillness(previous, current))
         self.spaces.append(changed_alike(previous, current, visible_in_both(previous, current, dual)))
+        if found := returns(previous, current):
+            self.returns.append(found)
         if "depth" in current and "depth" in previous:
             self.orders.append(depth_order(previous, current))
         votes = Votes()
@@ -112,6 +117,12 @@ class _Vectors:
         if "instance" in current:
             votes.add(object_votes(previous, current))
         self.votes.append(votes)
+
+    def judge(self) -> Iterator[Finding]:
+        """Yield what right vectors say of other channels."""
+        yield from judge_order(self.orders)
+        yield from judge_spaces(self.spaces)
+        yield from judge_returns(self.returns)
 
 
 def check(clip: Clip | Path | str) -> CheckReport:
@@ -144,8 +155,7 @@ def check(clip: Clip | Path | str) -> CheckReport:
             vectors.add(previous, current, current.index in voting)
         previous = current
     judgement = _judge_vectors(clip, vectors)
-    right = judgement.verdict == "plausible"
-    along = [*judge_order(vectors.orders), *judge_spaces(vectors.spaces)] if right else []
+    along = list(vectors.judge()) if judgement.verdict == "plausible" else []
     light = list(exposure.judge())
     turned = () if ORIENTATION in (f.expected for f in light) else flips.judge()  # the reference is turned over itself
     findings = [*judge_values(tallies), *light, *turned, *late.judge(), *geometry.judge(), *along, *guides.judge()]

@@ -10,7 +10,7 @@ from nte.checking import CheckReport, check
 from nte.frames.clip import Clip
 from nte.importing.convert import unit
 from tests.checking.room import FOCAL, SIZE, Floats, camera, distances, room_frame
-from tests.synthetic import Pixels, write_clip
+from tests.synthetic import Pixels, smooth_texture, write_clip
 
 Change = Callable[[dict[str, Pixels], int], dict[str, Pixels]]
 RNG = np.random.default_rng(0)
@@ -139,10 +139,57 @@ def test_normals_of_another_space_are_told_by_depth_and_cameras(tmp_path: Path, 
     assert "normal: not perpendicular to the surfaces of depth and cameras, but one rotation" in report.reason
 
 
+def test_positions_without_depth_are_compared_with_normals_and_cameras(tmp_path: Path) -> None:
+    matrices = cameras(lambda v, p: (v, p))
+    right = checked(tmp_path / "right", lambda f, i: {}, ("depth",), cameras=matrices)
+    assert [f for f in right.findings if f.channel in ("cameras", "normal", "position")] == []
+    normals = checked(tmp_path / "normals", lambda f, i: in_view(f, 0), ("depth",), cameras=matrices)
+    assert "normal: not perpendicular to the surfaces of position, but one rotation" in normals.reason
+    inverse = cameras(lambda v, p: (np.linalg.inv(v), p))
+    seen_by = checked(tmp_path / "cameras", lambda f, i: {}, ("depth",), cameras=inverse)
+    assert "cameras: do not see position in its own pixels" in seen_by.reason
+
+
+@pytest.mark.parametrize("turned", [360, 240])
+def test_a_panorama_has_no_view_axis(tmp_path: Path, turned: float) -> None:
+    """It sees points all around, so its depth can only be the distance: of a room like a shoe box, here."""
+    y, x = np.mgrid[: SIZE[0], : SIZE[1]] + 0.5
+    down, around = np.pi * y / SIZE[0], np.radians(turned) * x / SIZE[1]
+    ray = np.stack([np.sin(down) * np.cos(around), np.cos(down), np.sin(down) * np.sin(around)])
+    away = np.abs(ray) / np.reshape([3.0, 1.5, 4.0], (3, 1, 1))
+    distance = 1 / away.max(0)
+    normal = -np.sign(ray) * (np.arange(3).reshape(3, 1, 1) == away.argmax(0))
+    channels = {"color": 0 * ray + 1, "normal": normal, "position": distance * ray + 5, "depth": distance[None]}
+    frame = {name: values.astype(np.float32) for name, values in channels.items()}
+    report = check(Clip(write_clip(tmp_path / "clip", [frame] * 2)))
+    assert [f.found for f in report.findings if f.channel in ("depth", "normal", "position")] == []
+
+
 def test_normals_that_point_away_are_a_note(tmp_path: Path) -> None:
     report = checked(tmp_path, lambda f, i: {"normal": -f["normal"]})
     assert report.verdict == "plausible"
     assert "point away from the camera in most pixels, as position shows" in [f.found for f in report.findings]
+
+
+def corner(signs: tuple[int, int, int]) -> dict[str, Pixels]:
+    """A floor, a back wall and a right wall, with the sign of the normals of each."""
+    y, x = np.mgrid[: SIZE[0], : SIZE[1]] + 0.5
+    ray = np.stack([(x - 30) / 70, (32 - y) / 70, 0 * x + 1])
+    down, right = (np.where(slope > 0, slope, 1e-9) for slope in (-ray[1], ray[0]))
+    walls = np.stack([1.5 / down, 6 + 0 * x, 2 / right])
+    depth, which = walls.min(0), walls.argmin(0)
+    normals = np.multiply([[0, 1, 0], [0, 0, -1], [-1, 0, 0]], np.reshape(signs, (3, 1)))
+    channels = {"normal": normals[which].transpose(2, 0, 1), "position": depth * ray, "depth": depth[None]}
+    return {name: values.astype(np.float32) for name, values in channels.items()}
+
+
+@pytest.mark.parametrize("signs", [(1, 1, 1), (1, 1, -1), (-1, 1, 1), (1, -1, -1), (-1, -1, -1)])
+def test_walls_whose_normals_point_outwards_are_a_note(tmp_path: Path, signs: tuple[int, int, int]) -> None:
+    """The walls of a model may face either way: half a turn would right them, but they do not lie in another space."""
+    room = corner(signs)
+    report = check(Clip(write_clip(tmp_path / "clip", [{"color": np.ones((3, *SIZE), np.float32), **room}] * 2)))
+    found = [(f.found.split(" in ")[0], f.fault) for f in report.findings if f.channel == "normal"]
+    assert found == ([("point away from the camera", False)] if min(signs) < 0 else [])
 
 
 @pytest.mark.parametrize("without", [("position",), ("position", "normal")])
@@ -151,6 +198,27 @@ def test_an_inverse_depth_turns_around_what_hides_what(tmp_path: Path, without: 
     report = checked(tmp_path / "inverse", inverse, without)
     assert report.verdict == "implausible"
     assert "depth: what hides is farther away than what it hides, in" in report.reason
+
+
+def pan_frame(index: int, depth: float = 10.0, phase: float = 0.0) -> dict[str, Pixels]:
+    """A wall that a camera pans along: nothing is hidden."""
+    y, x = np.mgrid[: SIZE[0], : SIZE[1]] + 0.5
+    texture = smooth_texture(x - 3 * index, y + index, phase)
+    motion = np.reshape([-3.0, 1.0], (2, 1, 1)) * np.ones((1, *SIZE))
+    channels = {"color": texture, "albedo": texture, "depth": np.full((1, *SIZE), depth), "motion": motion}
+    return {name: values.astype(np.float32) for name, values in channels.items()}
+
+
+def test_what_comes_from_nowhere_is_no_inverse_depth(tmp_path: Path) -> None:
+    """After a cut to a close-up everything is before what was farther, and so is an object that was not there."""
+    cut = [pan_frame(i) for i in range(4)] + [pan_frame(i, depth=2.0, phase=2.0) for i in range(4, 8)]
+    appears = [pan_frame(i) for i in range(8)]
+    for i in range(4, 8):
+        appears[i]["depth"][:, 20:40, 20 + 3 * i : 40 + 3 * i] = 3.0
+        appears[i]["albedo"][:, 20:40, 20 + 3 * i : 40 + 3 * i] = 0.5
+    for name, frames in (("cut", cut), ("appears", appears)):
+        report = check(Clip(write_clip(tmp_path / name, frames)))
+        assert report.verdict == "plausible", report.reason
 
 
 def test_a_far_plane_without_normals_is_a_note(tmp_path: Path) -> None:

@@ -92,6 +92,43 @@ def test_one_direction_is_not_taken_for_an_encoding(tmp_path: Path) -> None:
     assert checked(tmp_path, lambda f, i: {"normal": slanted}).verdict == "plausible"
 
 
+@pytest.mark.parametrize(
+    ("gains", "fault"),
+    [((1.5, 0.5), True), ((0.5, 0.7, 1.0, 1.0, 1.3, 1.6), True), ((1, 1, 1, 1, 1, 3), False), ((1.1, 0.9), None)],
+)
+def test_a_reference_with_an_exposure_of_its_own_in_every_frame(
+    tmp_path: Path, gains: tuple[float, ...], fault: bool | None
+) -> None:
+    """On average over the clip it has the exposure of the colour."""
+    rng = np.random.default_rng(0)
+    frames = [disc_frame(i, **MOVING, rng=rng) for i in range(6)]  # type: ignore[arg-type]
+    for i, frame in enumerate(frames):
+        frame["reference"] *= np.float32(gains[i % len(gains)])
+    report = check(Clip(write_clip(tmp_path / "clip", frames)))
+    found = [finding for finding in report.findings if "as frames differ" in finding.found]
+    assert [finding.fault for finding in found] == ([] if fault is None else [fault])
+    assert report.verdict == ("implausible" if fault else "plausible")
+
+
+def test_a_small_reference_that_is_upside_down_is_blamed_itself(tmp_path: Path) -> None:
+    rng = np.random.default_rng(0)
+    frames = [disc_frame(i, size=(40, 40), start=(10, 12), rng=rng) for i in range(3)]
+    for frame in frames:
+        frame["reference"] = frame["reference"][:, ::-1]
+    report = check(Clip(write_clip(tmp_path / "clip", frames)))
+    assert [f.channel for f in report.findings if "upside down" in f.found] == ["reference"]
+
+
+@pytest.mark.parametrize("size", [(1, 1), (4, 4), (16, 16), (24, 32)])
+def test_noise_of_a_tiny_picture_is_no_other_exposure(tmp_path: Path, size: tuple[int, int]) -> None:
+    for seed in range(6):
+        rng = np.random.default_rng(seed)
+        frame = disc_frame(0, size=size, start=(8, 8), radius=4)
+        frame["color"] = (frame["reference"] * rng.lognormal(-2, 2, (1, *size))).astype(np.float32)
+        report = check(Clip(write_clip(tmp_path / str(seed), [frame])))
+        assert not [finding for finding in report.findings if finding.channel == "reference" and finding.fault]
+
+
 def test_noise_is_no_other_exposure(tmp_path: Path) -> None:
     rng = np.random.default_rng(0)
     # One pixel in 40 carries all the light: what a path tracer gives with a small lamp.

@@ -1,0 +1,83 @@
+"""A check that normals are perpendicular to the surface that neighbouring positions span.
+
+If they are not, and a single rotation of all normals makes them so, they are given in another space, such as that of
+the camera. If only the signs of some walls' normals are wrong, half a turn explains that as well: it tells nothing.
+"""
+
+from collections.abc import Iterator, Sequence
+from statistics import median
+from typing import NamedTuple
+
+import torch
+from torch import Tensor
+
+from nte.checking.cells import ONE_SURFACE
+from nte.checking.values import Finding
+
+ENOUGH = 200  # least number of surface points that can tell
+SAMPLED = 4096  # points of a frame that are looked at, up to twice as many
+OFF = 0.005  # 1 − cosine to the surface's own normal, on average, from which on normals do not agree with it: 6°
+TURNED = 0.3  # a rotation explains the normals if it leaves at most this share of that
+ALONG = 0.95  # cosine, up to its sign, of normals that agree with the surface
+SOME = 0.05  # share of the pixels whose normals point away from which on it is told
+EVEN = 0.1  # two steps between neighbours of one surface differ by less than this share of both together
+
+
+class Turn(NamedTuple):
+    """Mean cosines of normals to the surface: as they are, up to their sign, and after the best rotation."""
+
+    given: float
+    unsigned: float
+    turned: float
+
+
+def turn_of(normal: Tensor, position: Tensor, hit: Tensor, depth: Tensor | None, axis: Tensor | None) -> Turn | None:
+    """Compare normals (3, H, W) with the surface that the positions (3, H, W) of neighbours span.
+
+    hit: bool (H, W), pixels with a position. depth (H, W) tells which neighbours show one surface; without it those do
+    whose positions are evenly spaced. axis: the view axis (3,); None if unknown, and then normals count as facing the
+    camera. None if too few pixels can tell.
+    """
+    if min(hit.shape) < 3:
+        return None
+    across, down = position[:, 1:-1, 2:] - position[:, 1:-1, :-2], position[:, 2:, 1:-1] - position[:, :-2, 1:-1]
+    surface = torch.linalg.cross(across, down, dim=0)
+    normal = normal[:, 1:-1, 1:-1]
+    inside = hit.unfold(0, 3, 1).unfold(1, 3, 1).flatten(2).all(2)
+    if depth is not None:
+        around = depth.unfold(0, 3, 1).unfold(1, 3, 1).flatten(2)
+        inside = inside & (around.amax(2) < ONE_SURFACE * around.amin(2))
+    else:
+        bends = position.diff(n=2, dim=2)[:, 1:-1], position.diff(n=2, dim=1)[:, :, 1:-1]
+        for bend, both in zip(bends, (across, down), strict=True):
+            inside = inside & (bend.norm(dim=0) < EVEN * both.norm(dim=0))
+    inside = inside & surface.isfinite().all(0) & (surface.norm(dim=0) > 0)
+    inside = inside & normal.isfinite().all(0) & (normal.norm(dim=0) > 0.5)
+    if int(inside.sum()) < ENOUGH:
+        return None
+    step = max(1, int(inside.sum()) // SAMPLED)
+    surface, normal = (values[:, inside][:, ::step] for values in (surface, normal))
+    surface, normal = surface / surface.norm(dim=0), normal / normal.norm(dim=0)
+    # The sign of the cross product depends on the handedness of the space. In a plane the axis is unknown.
+    towards = (axis @ surface if axis is not None else -(surface * normal).sum(0)).median()
+    surface = -surface if float(towards) > 0 else surface
+    u, _, v = torch.linalg.svd(surface @ normal.T)
+    cosine = (surface * normal).sum(0)
+    turned = (surface * (u @ v @ normal)).sum(0)
+    return Turn(float(cosine.mean()), float(cosine.abs().mean()), float(turned.mean()))
+
+
+def judge_turns(turns: Sequence[Turn], shown_by: str) -> Iterator[Finding]:
+    """Yield a finding for normals that do not agree with surfaces. shown_by: what shows the surfaces, in words."""
+    if not turns:
+        return
+    given, unsigned, turned = (median(turn[i] for turn in turns) for i in range(3))
+    away = (1 - given / unsigned) / 2 if unsigned > ALONG else 0.0  # share of the pixels
+    if away > SOME:
+        where = "most" if given < 0 else f"{away:.0%} of the"
+        found = f"point away from the camera in {where} pixels, as {shown_by} shows"
+        yield Finding("normal", found, "normals that face the camera", False)
+    elif 1 - unsigned > OFF and 1 - turned < TURNED * (1 - unsigned):
+        found = f"not perpendicular to the surfaces of {shown_by}, but one rotation of all makes them so"
+        expected = "world space for both (for normals in camera space normal.space=camera, with cameras)"
+        yield Finding("normal", found, expected)

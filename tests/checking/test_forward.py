@@ -1,0 +1,51 @@
+"""Forward vectors must lead back to where the vectors of the next frame come from."""
+
+from collections.abc import Callable
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from nte.checking import check
+from nte.frames.clip import Clip
+from tests.checking.room import room_frame, seen
+from tests.synthetic import Pixels, disc_frame, write_clip
+
+MOVING = {"velocity": (5.0, -2.0), "wall_velocity": (-3.0, 1.5), "size": (64, 96)}
+FRAMES = [disc_frame(i, **MOVING) for i in range(4)]  # type: ignore[arg-type]
+
+
+@pytest.mark.parametrize(
+    ("change", "told"),
+    [
+        (lambda forward: 0 * forward, "0 where motion is not, in 100% of the moving pixels"),
+        (lambda forward: -forward, "has another convention: sign (they are negated"),
+        (lambda forward: forward / np.reshape([96, 64], (2, 1, 1)), "has another convention: unit (uv"),
+        (lambda forward: forward[::-1], "has another convention: axis order"),
+        (lambda forward: 2 * forward, "leads back from where motion leads in 0% of the moving pixels"),
+    ],
+)
+@pytest.mark.parametrize("without", [(), ("depth", "instance")])
+def test_forward_vectors_that_do_not_lead_back_fail(
+    tmp_path: Path, change: Callable[[Pixels], Pixels], told: str, without: tuple[str, ...]
+) -> None:
+    frames = []
+    for right in FRAMES:
+        frame = right | {"forward_motion": change(right["forward_motion"]).astype(np.float32)}
+        frames.append({name: values for name, values in frame.items() if name not in without})
+    report = check(Clip(write_clip(tmp_path / "clip", frames)))
+    assert report.verdict == "implausible"
+    assert f"forward_motion: {told}" in report.reason
+
+
+def test_nothing_is_said_of_forward_vectors_that_are_right(tmp_path: Path) -> None:
+    """A camera turns and travels, a ball moves by itself: parts are hidden, and vectors differ from pixel to pixel."""
+    frames = [room_frame(i) for i in range(4)]
+    for i, frame in enumerate(frames):
+        ball = frame["instance"] == 2
+        after = np.where(ball, frame["position"] + np.reshape([0.7, 0, 0], (3, 1, 1)), frame["position"])
+        y, x = np.mgrid[: ball.shape[1], : ball.shape[2]] + 0.5
+        frame["forward_motion"] = (np.where(frame["depth"] > 0, seen(after, i + 1) - [x, y], 0)).astype(np.float32)
+    for name, shown in (("moving", frames), ("still", [frame | {"motion": 0 * frame["motion"]} for frame in FRAMES])):
+        report = check(Clip(write_clip(tmp_path / name, shown)))
+        assert not [finding for finding in report.findings if finding.channel == "forward_motion"]
