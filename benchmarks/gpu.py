@@ -12,6 +12,7 @@ before the clock starts, except those of exported models, whose time includes th
 import statistics
 import time
 from collections.abc import Callable, Iterator, Sequence
+from functools import partial
 from pathlib import Path
 from typing import NamedTuple
 
@@ -53,15 +54,15 @@ def cases(sources: Sequence[Path], device: str) -> Iterator[Case]:
     """List the rows of the table, networks first."""
     for path in sources:
         if path.suffix == ".onnx":
-            yield Case(f"{path.stem} in ONNX Runtime", lambda path=path: load_denoiser(path, device), on_device=False)
+            yield Case(f"{path.stem} in ONNX Runtime", partial(load_denoiser, path, device), on_device=False)
             continue
         for compile_steps in (False, True):
             for bfloat16 in (False, True):
                 ways = ["compiled"] * compile_steps + ["bfloat16" if bfloat16 else "float32"]
-                load = lambda path=path, on=compile_steps: network(path, device, on)  # noqa: E731
+                load = partial(network, path, device, compile_steps)
                 yield Case(f"{path.stem}, {', '.join(ways)}", load, bfloat16)
     for name in FILTERS:
-        yield Case(name, lambda name=name: load_filter(name, device))
+        yield Case(name, partial(load_filter, name, device))
 
 
 def network(path: Path, device: str, compile_steps: bool) -> Denoiser:
@@ -150,16 +151,13 @@ def main(arguments: Sequence[str], folder: Path = RESULTS) -> None:
         f"{where}, PyTorch {torch.__version__}: milliseconds, the median of {options.frames} frames; steps: their mean"
     )
     for height, width in options.size:
-        rows = [(case.name, lambda size, case=case: measure(case, size, options.frames, device))
-                for case in cases(options.sources, options.device)]  # fmt: skip
-        rows.append(("correspondence", lambda size: measure_search(size, options.frames, device)))
+        how = (height, width), options.frames, device
+        rows = [(case.name, partial(measure, case, *how)) for case in cases(options.sources, options.device)]
+        rows.append(("correspondence", partial(measure_search, *how)))
         for name, measured in rows:
             try:
-                times = measured((height, width))
-            except (
-                NteError,
-                RuntimeError,
-            ) as error:  # a type or an operator that a device lacks, no compiler, no memory
+                times = measured()
+            except (NteError, RuntimeError) as error:  # a type or operator that a device lacks, no compiler, no memory
                 print(f"{name}, {width}x{height}: not measured: {str(error).strip().splitlines()[0]}")
                 continue
             record("gpu", {f"{name}, {width}x{height}, {where}, {step}": taken for step, taken in times.items()}, "ms",
