@@ -49,6 +49,7 @@ def main(argv: Sequence[str] | None = None) -> int:
     if hasattr(options, "overrides") and all("=" in item and item[0] != "-" for item in rest):
         options.overrides += rest  # argparse stops taking positionals after an option, but users mix them
     elif rest:
+        parser.prog = f"nte {options.command}"  # whose --help is named
         parser.error(f"unrecognised arguments: {' '.join(rest)}")
     warnings.showwarning = _tell_warning
     try:
