@@ -13,7 +13,7 @@ ROOT = Path(nte.__file__).parent
 # A module may import what stands in rows above its own here, and what is in its own package; not its neighbours in a
 # row. A package stands for all of its modules. Rows may name what is not there yet.
 LAYERS = (
-    "version errors",
+    "version errors shipped",
     "config files interrupt machine memory options progress text_table",
     "frames jobs unfinished",
     "color motion",

@@ -49,10 +49,8 @@ def read_description(path: Path, text: str | None, inputs: Shapes, outputs: Sequ
     if found != FORMAT:
         what = f"{found!r:.40}" if found else "no description of ours"
         raise NteError(f"{path}: {what} in the model's metadata, expected '{FORMAT}': use nte export")
-    state: Any = info.get("state")
-    scales: Any = info.get("scales", {})
-    cost: Any = info.get("cost", [])
-    macs: Any = info.get("macs", {})
+    given: Description = {"state": None, "scales": {}, "cost": [], "macs": {}} | info
+    state, scales, cost, macs = given["state"], given["scales"], given["cost"], given["macs"]
     known = {
         "version": isinstance(info.get("version"), str),
         "needs": _are_channels(info.get("needs")),

@@ -2,8 +2,8 @@
 
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass, field
-from typing import Any
 
+from nte.evaluation.metric_table import Row
 from nte.machine import Speed
 from nte.text_table import aligned
 
@@ -65,7 +65,7 @@ class Results:
     rows: Sequence[Measured]
     machine: Mapping[int, Speed]
 
-    def json(self) -> dict[str, Any]:
+    def json(self) -> Row:
         """Return the content of the JSON file, as the page about it describes."""
         return {
             "format": FORMAT,
@@ -73,7 +73,7 @@ class Results:
             "rows": [self._row(row) for row in self.rows],
         }
 
-    def _row(self, row: Measured) -> dict[str, Any]:
+    def _row(self, row: Measured) -> Row:
         speed = self.machine[row.threads]
         return asdict(row) | {
             "macs_per_pixel": row.macs_per_pixel if row.macs else None,
