@@ -1,6 +1,6 @@
 """OpenVINO computes what ONNX Runtime does, frame after frame. Skipped without its package, which CI may leave out."""
 
-import threading
+from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 
 import numpy as np
@@ -60,15 +60,10 @@ def test_two_threads_share_it(fast: OnnxDenoiser) -> None:
         session = Session(fast)
         return [session.denoise(frame) for frame in ways[i]]
 
-    alone, found = [images(0), images(1)], {}
-    threads = [threading.Thread(target=lambda i=i: found.update({i: images(i)})) for i in range(2)]
-    for thread in threads:
-        thread.start()
-    for thread in threads:
-        thread.join()
-    for i, expected in enumerate(alone):
-        for image, other in zip(found[i], expected, strict=True):
-            np.testing.assert_array_equal(image, other)
+    alone = [images(0), images(1)]
+    with ThreadPoolExecutor(2) as threads:
+        together = list(threads.map(images, range(2)))
+    np.testing.assert_equal(together, alone)
 
 
 def test_a_damaged_file_is_one_line(model: Path, tmp_path: Path) -> None:

@@ -1,8 +1,8 @@
 """Where a model runs: nothing falls back in silence, and the state stays where it is computed."""
 
-import threading
 import tracemalloc
 from collections.abc import Callable
+from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 
 import numpy as np
@@ -186,18 +186,9 @@ def test_two_sequences_share_a_model(exported: OnnxDenoiser) -> None:
         for image, other in zip(turn, expected, strict=True):
             np.testing.assert_array_equal(image, other)
 
-    found: dict[int, list[np.ndarray]] = {}
-    threads = [
-        threading.Thread(target=lambda i=i: found.update({i: images(exported, ways[i])}), name=f"sequence {i}")
-        for i in range(2)
-    ]
-    for thread in threads:
-        thread.start()
-    for thread in threads:
-        thread.join()
-    for i, expected in enumerate(alone):
-        for image, other in zip(found[i], expected, strict=True):
-            np.testing.assert_array_equal(image, other)
+    with ThreadPoolExecutor(2) as threads:
+        together = list(threads.map(lambda frames: images(exported, frames), ways))
+    np.testing.assert_equal(together, alone)
 
 
 def resident_bytes() -> int:
