@@ -19,9 +19,15 @@ PARALLEL = 1e-3  # vectors whose second singular value is below this share of th
 
 
 def without_jitter(pairs: Sequence[Votes]) -> list[Votes]:
-    """Leave out the votes of pairs of frames that camera jitter may explain; all stay if wrong vectors explain them."""
+    """Leave out the votes of pairs of frames that camera jitter may explain.
+
+    All stay if wrong vectors explain them, or if most contradictions are larger than jitter.
+    """
     small = [[piece for piece in pair.against if _within_reach(piece)] for pair in pairs]
-    if sum(map(bool, small)) >= min(2, len(pairs)) and _follow_vectors([piece for pieces in small for piece in pieces]):
+    pieces = [piece for found in small for piece in found]
+    if 2 * len(pieces) < sum(piece.seen is not None for pair in pairs for piece in pair.against):
+        return list(pairs)
+    if sum(map(bool, small)) >= min(2, len(pairs)) and _follow_vectors(pieces):
         return list(pairs)
     return [_without_small(pair) for pair in pairs]
 

@@ -5,7 +5,7 @@ from hashlib import sha256
 from pathlib import Path
 
 from safetensors import SafetensorError, safe_open
-from safetensors.torch import save_file
+from safetensors.torch import save
 from torch import Tensor, nn, uint8
 from torch.optim import Optimizer
 
@@ -22,14 +22,9 @@ def write_checkpoint(folder: Path, step: int, state: Mapping[str, Tensor], name:
     Raises NteError if it cannot be written.
     """
     tensors = {name: tensor.detach().cpu().contiguous() for name, tensor in state.items()}
-
-    def write(path: Path) -> None:
-        try:
-            save_file(tensors, path, metadata={"step": str(step), "sha256": checksum_of(step, tensors)})
-        except SafetensorError as error:  # no space left
-            raise OSError(str(error)) from error
-
-    write_whole(folder / name, write)
+    # Not save_file, which has a temporary file of its own that a killed process leaves behind.
+    content = save(tensors, metadata={"step": str(step), "sha256": checksum_of(step, tensors)})
+    write_whole(folder / name, lambda path: path.write_bytes(content))
 
 
 def read_checkpoint(folder: Path, name: str = CHECKPOINT) -> tuple[int, dict[str, Tensor]]:

@@ -50,6 +50,11 @@ def test_shifts_of_one_pair_among_many_are_no_evidence() -> None:
     assert judge_votes(pairs).verdict == "undecidable"
 
 
+def test_a_few_small_contradictions_do_not_excuse_many_large_ones() -> None:
+    found = [pair(PAN, shifted(PAN, shift), 10) for shift in ((9.0, -7.0), (-8.0, 11.0), (1.0, -1.0))]
+    assert judge_votes(found).verdict == "implausible"
+
+
 @pytest.mark.parametrize("given", [PAN, TURN])
 @pytest.mark.parametrize("pairs", [1, 2, 5])
 def test_short_vectors_of_half_their_length_fail(given: list[Vector], pairs: int) -> None:
