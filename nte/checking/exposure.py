@@ -98,7 +98,7 @@ class ExposureTally:
         blocks, means = median(scale.of_blocks for scale in scales), median(scale.of_means for scale in scales)
         off = [s for s in scales if s.agree > AGREE and abs(s.without(blocks, means)) > log(FAILED)]
         if off:
-            factors = [exp(scale.of_blocks) for scale in (*off, _Scale(blocks, means, 1.0))]
+            factors = [exp(blocks), *(exp(scale.of_blocks) for scale in off)]
             between = f"{min(factors):.3g} to {max(factors):.3g}"
             found = f"color is {between} times as bright, as frames differ ({len(off)} of {len(scales)} do)"
             many = len(off) > max(1, FRAMES * len(scales))
