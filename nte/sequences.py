@@ -21,6 +21,7 @@ from nte.frames.frame import About, Frame
 from nte.frames.numbering import by_number
 from nte.frames.scalars import sequence_scalars
 from nte.frames.show import show, write_png
+from nte.overlap import ahead, behind
 from nte.progress import Progress
 from nte.unfinished import begin, finish, is_unfinished
 
@@ -33,6 +34,14 @@ class _Source(NamedTuple):
     layers: Callable[[int, Pixels], Planes]  # frame i and its denoised image (C, H, W) → the planes for copy_exr
     clip: Clip | None = None
     notes: Callable[[], Iterable[str]] = tuple  # notes for the user, complete when all frames have been read
+
+
+class _Denoised(NamedTuple):
+    """A denoised frame of a sequence: its number, its pixels (C, H, W), and the exposure that they were shown with."""
+
+    number: int
+    pixels: Pixels
+    exposure: float
 
 
 def denoise_files(
@@ -61,28 +70,43 @@ def denoise_files(
     if source.clip:
         require_channels(denoiser, source.clip.channels, source.clip.folder)
 
-    session = Session(denoiser)
-    scale = None if exposure is None else np.array([exposure], np.float32)
+    done: _Denoised | None = None
     with only_writer(out), Progress("denoise", len(written), "frame") as progress:
         force = force or (spec is not None and is_unfinished(out, command))
         _refuse_to_overwrite(out, written, source.files, png, force)
-        for index, frame in enumerate(source.frames):
-            scale = sequence_scalars(frame)[0] if scale is None else scale
-            image = session.denoise(replace(frame, exposure=scale))[0]
-            if index == 0:
+
+        def write(image: _Denoised) -> _Denoised:
+            if image.number == 0:
                 begin(out, command)
                 remove(out / "clip.json")  # until its frames are all there
-            dark_counts = CHANNELS[denoiser.target].kind == "radiance"
-            copy_exr(source.files[index], written[index], source.layers(index, image), dark_counts)
-            if png:
-                write_png(written[index].with_suffix(".png"), show(denoiser.target, image, float(scale[0])).pixels)
+            _write(image, source, written[image.number], denoiser.target, png)
+            return image
+
+        for done in behind(write, _denoised(ahead(source.frames), Session(denoiser), exposure)):
             progress.advance(1)
-        if source.clip and scale is not None:
-            write_clip_info(out, {**source.clip.info, "seeds": 1, "exposure": float(scale[0])})
+            progress.say(written[done.number].name)
+        if source.clip and done:
+            write_clip_info(out, {**source.clip.info, "seeds": 1, "exposure": done.exposure})
         finish(out)
     for note in source.notes():
         say(note)
     return written
+
+
+def _denoised(frames: Iterable[Frame], session: Session, exposure: float | None) -> Iterator[_Denoised]:
+    """Denoise the frames of a sequence in their order, all with one exposure: the given one, or that of the first."""
+    scale = None if exposure is None else np.array([exposure], np.float32)
+    for index, frame in enumerate(frames):
+        scale = sequence_scalars(frame)[0] if scale is None else scale
+        yield _Denoised(index, session.denoise(replace(frame, exposure=scale))[0], float(scale[0]))
+
+
+def _write(image: _Denoised, source: _Source, out: Path, target: str, png: bool) -> None:
+    """Write a frame's file with the denoised image in it, and the picture beside it."""
+    dark_counts = CHANNELS[target].kind == "radiance"
+    copy_exr(source.files[image.number], out, source.layers(image.number, image.pixels), dark_counts)
+    if png:
+        write_png(out.with_suffix(".png"), show(target, image.pixels, image.exposure).pixels)
 
 
 def _open(sources: Sequence[Path], target: str, map_name: str | None, overrides: Sequence[str]) -> _Source:

@@ -150,14 +150,15 @@ def test_a_second_denoise_into_one_folder_is_refused_while_the_first_writes(
     noisy_disc: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     out = tmp_path / "out"
+    finished = [frame_path(out, index) for index in range(2)]  # while the third is written
 
     def second() -> None:
-        before = contents(out)
+        before = [path.read_bytes() for path in finished]
         for more in ([], ["--force"], ["--png", "--exposure", "2"]):
             assert main(["denoise", str(noisy_disc), "--denoiser", "noisy", "--out", str(out), *more]) == 2
             (line,) = [line for line in capsys.readouterr().err.splitlines() if line.startswith("nte: ")]
             assert "out: another process is writing to it: wait for it, or choose another folder" in line
-        assert contents(out) == before
+        assert [path.read_bytes() for path in finished] == before
 
     with pytest.raises(KeyboardInterrupt):
         denoise_files([noisy_disc], Stopping(second), out)
