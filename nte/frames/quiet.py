@@ -5,22 +5,24 @@ import os
 import sys
 import threading
 from collections.abc import Iterator
-from contextlib import contextmanager, redirect_stderr, redirect_stdout
+from contextlib import ExitStack, contextmanager, redirect_stderr, redirect_stdout
 from functools import cache
 from io import StringIO
 from typing import Any, TextIO, cast
 
-_lock = threading.Lock()
+_lock = threading.Lock()  # of the two below
+_silenced: list[int] = []  # the threads within `quiet`
+_streams = ExitStack()  # what the first of them has changed, until the last one leaves
 
 
 class _OtherThreads:
-    """A stream that drops what the thread that made it prints, and hands on what others do."""
+    """A stream that drops what silenced threads print, and hands on what others do."""
 
     def __init__(self, stream: TextIO) -> None:
-        self._stream, self._silenced = stream, threading.get_ident()
+        self._stream = stream
 
     def write(self, text: str) -> int:
-        return len(text) if threading.get_ident() == self._silenced else self._stream.write(text)
+        return len(text) if threading.get_ident() in _silenced else self._stream.write(text)
 
     def __getattr__(self, name: str) -> Any:
         return getattr(self._stream, name)
@@ -32,17 +34,32 @@ def quiet() -> Iterator[None]:
 
     Drops what this thread prints through Python, which the OpenEXR library does as well, and what any thread prints
     through C's stderr, as long as the block runs. What other threads print through Python is shown, such as the steps
-    of a training whose clips this thread reads. One thread at a time; the others wait.
+    of a training whose clips this thread reads. Several threads may be in the block at once.
     """
+    thread = threading.get_ident()
     with _lock:
-        stderr, nowhere = _c_stderr()
-        before, stderr.value = stderr.value, nowhere
-        try:
+        if not _silenced:
             out, err = (cast(TextIO, _OtherThreads(stream or StringIO())) for stream in (sys.stdout, sys.stderr))
-            with redirect_stdout(out), redirect_stderr(err):
-                yield
-        finally:
-            stderr.value = before
+            for change in (_without_c_stderr(), redirect_stdout(out), redirect_stderr(err)):
+                _streams.enter_context(change)
+        _silenced.append(thread)
+    try:
+        yield
+    finally:
+        with _lock:
+            _silenced.remove(thread)
+            if not _silenced:
+                _streams.close()
+
+
+@contextmanager
+def _without_c_stderr() -> Iterator[None]:
+    stderr, nowhere = _c_stderr()
+    before, stderr.value = stderr.value, nowhere
+    try:
+        yield
+    finally:
+        stderr.value = before
 
 
 @cache

@@ -34,6 +34,26 @@ def test_only_the_thread_that_reads_is_silenced(capfd: pytest.CaptureFixture[str
     assert capfd.readouterr() == ("afterwards\n", "")
 
 
+def test_several_threads_are_silenced_at_once_until_the_last_leaves(capfd: pytest.CaptureFixture[str]) -> None:
+    both, first_left = threading.Barrier(2, timeout=60), threading.Event()
+
+    def reads(first: bool) -> None:
+        with quiet():
+            both.wait()
+            print("Warning: the library's")
+            if not first:
+                first_left.wait(60)
+                print("Warning: the library's, later")
+        if first:
+            print("the first has left")
+            first_left.set()
+
+    with ThreadPoolExecutor(2) as threads:
+        list(threads.map(reads, (True, False)))
+    print("afterwards")
+    assert capfd.readouterr() == ("the first has left\nafterwards\n", "")
+
+
 def test_a_process_without_stdout_can_be_silenced(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(sys, "stdout", None)
     with quiet(), ThreadPoolExecutor(1) as thread:
