@@ -116,7 +116,8 @@ def grid(pictures: Sequence[Picture], columns: int = 4) -> RGB:
 def png_bytes(pixels: RGB) -> bytes:
     """Encode pixels (H, W, 3) uint8 as the content of a PNG file."""
     buffer = io.BytesIO()
-    Image.fromarray(pixels).save(buffer, "PNG", optimize=True)
+    # At 1280×720, level 4 takes 0.10 s for 1.15 MB; Pillow's own 0.24 s for 1.13 MB; optimize=True 1.39 s for 1.11 MB.
+    Image.fromarray(pixels).save(buffer, "PNG", compress_level=4)
     return buffer.getvalue()
 
 
