@@ -18,7 +18,8 @@ from nte.evaluation.benchmark.frames import clip_frames
 from nte.frames.clip import frame_path, write_frame
 from nte.frames.frame import Frame
 from nte.registry import load_denoiser
-from nte.sequences import denoise_files
+from nte.sequences.denoise import denoise_files
+from nte.sequences.pictures import PictureSettings
 
 LIMIT = 1.3  # the whole may take so many times the slower of its two parts
 
@@ -40,9 +41,9 @@ def _measure(spec: str, frames: Sequence[Frame], folder: Path, rounds: int) -> t
     denoiser, out = load_denoiser(spec), folder / "denoised"
     files = [frame_path(folder, index) for index in range(len(frames))]
     tasks: list[Callable[[], object]] = [
-        lambda: denoise_files(files, Noisy(), out, exposure=1.0, png=True, force=True),
+        lambda: denoise_files(files, Noisy(), out, exposure=1.0, pictures=PictureSettings(png=True), force=True),
         lambda: _alone(denoiser, frames),
-        lambda: denoise_files(files, denoiser, out, exposure=1.0, png=True, force=True),
+        lambda: denoise_files(files, denoiser, out, exposure=1.0, pictures=PictureSettings(png=True), force=True),
     ]
     times = [[_seconds(task) / len(frames) for task in tasks] for _ in range(rounds)]
     alone, computing, both = (min(column) for column in zip(*times, strict=True))

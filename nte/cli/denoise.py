@@ -20,7 +20,16 @@ def add(commands: Commands) -> None:
     text = "a change to the map, such as view=left; repeat it for more"
     parser.add_argument("--set", action="append", default=[], metavar="key=value", help=text)
     parser.add_argument("--exposure", type=float, help="linear factor of the sequence (default: estimated once)")
-    parser.add_argument("--png", action="store_true", help="a tonemapped picture beside each frame")
+    parser.add_argument("--png", action="store_true", help="a picture beside each frame")
+    parser.add_argument("--video", type=Path, metavar="FILE.mp4", help="a video of all pictures")
+    parser.add_argument("--fps", type=float, default=24.0, help="frames of the video per second (default: 24)")
+    text = "a picture of the sequence's middle frame, its left half noisy"
+    parser.add_argument("--before-after", type=Path, metavar="FILE.png", help=text)
+    text = (
+        "view transform of the pictures: nte (exposure, x/(1+x), sRGB), standard (sRGB, as the renderer's own; default "
+        "for another renderer's frames), or one of OpenColorIO's, such as agx where OCIO names Blender's configuration"
+    )
+    parser.add_argument("--view", help=text)
     add_device(parser)
     add_provider(parser)
     add_force(parser)
@@ -28,7 +37,8 @@ def add(commands: Commands) -> None:
 
 def _denoise(options: argparse.Namespace) -> None:
     from nte.registry import load_denoiser, with_provider
-    from nte.sequences import denoise_files
+    from nte.sequences.denoise import denoise_files
+    from nte.sequences.pictures import PictureSettings
 
     if options.motion and options.motion.partition(":")[0] != "estimate":
         raise NteError(f"--motion {options.motion}: expected estimate, or estimate:key=value,…")
@@ -36,8 +46,9 @@ def _denoise(options: argparse.Namespace) -> None:
     if options.provider:
         (spec,) = with_provider([spec], options.provider)
     denoiser = load_denoiser(spec, options.device)
+    pictures = PictureSettings(options.png, options.video, options.fps, options.before_after, options.view)
     written = denoise_files(
-        options.sources, denoiser, options.out, options.exposure, options.png, options.force, options.map, options.set,
+        options.sources, denoiser, options.out, options.exposure, pictures, options.force, options.map, options.set,
         spec=spec,
     )  # fmt: skip
     print(f"{len(written)} frames in {options.out}")

@@ -16,7 +16,7 @@ from nte.frames.clip import Clip
 from nte.frames.exr import read_layers, read_parts, write_exr
 from nte.frames.frame import Frame
 from nte.importing.recognise import recognise
-from nte.sequences import denoise_files
+from nte.sequences.denoise import denoise_files
 from tests.importing.producers import blender, engine, named, scene, write_layers, write_map
 from tests.importing.test_maps import arnold, falcor, vray
 from tests.synthetic import Pixels

@@ -14,7 +14,8 @@ from nte.filters.taa import Taa, TaaOptions
 from nte.frames.clip import Clip, frame_path, read_frame
 from nte.frames.exr import read_layers, write_exr
 from nte.frames.frame import Frame
-from nte.sequences import denoise_files
+from nte.sequences.denoise import denoise_files
+from nte.sequences.pictures import PictureSettings
 from tests.synthetic import disc_clip
 
 
@@ -84,7 +85,7 @@ def test_loose_frames_are_taken_in_the_order_of_their_numbers(tmp_path: Path) ->
 
 
 def test_pictures_beside_the_frames(noisy_disc: Path, tmp_path: Path) -> None:
-    written = denoise_files([noisy_disc], Noisy(), tmp_path / "out", png=True)
+    written = denoise_files([noisy_disc], Noisy(), tmp_path / "out", pictures=PictureSettings(png=True))
     for path in written:
         with Image.open(path.with_suffix(".png")) as picture:
             assert picture.size == (40, 24)
@@ -92,7 +93,7 @@ def test_pictures_beside_the_frames(noisy_disc: Path, tmp_path: Path) -> None:
 
 def test_nothing_is_overwritten_without_force(noisy_disc: Path, tmp_path: Path) -> None:
     out = tmp_path / "out"
-    denoise_files([noisy_disc], Noisy(), out, png=True)
+    denoise_files([noisy_disc], Noisy(), out, pictures=PictureSettings(png=True))
     before = contents(out)
     frame = engine_frames(tmp_path / "in", count=1)
     for sources, png, named in (
@@ -100,12 +101,12 @@ def test_nothing_is_overwritten_without_force(noisy_disc: Path, tmp_path: Path) 
         (frame, False, r"clip\.json"),  # another clip lives there
     ):
         with pytest.raises(NteError, match=f"{named}: exists: choose another folder, or overwrite it with --force"):
-            denoise_files(sources, Noisy(), out, png=png)
+            denoise_files(sources, Noisy(), out, pictures=PictureSettings(png=png))
     loose = tmp_path / "loose"
     loose.mkdir()
     (loose / "shot.0007.png").write_bytes(b"mine")
     with pytest.raises(NteError, match=r"shot\.0007\.png: exists"):
-        denoise_files(frame, Noisy(), loose, png=True)
+        denoise_files(frame, Noisy(), loose, pictures=PictureSettings(png=True))
     assert contents(out) == before
     denoise_files([noisy_disc], Taa(), out, force=True)
     assert contents(out) != before
@@ -133,7 +134,8 @@ def test_what_was_stopped_begins_again_with_the_same_command_and_no_other(noisy_
         denoise_files([noisy_disc], Stopping(), out, spec="taa")
     left = contents(out)
     assert len(left) == 4  # three frames and the mark
-    changes: list[dict[str, object]] = [{"spec": "noisy"}, {"spec": None}, {"exposure": 2.0}, {"png": True}]
+    png = PictureSettings(png=True)
+    changes: list[dict[str, object]] = [{"spec": "noisy"}, {"spec": None}, {"exposure": 2.0}, {"pictures": png}]
     for change in changes:
         with pytest.raises(NteError, match=r"frame_0000\.exr: exists"):
             denoise_files([noisy_disc], Taa(), out, **{"spec": "taa", **change})

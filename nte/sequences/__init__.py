@@ -1,0 +1,1 @@
+"""Denoiser of files: reads a clip or loose frames, writes linear OpenEXR files, pictures and a video."""

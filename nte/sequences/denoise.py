@@ -1,0 +1,107 @@
+"""Denoiser of files: linear OpenEXR files that keep their other layers, with pictures and a video where wanted."""
+
+from collections import Counter
+from collections.abc import Callable, Iterable, Iterator, Sequence
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+
+from nte.denoiser import Denoiser, Session, require_channels
+from nte.errors import NteError
+from nte.files import only_writer, refuse_to_replace, remove
+from nte.frames.channels import CHANNELS
+from nte.frames.clip_info import write_clip_info
+from nte.frames.exr_copy import copy_exr
+from nte.frames.frame import Frame
+from nte.frames.scalars import given_exposure, sequence_scalars
+from nte.overlap import ahead, behind
+from nte.progress import Progress
+from nte.sequences.pictures import Denoised, Pictures, PictureSettings
+from nte.sequences.sources import open_source
+from nte.sequences.video import write_video
+from nte.unfinished import begin, finish, is_unfinished
+
+
+def denoise_files(
+    sources: Sequence[Path], denoiser: Denoiser, out: Path, exposure: float | None = None,
+    pictures: PictureSettings | None = None, force: bool = False, map_name: str | None = None,
+    overrides: Sequence[str] = (), say: Callable[[str], None] = print, spec: str | None = None,
+) -> list[Path]:  # fmt: skip
+    """Denoise a clip, or frames in the order of their numbers, into the folder `out`; return the frames' new files.
+
+    sources: a clip, a folder of frames, or the files of the frames. map_name: the channel map for frames of another
+    renderer, a file or the name of one that ships; None takes the one that fits. overrides: `key=value` for the map. A
+    frame keeps its name, attributes and layers; only the noisy image is replaced by the denoised one. A clip stays a
+    clip. exposure: linear factor for the sequence; None takes the clip's own, or estimates it from the first frame.
+    pictures: what else is written, to look at; None for nothing. say: called with each note on how foreign files were
+    read. spec: what the denoiser was loaded from; where the same call was killed, it begins again and replaces the
+    files that it had written. The next frame is read and the last one written while one is denoised. Raises NteError
+    for input that does not fit the denoiser, and for all other files that exist without `force`.
+    """
+    if exposure is not None and not 0 < exposure < float("inf"):
+        raise NteError(f"exposure is {exposure}, expected a positive number")
+    source = open_source(sources, denoiser.target, map_name, overrides)
+    written = [out / path.name for path in source.files]
+    pictures = pictures or PictureSettings()
+    drawn = Pictures(pictures, denoiser.target, written, source.view)
+    command = {
+        "denoise": sources, "spec": spec, "exposure": exposure, "map": map_name, "set": list(overrides),
+        "pictures": list(drawn.files), "view": drawn.name, "fps": pictures.fps,
+    }  # fmt: skip
+    if source.clip:
+        require_channels(denoiser, source.clip.channels, source.clip.folder)
+    dark_counts = CHANNELS[denoiser.target].kind == "radiance"
+    done: Denoised | None = None
+    with only_writer(out), Progress("denoise", len(written), "frame") as progress:
+        force = force or (spec is not None and is_unfinished(out, command))
+        _refuse_to_overwrite(out, [*written, *drawn.files], source.files, force)
+
+        def write(image: Denoised) -> Denoised:
+            number = image.number
+            if number == 0:
+                begin(out, command)
+                remove(out / "clip.json")  # until its frames are all there
+            copy_exr(source.files[number], written[number], source.layers(number, image.pixels), dark_counts)
+            return replace(image, picture=drawn.write(image))
+
+        def finished() -> Iterator[Denoised]:
+            nonlocal done
+            for done in behind(write, _denoised(ahead(source.frames), Session(denoiser), exposure)):
+                progress.advance(1)
+                progress.say(written[done.number].name)
+                yield done
+
+        if pictures.video:
+            shown = (image.picture for image in finished() if image.picture is not None)
+            write_video(pictures.video, shown, pictures.fps)
+        else:
+            for _ in finished():
+                pass
+        if source.clip and done:
+            write_clip_info(out, {**source.clip.info, "seeds": 1, "exposure": done.exposure})
+        finish(out)
+    for note in source.notes():
+        say(note)
+    return written
+
+
+def _denoised(frames: Iterable[Frame], session: Session, exposure: float | None) -> Iterator[Denoised]:
+    """Denoise the frames of a sequence in their order, all with one exposure: the given one, or that of the first."""
+    scale = None if exposure is None else np.array([exposure], np.float32)
+    stated = scale is not None
+    for number, frame in enumerate(frames):
+        if scale is None:
+            stated, scale = given_exposure(frame) is not None, sequence_scalars(frame)[0]
+        image = session.denoise(replace(frame, exposure=scale))[0]
+        yield Denoised(number, frame[session.denoiser.target][0], image, float(scale[0]), stated)
+
+
+def _refuse_to_overwrite(out: Path, written: Sequence[Path], sources: Sequence[Path], force: bool) -> None:
+    """Raise NteError if a file would be lost: one that exists, a noisy frame itself, or one of two with one name."""
+    if out.resolve() in {source.parent.resolve() for source in sources}:
+        raise NteError(f"{out}: holds the noisy frames themselves: choose another folder")
+    twice = [path for path, count in Counter(written).items() if count > 1]
+    if twice:
+        raise NteError(f"{twice[0].name}: two frames have this name: denoise them one after the other")
+    refuse_to_replace((*written, out / "clip.json"), force)

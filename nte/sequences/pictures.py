@@ -1,0 +1,106 @@
+"""Pictures of a denoised sequence: one beside each frame, those of a video, and one that is half noisy."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from nte.errors import NteError
+from nte.files import make_folder
+from nte.frames.channels import CHANNELS
+from nte.frames.clip import Pixels
+from nte.frames.show import BAD, RGB, quantise, show, write_png
+from nte.frames.views import find_view
+from nte.sequences.video import require_video
+
+
+@dataclass(frozen=True)
+class PictureSettings:
+    """What is written besides the denoised frames.
+
+    png: a picture beside each frame. video: a file (.mp4) of all pictures, `fps` a second. before_after: a file (.png)
+    of the frame in the middle of the sequence, noisy on the left and denoised on the right. view: the view
+    transform, see `nte.frames.views.find_view`; None takes `standard` for frames of another renderer, `nte` for others.
+    """
+
+    png: bool = False
+    video: Path | None = None
+    fps: float = 24.0
+    before_after: Path | None = None
+    view: str | None = None
+
+
+@dataclass(frozen=True)
+class Denoised:
+    """A frame of a sequence: its number, the image before and after (C, H, W), and the exposure of the denoiser.
+
+    stated: whether the exposure was given, and not estimated. picture: the denoised image as it is shown, if it is.
+    """
+
+    number: int
+    noisy: Pixels
+    pixels: Pixels
+    exposure: float
+    stated: bool
+    picture: RGB | None = None
+
+
+class Pictures:
+    """The pictures of one sequence, as the settings say.
+
+    target: the channel that they show. written: the denoised frames' files. usual: the view transform, if the settings
+    choose none. Raises NteError for names that end otherwise, and for a view transform that is not there.
+    """
+
+    def __init__(self, settings: PictureSettings, target: str, written: Sequence[Path], usual: str) -> None:
+        for path, ending in ((settings.video, ".mp4"), (settings.before_after, ".png")):
+            if path and path.suffix.lower() != ending:
+                raise NteError(f"{path}: expected a name that ends in {ending}")
+        if settings.view and CHANNELS[target].kind != "radiance":
+            raise NteError(f"view {settings.view}: the denoiser gives '{target}', which is no light and has no view")
+        if settings.video:
+            require_video(settings.fps)
+        self._settings, self._target = settings, target
+        self._beside = [path.with_suffix(".png") for path in written] if settings.png else []
+        self._middle = len(written) // 2
+        self.name = settings.view or usual
+        self._view = find_view(self.name)
+        extra = [path for path in (settings.video, settings.before_after) if path]
+        self.files = (*self._beside, *extra)
+
+    def write(self, image: Denoised) -> RGB | None:
+        """Write the pictures of a frame, and return the denoised one (H, W, 3); None if nothing shows it."""
+        settings = self._settings
+        halves = settings.before_after is not None and image.number == self._middle
+        if not (settings.png or settings.video or halves):
+            return None
+        after = self._draw(image.pixels, image)
+        if settings.png:
+            write_png(self._beside[image.number], after)
+        if settings.before_after and halves:
+            make_folder(settings.before_after.parent)
+            write_png(settings.before_after, _halves(self._draw(image.noisy, image), after))
+        return after
+
+    def _draw(self, pixels: Pixels, image: Denoised) -> RGB:
+        """Draw light with the view transform, and anything else as the table of channels says.
+
+        An exposure that is only estimated would make pictures brighter or darker than the renderer's own: the view
+        transform `nte` alone uses it. Bad pixels are magenta.
+        """
+        exposure = image.exposure if image.stated or self.name == "nte" else 1.0
+        if CHANNELS[self._target].kind != "radiance":
+            return show(self._target, pixels, exposure).pixels
+        bad = ~np.isfinite(pixels).all(0)
+        drawn = quantise(self._view(np.where(bad, 0, pixels), exposure))
+        drawn[bad] = BAD
+        return drawn
+
+
+def _halves(before: RGB, after: RGB) -> RGB:
+    """Join the left half of one picture and the right half of another (H, W, 3), with a white line between them."""
+    middle = before.shape[1] // 2
+    joined = np.concatenate([before[:, :middle], after[:, middle:]], axis=1)
+    joined[:, middle : middle + max(1, before.shape[1] // 640)] = 255
+    return joined

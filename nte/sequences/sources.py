@@ -1,0 +1,116 @@
+"""What is denoised: a clip, frames with nte's channels, or frames of another renderer as they are."""
+
+import re
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from pathlib import Path
+from typing import NamedTuple
+
+import numpy as np
+
+from nte.errors import NteError, needs_extra
+from nte.files import is_file_or_lost
+from nte.frames.channels import CHANNELS
+from nte.frames.clip import Clip, Pixels, frame_path, read_frame
+from nte.frames.exr import read_parts
+from nte.frames.exr_copy import Planes
+from nte.frames.frame import About, Frame
+from nte.frames.numbering import by_number
+
+
+class Source(NamedTuple):
+    """The frames to denoise, the file of each, and the layers that a denoised image replaces there."""
+
+    files: Sequence[Path]
+    frames: Iterable[Frame]
+    layers: Callable[[int, Pixels], Planes]  # frame i and its denoised image (C, H, W) → the planes for copy_exr
+    clip: Clip | None = None
+    view: str = "nte"  # the view transform of pictures, if none is chosen
+    notes: Callable[[], Iterable[str]] = tuple  # notes for the user, complete when all frames have been read
+
+
+def open_source(sources: Sequence[Path], target: str, map_name: str | None, overrides: Sequence[str]) -> Source:
+    """Find out what the sources are: a clip, frames with nte's channels, or frames of another renderer."""
+
+    def ours(index: int, image: Pixels) -> Planes:
+        return {f"{target}.{c}": plane for c, plane in zip(CHANNELS[target].components, image, strict=True)}
+
+    folder = sources[0] if len(sources) == 1 and sources[0].is_dir() else None
+    mapped = map_name is not None or bool(overrides)
+    if folder and not mapped and ((folder / "clip.json").exists() or _has(frame_path(folder, 0), target)):
+        clip = Clip(folder)
+        return Source([frame_path(folder, i) for i in range(len(clip))], clip, ours, clip)
+    files = _frames_in(folder) if folder else list(sources)
+    if not files:
+        raise NteError(f"{folder}: has no clip.json and no .exr frames: expected a clip or a folder of frames")
+    if not mapped:
+        files = _in_order(files)
+        if not files[0].exists() or _has(files[0], target):
+            return Source(files, _with_forward(map(read_frame, files), files), ours)
+    if target != "color":
+        raise NteError(
+            f"{files[0]}: has no '{target}', which this denoiser gives; in others' frames it has to be color"
+        )
+    return _foreign(folder or files, files[0], map_name, overrides)
+
+
+def _foreign(source: Path | Sequence[Path], first: Path, map_name: str | None, overrides: Sequence[str]) -> Source:
+    """Open frames of another renderer. first: one of the files, to recognise the renderer by.
+
+    A channel map may name several files for a frame, if `source` is a folder.
+    """
+    try:
+        from nte.importing.recognise import recognise
+        from nte.importing.sequence import ForeignSequence
+    except ImportError as error:
+        raise needs_extra("import", "reading frames of another renderer", error) from error
+    sequence = ForeignSequence(source, map_name or recognise(first), overrides=overrides)
+
+    def notes() -> Iterable[str]:
+        left_out = [f"{name} is left out: {lacks}" for name, lacks in sequence.left_out.items()]
+        return [f"read as {sequence.how.producer} (--map {sequence.map.stem})", *left_out, *sequence.notes()]
+
+    frames = _with_forward(sequence.frames(), sequence.files, sequence.about)
+    return Source(sequence.files, frames, sequence.replacing, view="standard", notes=notes)
+
+
+def _has(path: Path, target: str) -> bool:
+    """Tell whether a frame exists and has the channel `target` under nte's name."""
+    names = {part.full(channel) for part in read_parts(path) for channel in part.layers} if path.exists() else set()
+    return names >= {f"{target}.{c}" for c in CHANNELS[target].components}
+
+
+def _frames_in(folder: Path) -> list[Path]:
+    """The EXR files of a folder; hidden ones, which systems and killed processes leave behind, do not count."""
+    return sorted(path for path in folder.glob("*.[eE][xX][rR]") if is_file_or_lost(path) and path.name[0] != ".")
+
+
+def _with_forward(
+    stored: Iterable[Mapping[str, Pixels]],
+    paths: Sequence[Path],
+    about: Callable[[int], About] = lambda index: {},
+) -> Iterator[Frame]:
+    """Make frames from stored channels (C, H, W).
+
+    The forward motion of a frame becomes the previous_forward_motion of the next one. about: index → the frame's
+    scalars and camera. Raises NteError for a frame without channels or of another size.
+    """
+    forward, size = None, None
+    for index, (path, read) in enumerate(zip(paths, stored, strict=True)):
+        if not read:
+            raise NteError(f"{path}: has no channel of ours, such as color.R, albedo.R or depth.Z")
+        channels = {name: values[None] for name, values in read.items()}
+        shape = next(iter(read.values())).shape[1:]
+        if size not in (None, shape):
+            raise NteError(f"{path}: {shape[1]}x{shape[0]} after {size[1]}x{size[0]}: frames must have one size")
+        size = shape
+        if "forward_motion" in channels:
+            unknown = np.full_like(channels["forward_motion"], np.nan)
+            channels["previous_forward_motion"] = unknown if forward is None else forward
+            forward = channels["forward_motion"]
+        yield Frame(channels, index, **about(index))
+
+
+def _in_order(sources: Sequence[Path]) -> list[Path]:
+    """Sort files by the numbers in their names, without gaps; keep the given order if no name has a number."""
+    numbered = any(re.search(r"\d", path.stem) for path in sources)
+    return list(by_number(sources).values()) if numbered else list(sources)
