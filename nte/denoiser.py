@@ -59,8 +59,8 @@ class Denoiser(Protocol):
         """Denoise one frame and return the result and the state for the next frame.
 
         state: what the previous step returned; None starts a sequence. Its memory may be overwritten, unless autograd
-        records. extras: the names, out of `self.extras`, that the result shall contain. Raises NteError for other
-        names.
+        records. The new state shares no memory with the frame, nor with the result, so that a caller may write to both.
+        extras: the names, out of `self.extras`, that the result shall contain. Raises NteError for other names.
         """
         ...
 

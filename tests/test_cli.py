@@ -93,7 +93,10 @@ def test_a_clip_that_cannot_be_used_is_named(told: Told, command: str, clip: str
         ("denoise clip --denoiser noisy --out out --exposure nan", "exposure is nan"),
         ("denoise clip --denoiser taa --out out --motion guess", "--motion guess: expected estimate, or estimate:key"),
         ("denoise clip --denoiser taa --out out --motion estimate:noise=loud", "noise is 'loud', expected one of auto"),
-        ("denoise clip --denoiser taa --out out --motion estimate:nosie=auto", "unknown option 'nosie', did you mean noise? expected one of noise"),
+        (
+            "denoise clip --denoiser taa --out out --motion estimate:nosie=auto",
+            "unknown option 'nosie', did you mean noise?",
+        ),
         ("denoise clip --denoiser taa --out out --device abacus", "--device abacus: "),
         ("denoise clip gap --denoiser noisy --out out", "cannot be read: Is a directory"),
         ("denoise clip/frame_0000.exr clip/frame_0002.exr --denoiser noisy --out out", "frame 1 is missing"),

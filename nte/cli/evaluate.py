@@ -15,7 +15,7 @@ def add(commands: Commands) -> None:
     parser.add_argument("--denoisers", nargs="+", required=True, metavar="SPEC", help=DENOISER)
     parser.add_argument("--out", type=Path, required=True, help="folder for metrics.json and index.html")
     parser.add_argument("--first-frame", action="store_true", help="score the first frame too")
-    text = f"frames of each clip that the report plays, around that with the most disoccluded pixels (default: {PLAYED})"
+    text = f"frames of each clip that the report plays, around the one with most disoccluded pixels (default: {PLAYED})"
     parser.add_argument("--play", type=int, default=PLAYED, metavar="N", help=text)
     add_jobs(parser, "a clip")
     add_device(parser)

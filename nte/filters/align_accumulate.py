@@ -98,5 +98,5 @@ class AlignAccumulate(Filter[AlignAccumulateOptions]):
             kept = remembered(merged, valid, frame, self.target)
         image = merged if albedo is None else remodulate(merged, albedo)
         found = {"motion": motion, "mask": mask, "history_length": length}
-        result = Result(image, {name: found[name] for name in extras})
+        result = Result(image, {name: found[name].clone() for name in extras})  # the state keeps the length
         return result, _State(kept, grey, length, exposure)

@@ -60,7 +60,7 @@ def in_sequence(numbered: Iterable[tuple[int, Path]]) -> dict[int, Path]:
         if after != before + 1:
             both = f"after {found[before].name} comes {found[after].name}"
             raise NteError(
-                f"{found[after].parent}: frame {before + 1} is missing: {both}: render or copy it, or choose the frames "
+                f"{found[after].parent}: frame {before + 1} is missing: {both}: render or copy it, or choose those "
                 "before or after it"
             )
     return dict(sorted(found.items()))

@@ -295,7 +295,10 @@ def test_a_key_that_results_do_not_know_yet_has_its_default(config: Path, data: 
             TEXT + TABLES.replace("situation: disc", "situation: disk"),
             "there is no situation 'disk', did you mean disc[?] expected one of d",
         ),
-        (TEXT + TABLES.replace("[clamped, ghosts]", "[clumped]"), "there is no method 'clumped', did you mean clamped[?] expected one of gho"),
+        (
+            TEXT + TABLES.replace("[clamped, ghosts]", "[clumped]"),
+            "there is no method 'clumped', did you mean clamped[?] ",
+        ),
         (
             TEXT + TABLES.replace("against: ghosts", "against: gusts"),
             r"tables\[0\]\.against: there is no method 'gusts'",

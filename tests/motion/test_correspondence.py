@@ -128,7 +128,9 @@ def test_small_images_get_fewer_levels_and_are_told_so_once(size: tuple[int, int
         found = find_correspondence(image, image, Search())
     assert len(told) == 1
     text = str(told[0].message)
-    assert f"uses {levels} of its {len(Search().radii)} levels, and misses what moves by more than {reach} pixels" in text
+    assert (
+        f"uses {levels} of its {len(Search().radii)} levels, and misses what moves by more than {reach} pixel" in text
+    )
     assert text.endswith("if anything does, give larger images, or motion vectors")
     assert found.motion.shape == (1, 2, *size)
     assert not found.motion.any()
