@@ -1,4 +1,4 @@
-"""Every denoiser's state has memory of its own: what a caller does with its arrays afterwards changes no later frame."""
+"""A denoiser's state has memory of its own: what a caller does with its arrays afterwards changes no later frame."""
 
 from collections.abc import Iterator
 from typing import Any
