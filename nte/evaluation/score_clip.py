@@ -5,8 +5,6 @@ import warnings
 from collections.abc import Container, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 
-import numpy as np
-import numpy.typing as npt
 import torch
 from torch import Tensor
 
@@ -19,7 +17,7 @@ from nte.evaluation.targets import Truth, displayed, picture, read_truth
 from nte.evaluation.timed import Timed
 from nte.frames.channels import reference_of
 from nte.frames.clip import Clip
-from nte.frames.frame import Frame
+from nte.frames.frame import Array, Frame
 from nte.frames.reference import BadReferenceWarning, describe_bad_pixels
 from nte.frames.scalars import sequence_exposure
 from nte.frames.show import RGB, heat, quantise
@@ -52,9 +50,8 @@ class ClipRun:
     components apart (`components`) is also scored on each of them, if the clip has its reference and `lights` (None:
     all) has its name. Frames before `first` fill the history and are not scored. label: the clip's name. recorder: gets
     the pixels of every frame, for the viewer. Frames are scored in the exposure that they give, or else in that of the
-    frames before; at first it is estimated from the first frame with light. A denoiser that fails, or whose output
-    cannot be scored, takes no further part: `failed` has its spec and the error. Raises NteError for a reference that
-    cannot be scored.
+    frames before, at first that of the first frame with light. A denoiser that fails, or whose output cannot be scored,
+    takes no further part: `failed` has its spec and the error. Raises NteError for a reference that cannot be scored.
     """
 
     def __init__(
@@ -64,7 +61,7 @@ class ClipRun:
         self.label, self.clip, self.first, self.device = label, clip, first, device
         self.recorder = recorder
         self.exposure = torch.ones(1)  # (1,), of the last frame
-        self._known: npt.NDArray[np.float32] | None = None  # the same, NaN until a frame has light
+        self._known: Array | None = None  # the same, NaN until a frame has light
         scored = [name for name in clip.channels if lights is None or name in map(reference_of, lights)]
         extras = recorder is not None and recorder.recording.extras
         self.runs = [_Run(spec, denoiser, scored, device, extras) for spec, denoiser in denoisers.items()]
