@@ -63,9 +63,9 @@ class Trmv(Filter[TrmvOptions]):
         inputs = prepare(frame, state.gbuffer if state else None)
         effects = self._run(inputs, state.histories if state else {})
         with record_function("trmv/compose"):
-            # A copy of a light, as its history is the same image: the caller may write to what it gets.
-            image = effects[self.target].image.clone() if self.target != "color" else _sum(frame, effects)
-        result = Result(image, self._shown(extras, effects, inputs))
+            image = effects[self.target].image if self.target != "color" else _sum(frame, effects)
+        own = image if self.target == "color" else image.clone()  # a light's history is the same image
+        result = Result(own, self._shown(extras, effects, inputs))
         return result, TrmvState(inputs.gbuffer, {name: effect.history for name, effect in effects.items()})
 
     def _run(self, inputs: FrameInputs, histories: dict[str, History]) -> dict[str, Effect]:

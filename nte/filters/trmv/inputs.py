@@ -11,7 +11,6 @@ from nte.frames.frame import Frame
 from nte.motion.geometric import Reprojection, frame_vectors, traditional_motion
 
 RADIUS = 15  # px, of the widest separable filter, 31×31
-_KEPT = ("depth", "roughness", "position", "geometric_normal")  # of a frame, until the next one
 
 
 class GBuffer(NamedTuple):
@@ -39,14 +38,12 @@ class FrameInputs(NamedTuple):
 def prepare(frame: Frame, before: GBuffer | None) -> FrameInputs:
     """Compute the inputs that the effects share from a sanitised PyTorch frame and the previous frame's G-buffer."""
     with record_function("trmv/guide"):
-        # Copies: the caller may fill its buffers again before the next frame reads this one's G-buffer.
-        kept = {name: frame[name].clone() for name in _KEPT if name in frame}
         gbuffer = GBuffer(
             F.normalize(frame["normal"], dim=1),
-            kept["depth"],
-            kept["roughness"],
-            kept.get("position"),
-            kept.get("geometric_normal"),
+            # Copies, since a caller may fill its buffers again before the next frame reads this G-buffer.
+            frame["depth"].clone(),
+            frame["roughness"].clone(),
+            *(frame[name].clone() if name in frame else None for name in ("position", "geometric_normal")),
         )
         guide = make_guide(gbuffer.normal, gbuffer.depth, frame["roughness"])
         edges = make_edges(guide, RADIUS)
