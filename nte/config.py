@@ -4,7 +4,6 @@ import re
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import fields, is_dataclass
-from difflib import get_close_matches
 from pathlib import Path
 from typing import Any, TypeVar
 
@@ -12,7 +11,7 @@ from omegaconf import DictConfig, OmegaConf
 from omegaconf.errors import ConfigAttributeError, ConfigKeyError, OmegaConfBaseException
 from yaml import MarkedYAMLError, YAMLError
 
-from nte.errors import NteError
+from nte.errors import NteError, expected_one_of
 
 Schema = TypeVar("Schema")
 # ${oc.env:HOME} and other function calls, also with a composed name: ${${name}:HOME}
@@ -96,8 +95,7 @@ def problem_with(error: Exception) -> str:
     if not isinstance(error, ConfigKeyError | ConfigAttributeError) or not is_dataclass(schema):
         return _one_line(error)
     known = [field.name for field in fields(schema)]
-    near = get_close_matches(str(error.key), known, 1)
-    return f"unknown key{f', did you mean {near[0]}?' if near else ':'} expected one of {', '.join(known)}"
+    return f"unknown key{expected_one_of(error.key, known)}"
 
 
 def _read(path: Path, trail: tuple[Path, ...] = ()) -> DictConfig:

@@ -7,7 +7,7 @@ from typing import Any, ClassVar, Generic, Literal, NamedTuple, Protocol, TypeVa
 
 import numpy as np
 
-from nte.errors import NteError
+from nte.errors import NteError, expected_one_of
 from nte.frames.bad import BadPixelReport
 from nte.frames.channels import way_to
 from nte.frames.frame import Array, Frame
@@ -59,8 +59,8 @@ class Denoiser(Protocol):
         """Denoise one frame and return the result and the state for the next frame.
 
         state: what the previous step returned; None starts a sequence. Its memory may be overwritten, unless autograd
-        records. extras: the names, out of `self.extras`, that the result shall contain. Raises NteError for other
-        names.
+        records. The new state shares no memory with the frame, nor with the result, so that a caller may write to both.
+        extras: the names, out of `self.extras`, that the result shall contain. Raises NteError for other names.
         """
         ...
 
@@ -183,9 +183,9 @@ def require_extras(denoiser: Denoiser, asked: Iterable[str], where: object = "")
     where: the frame or file, which begins the message; "" for none.
     """
     if unknown := [name for name in asked if name not in denoiser.extras]:
-        has = ", ".join(denoiser.extras) or "none"
         name = f"{where}: " if where else ""
-        raise NteError(f"{name}{type(denoiser).__name__} has no extra '{unknown[0]}'; it has {has}")
+        instead = expected_one_of(unknown[0], denoiser.extras)
+        raise NteError(f"{name}{type(denoiser).__name__} has no extra '{unknown[0]}'{instead}")
 
 
 def require_size(frame: Frame, history: Array) -> None:

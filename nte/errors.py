@@ -1,5 +1,8 @@
 """NteError, the one error that is meant for users."""
 
+from collections.abc import Iterable
+from difflib import get_close_matches
+
 
 class NteError(Exception):
     """A mistake in usage or input, told in one line.
@@ -19,3 +22,25 @@ def needs_extra(extra: str, what: str, cause: ImportError) -> NteError:
     """
     package = str(cause.name).partition(".")[0]
     return NteError(f"{what} needs the package '{package}': pip install '{DISTRIBUTION}[{extra}]'")
+
+
+def expected_one_of(found: object, known: Iterable[object]) -> str:
+    """Say what was expected instead of a name, as the end of an error: the nearest known name, then all of them.
+
+    found: the name that somebody typed. known: the names that would have been right. The text follows the wrong name:
+    «, did you mean taa? expected one of noisy, taa», or «, expected one of …» if no name is near.
+    """
+    names = [str(name) for name in known]
+    return f"{did_you_mean(found, names)} expected {'one of ' if names else ''}{', '.join(names) or 'none'}"
+
+
+def did_you_mean(found: object, known: Iterable[str]) -> str:
+    """Return «, did you mean NAME?» for the known name that is nearest to a wrong one, or a comma if none is near.
+
+    Upper and lower case count as equal.
+    """
+    folded: dict[str, str] = {}
+    for name in known:
+        folded.setdefault(name.casefold(), name)
+    near = get_close_matches(str(found).casefold(), folded, 1)
+    return f", did you mean {folded[near[0]]}?" if near else ","

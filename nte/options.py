@@ -11,7 +11,7 @@ from dataclasses import dataclass, fields
 from numbers import Integral, Real
 from typing import Annotated, Any, ClassVar, Literal, NamedTuple, Self, TypeAlias, get_args, get_origin, get_type_hints
 
-from nte.errors import NteError
+from nte.errors import NteError, did_you_mean, expected_one_of
 
 AUTO = "auto"  # the word for None
 _WORDS = {"true": True, "1": True, "false": False, "0": False}
@@ -50,13 +50,13 @@ class Options:
         for key, rule in rules_of(type(self)).items():
             value = getattr(self, key)
             if not rule.allows(value):
-                raise NteError(f"{self.name}: {key} is {value!r}, expected {rule.expected}")
+                raise NteError(f"{self.name}: {key} is {value!r}{rule.instead_of(value)}")
 
     @classmethod
     def preset(cls, preset: str, **changes: Any) -> Self:
         """Return the options of a named preset, with changes. Raises NteError for an unknown name."""
         if preset not in cls.presets:
-            raise NteError(f"{cls.name}: preset is '{preset}', expected one of {', '.join(cls.presets) or 'none'}")
+            raise NteError(f"{cls.name}: preset is '{preset}'{expected_one_of(preset, cls.presets)}")
         return cls(**{**cls.presets[preset], **changes})
 
     @classmethod
@@ -79,12 +79,12 @@ class Options:
         rules, changes = rules_of(cls), {}
         for key, text in given.items():
             if key not in cls.names():
-                raise NteError(f"'{spec}': unknown option '{key}'; it has {', '.join(cls.names()) or 'none'}")
+                raise NteError(f"'{spec}': unknown option '{key}'{expected_one_of(key, cls.names())}")
             if key in rules:
                 try:
                     changes[key] = rules[key].read(text)
                 except (ValueError, KeyError):
-                    raise NteError(f"'{spec}': {key} is '{text}', expected {rules[key].expected}") from None
+                    raise NteError(f"'{spec}': {key} is '{text}'{rules[key].instead_of(text)}") from None
         return cls.preset(given["preset"], **changes) if "preset" in given else cls(**changes)
 
 
@@ -95,6 +95,10 @@ class Rule(NamedTuple):
     allows: Callable[[Any], bool]
     expected: str
     choices: tuple[str, ...] = ()
+
+    def instead_of(self, found: object) -> str:
+        """Say what was expected instead of a value, as the end of an error; the nearest word comes first."""
+        return f"{did_you_mean(found, self.choices)} expected {self.expected}"
 
 
 def rules_of(options: type[Options]) -> dict[str, Rule]:

@@ -58,7 +58,7 @@ def told(folder: Path, capfd: pytest.CaptureFixture[str]) -> Told:
 
 
 CLIP_ERRORS = {
-    "gap": "gap/frame_0001.exr: missing; clip.json promises 4 frames",
+    "gap": "gap/frame_0001.exr: missing; clip.json promises 4 frames: copy it there, or render or import",
     "truncated": "truncated/frame_0001.exr: the OpenEXR file is truncated or damaged",
     "no_exr": "no_exr/frame_0001.exr: not an OpenEXR file",
     "bad_json": "bad_json/clip.json: not readable as JSON",
@@ -93,7 +93,10 @@ def test_a_clip_that_cannot_be_used_is_named(told: Told, command: str, clip: str
         ("denoise clip --denoiser noisy --out out --exposure nan", "exposure is nan"),
         ("denoise clip --denoiser taa --out out --motion guess", "--motion guess: expected estimate, or estimate:key"),
         ("denoise clip --denoiser taa --out out --motion estimate:noise=loud", "noise is 'loud', expected one of auto"),
-        ("denoise clip --denoiser taa --out out --motion estimate:nosie=auto", "unknown option 'nosie'; it has noise"),
+        (
+            "denoise clip --denoiser taa --out out --motion estimate:nosie=auto",
+            "unknown option 'nosie', did you mean noise?",
+        ),
         ("denoise clip --denoiser taa --out out --device abacus", "--device abacus: "),
         ("denoise clip gap --denoiser noisy --out out", "cannot be read: Is a directory"),
         ("denoise clip/frame_0000.exr clip/frame_0002.exr --denoiser noisy --out out", "frame 1 is missing"),
@@ -107,7 +110,7 @@ def test_a_clip_that_cannot_be_used_is_named(told: Told, command: str, clip: str
         ("export clip --out file", "file: exists: choose another name, or overwrite it with --force"),
         ("train nowhere.yaml", "nowhere.yaml: cannot be read: No such file"),
         ("train bad.yaml", "bad.yaml: not readable as YAML"),
-        ("train tiny.yaml nope=1", "command line: 'nope': unknown key: expected one of name, "),
+        ("train tiny.yaml nope=1", "command line: 'nope': unknown key, expected one of name, "),
         ("train tiny.yaml seed=one", "command line: 'seed': Value 'one'"),
         ("train tiny.yaml data.clips=[nowhere]", "nowhere: does not exist"),
         ("train tiny.yaml data.clips=[gap]", "gap/frame_0001.exr: missing"),

@@ -184,8 +184,8 @@ def test_phases_in_epochs_or_steps(tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ("override", "message"),
     [
-        ("nope=1", "command line: 'nope': unknown key: expected one of name, "),
-        ("data.nope=1", "command line: 'data.nope': unknown key: expected one of clips, frames, "),
+        ("nope=1", "command line: 'nope': unknown key, expected one of name, "),
+        ("data.nope=1", "command line: 'data.nope': unknown key, expected one of clips, frames, "),
         ("data.clip=x", "command line: 'data.clip': unknown key, did you mean clips[?] expected one of clips, "),
         ("data.frames=many", "command line: 'data.frames': Value 'many'.*Integer"),
         ("data.frames=1.5", "command line: 'data.frames'"),

@@ -71,7 +71,7 @@ def test_an_extra_that_a_denoiser_does_not_have_is_refused_also_where_its_own_st
             return Result(frame["color"], {"weight": frame["color"]}), state
 
     assert [*Session(Plain()).step(frames(1)[0], ("weight",)).extras] == ["weight"]
-    with pytest.raises(NteError, match=r"^Plain has no extra 'wait'; it has weight$"):
+    with pytest.raises(NteError, match=r"^Plain has no extra 'wait', did you mean weight[?] expected one of weight$"):
         next(denoise(Plain(), frames(1), ("wait",)))
 
 

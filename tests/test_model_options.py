@@ -62,7 +62,7 @@ def test_provider_and_device_reach_onnx_runtime(
         ("index=1", "index is 1, but cpu has one device"),
         ("precision=bf16", "precision is bf16, which only openvino has, not cpu"),
         ("precision=f8", "precision is 'f8', expected one of f32, bf16"),
-        ("speed=9", "unknown option 'speed'; it has provider, index, threads, precision"),
+        ("speed=9", "unknown option 'speed', expected one of provider, index, threads, precision"),
         ("fast", "'fast' is no option: expected name:key=value"),
     ],
 )

@@ -53,7 +53,7 @@ def test_a_preset_sets_what_the_others_change_in_any_order() -> None:
 @pytest.mark.parametrize(
     ("wrong", "message"),
     [
-        ({"kind": "Soft"}, "some: kind is 'Soft', expected one of hard, soft$"),
+        ({"kind": "Soft"}, "some: kind is 'Soft', did you mean soft[?] expected one of hard, soft$"),
         ({"size": "0"}, "some: size is 0, expected a whole number of 1 or more"),
         ({"size": "1.0"}, "'spec': size is '1.0', expected a whole number of 1 or more"),
         ({"weight": "0"}, r"some: weight is 0.0, expected a weight of the current frame in \(0, 1\]"),
@@ -66,7 +66,7 @@ def test_a_preset_sets_what_the_others_change_in_any_order() -> None:
         ({"trust": "maybe"}, "'spec': trust is 'maybe', expected one of auto, true, false"),
         ({"radii": "4,2"}, "'spec': radii is '4,2', expected whole numbers such as 10-4-2-2"),
         ({"preset": "ours"}, "some: preset is 'ours', expected one of paper$"),
-        ({"pace": "1"}, "'spec': unknown option 'pace'; it has kind, size, .*, radii, preset$"),
+        ({"pace": "1"}, "'spec': unknown option 'pace', expected one of kind, size, .*, radii, preset$"),
     ],
 )
 def test_what_is_wrong_is_said_with_what_is_right(wrong: dict[str, str], message: str) -> None:

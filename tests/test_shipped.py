@@ -48,6 +48,8 @@ def test_a_wheel_has_all_that_is_not_code_and_works_without_the_repository(tmp_p
         if path.suffix != ".pyc"
     }
     assert expected <= names
+    licences = {name.partition(".dist-info/licenses/")[2] for name in names} - {""}
+    assert licences == {"LICENSE", "nte/viewer/bundle/THIRD_PARTY_LICENSES.txt"}
     assert {name.split("/")[0] for name in names} == {"nte", wheel.name.split("-py3")[0] + ".dist-info"}
     code = "import sys; sys.path.insert(0, sys.argv.pop(1)); from nte.cli import main; sys.exit(main(sys.argv[1:]))"
     (tmp_path / "empty").mkdir()

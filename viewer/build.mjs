@@ -15,18 +15,20 @@ function digest() {
   return hash.digest("hex");
 }
 
-// The licences of what is bundled must come with it.
-function licences() {
-  const names = Object.keys(JSON.parse(readFileSync(join(here, "package.json"))).dependencies);
-  const texts = [...names, "@preact/signals-core"].map((name) => {
+// The licences of what is bundled must come with it: in the script, which goes into every page, and in a file of their own.
+// The packages are those of which esbuild has put any bytes into the bundle.
+function licences({ outputs }) {
+  const inputs = Object.values(outputs).flatMap(({ inputs }) => Object.entries(inputs));
+  const paths = inputs.filter(([, { bytesInOutput }]) => bytesInOutput > 0).map(([path]) => path);
+  const names = paths.map((path) => path.match(/.*node_modules\/((?:@[^/]+\/)?[^/]+)\//)?.[1]).filter(Boolean);
+  return [...new Set(names)].sort().map((name) => {
     const folder = join(here, "node_modules", name);
-    const { version } = JSON.parse(readFileSync(join(folder, "package.json")));
-    return `${name} ${version}\n\n${readFileSync(join(folder, "LICENSE"), "utf8").trim()}\n`;
-  });
-  return `/*!\nThis script contains:\n\n${texts.join("\n")}*/\n`;
+    const { version, license } = JSON.parse(readFileSync(join(folder, "package.json")));
+    return `${name} ${version}\nLicence: ${license}\n\n${readFileSync(join(folder, "LICENSE"), "utf8").trim()}\n`;
+  }).join("\n");
 }
 
-const { outputFiles } = await build({
+const { outputFiles, metafile } = await build({
   entryPoints: [join(here, "src/main.tsx")],
   bundle: true,
   minify: true,
@@ -37,13 +39,19 @@ const { outputFiles } = await build({
   jsxImportSource: "preact",
   charset: "utf8",
   legalComments: "none",
+  metafile: true,
   loader: { ".glsl": "text" },
   outdir: out,
 });
+const contained = licences(metafile);
+const script = outputFiles.find(({ path }) => path.endsWith(".js")).text;
+const made = {
+  "viewer.js": `/* sources ${digest()} */\n${script}/*!\nThis script contains:\n\n${contained}*/\n`,
+  "viewer.css": outputFiles.find(({ path }) => path.endsWith(".css")).text,
+  "THIRD_PARTY_LICENSES.txt": `viewer.js and viewer.css, which are put into every page, contain:\n\n${contained}`,
+};
 mkdirSync(out, { recursive: true });
-for (const file of outputFiles) {
-  const css = file.path.endsWith(".css");
-  const text = css ? file.text : `/* sources ${digest()} */\n${file.text}${licences()}`;
-  writeFileSync(join(out, css ? "viewer.css" : "viewer.js"), text);
-  console.log(`${css ? "viewer.css" : "viewer.js"}: ${(text.length / 1000).toFixed(1)} kB`);
+for (const [name, text] of Object.entries(made)) {
+  writeFileSync(join(out, name), text);
+  console.log(`${name}: ${(text.length / 1000).toFixed(1)} kB`);
 }

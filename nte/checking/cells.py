@@ -16,18 +16,15 @@ from math import dist, hypot
 from typing import NamedTuple
 
 import torch
-import torch.nn.functional as F
 from torch import Tensor
 
+from nte.checking.textures import Textures
 from nte.checking.votes import Against, Vector, Votes, rival_vectors
 from nte.frames.frame import Frame
-from nte.motion.warp import pixel_centres
 
 EXPLAINED = 0.01  # largest albedo error of a cell that vectors explain
 BETTER = 0.3  # a displacement contradicts the vectors only if its error is at most this share of theirs
 ENOUGH = 0.2  # least share of a cell's pixels that must take part
-ONE_SURFACE = 1.1  # greatest ratio of the depths in 3×3 pixels of one surface
-SAME_SURFACE = 1.5  # greatest ratio between the depth of a pixel and the depth that it fetches
 ALONE = 0.15  # greatest share of the displacements that explain a cell as well as the best one
 APART = 1.2  # pixels: least distance between the given vector and the true displacement in a contradiction
 ALONG = 0.95  # least cosine of the angle between vectors of one direction
@@ -76,29 +73,14 @@ class Contradiction(NamedTuple):
     error: float
 
 
-class _Range(NamedTuple):
-    """Smallest and largest albedo (3, H·W) around each pixel of the previous frame."""
-
-    low: Tensor
-    high: Tensor
-
-
-class _Pair:
-    """Two consecutive frames as flat lists of pixels, and the cell of each pixel of the current one."""
+class _Pair(Textures):
+    """Two consecutive frames, and the cell of each pixel of the current one."""
 
     def __init__(self, previous: Frame, current: Frame) -> None:
-        self.height, self.width = current.size
+        super().__init__(previous, current)
         self.side = 16 if min(current.size) > LARGE else 8
         self.reach, self.step = (24, 2) if self.side == 8 else (48, 3)  # range and step of tried displacements, pixels
         self.least = ENOUGH * self.side**2
-        before = previous["albedo"].nan_to_num()
-        self.albedo = current["albedo"].nan_to_num()[0].flatten(1)
-        self.near = _range(F.pad(before, (0, 1, 0, 1), mode="replicate"), 2)  # range of the 4 pixels around a position
-        self.wide = _range(F.pad(before, (1, 1, 1, 1), mode="replicate"), 3)  # range of the 3×3 pixels there
-        self.usable, self.usable_before = (_inside_surfaces(f).flatten() for f in (current, previous))
-        both = [name for name in ("instance", "depth") if name in current and name in previous]
-        self.surface = {name: (current[name].flatten(), previous[name].flatten()) for name in both}
-        self.centres = pixel_centres(before)[0].flatten(1)
         self.columns = -(-self.width // self.side)
         x, y = self.centres.long() // self.side
         self.cell = y * self.columns + x
@@ -107,12 +89,12 @@ class _Pair:
     def errors(self, motion: Tensor) -> Tensor:
         """Mean albedo error (cells,) of vectors (1, 2, H, W) in each cell; NaN if too few pixels can tell."""
         everywhere = self.usable.nonzero()[:, 0]
-        error, tells = self._compare(everywhere, motion[0].flatten(1)[:, everywhere], self.near)
+        error, tells = self.compare(everywhere, motion[0].flatten(1)[:, everywhere], self.near)
         return self._means(self.cell[everywhere], error, tells, self.least)
 
     def share_outside(self, motion: Tensor) -> float:
         """Share of the pixels inside surfaces whose vectors (1, 2, H, W) end outside the image."""
-        *_, within = self._target(self.centres + motion[0].flatten(1))
+        *_, within = self.target(self.centres + motion[0].flatten(1))
         return float((~within & self.usable).sum() / self.usable.sum().clamp(min=1))
 
     def search(self, motion: Tensor, suspect: Tensor, given: Tensor) -> tuple[list[Contradiction], float]:
@@ -134,7 +116,7 @@ class _Pair:
         half = 2 * local + self.centres[:, chosen].floor().sum(0).long() % 2
         steps = torch.arange(-self.reach, self.reach + 1, self.step)
         displacements = torch.cartesian_prod(steps, steps).float()
-        by_vectors = self._compare(chosen, motion[0].flatten(1)[:, chosen], self.wide)
+        by_vectors = self.compare(chosen, motion[0].flatten(1)[:, chosen], self.wide)
         given_wide = self._means(local, *by_vectors, self.least, len(cells))
         halves = self._displaced(chosen, steps, half, 2 * len(cells))
         first, second = halves.view(len(displacements), -1, 2).unbind(2)
@@ -181,46 +163,10 @@ class _Pair:
         for column in (x + step for step in steps):
             within = in_rows & (column >= 0) & (column < self.width)
             target = torch.where(within, rows * self.width + column, 0)
-            error, tells = self._fetched(pixels, target, target, within, self.wide)
+            error, tells = self.fetched(pixels, target, target, within, self.wide)
             each = self._means(numbered, error.flatten(), tells.flatten(), self.least / 2, groups * len(steps))
             means.append(each.view(-1, groups))
         return torch.cat(means)
-
-    def _compare(self, pixels: Tensor, vectors: Tensor, found: "_Range") -> tuple[Tensor, Tensor]:
-        """Albedo error (P,) of pixels (P,) with vectors (2, P), and a mask (P,): both ends lie inside one surface."""
-        target, corner, within = self._target(self.centres[:, pixels] + vectors)
-        return self._fetched(pixels, target, corner if found is self.near else target, within, found)
-
-    def _fetched(
-        self, pixels: Tensor, target: Tensor, index: Tensor, within: Tensor, found: "_Range"
-    ) -> tuple[Tensor, Tensor]:
-        """Albedo error and mask, both (…, P), of pixels (P,) that fetch from the pixels `target` (…, P).
-
-        index: (…, P), where `found` has the range of the albedo there; within: (…, P), the target lies in the image.
-        """
-        tells = within & _take(self.usable_before, target)
-        if "instance" in self.surface:
-            now, before = self.surface["instance"]
-            tells = tells & (now[pixels] == _take(before, target))
-        if "depth" in self.surface:
-            now, before = self.surface["depth"]
-            ratio = now[pixels] / _take(before, target)
-            tells = tells & (ratio < SAME_SURFACE) & (ratio > 1 / SAME_SURFACE)
-        error = torch.zeros_like(target, dtype=torch.float32)
-        for albedo, low, high in zip(self.albedo[:, pixels], found.low, found.high, strict=True):
-            error += torch.maximum(_take(low, index) - albedo, albedo - _take(high, index)).clamp(min=0)
-        return error / len(self.albedo), tells
-
-    def _target(self, position: Tensor) -> tuple[Tensor, Tensor, Tensor]:
-        """Locate positions (2, P) in the image.
-
-        Returns, each (P,): the flat index of the pixel that holds the position, the flat index of the upper left one
-        of the four pixels whose centres are around it, and whether the position lies in the image.
-        """
-        place = position.nan_to_num(-1, -1, -1).clamp(-1, 2**20)
-        (x, y), (left, top) = place.floor().long(), (place - 0.5).floor().long().clamp(min=0)
-        within = (x >= 0) & (x < self.width) & (y >= 0) & (y < self.height)
-        return *(torch.where(within, row * self.width + column, 0) for row, column in ((y, x), (top, left))), within
 
     def _means(self, group: Tensor, error: Tensor, tells: Tensor, least: float, groups: int | None = None) -> Tensor:
         """Mean error (groups,) of the pixels that tell; NaN for groups with fewer than `least` of them."""
@@ -230,29 +176,5 @@ class _Pair:
         return torch.where(count >= least, total / count, torch.nan)
 
 
-def _range(padded: Tensor, side: int) -> "_Range":
-    low, high = (sign * F.max_pool2d(sign * padded, side, 1)[0].flatten(1) for sign in (-1, 1))
-    return _Range(low, high)
-
-
-def _take(values: Tensor, index: Tensor) -> Tensor:
-    """Fetch values[index] of values (N,), several times faster than by indexing."""
-    return values.index_select(0, index.flatten()).view(index.shape)
-
-
 def _pair(vector: Tensor) -> Vector:
     return float(vector[0]), float(vector[1])
-
-
-def _largest(image: Tensor) -> Tensor:
-    return F.max_pool2d(image, 3, 1, 1)
-
-
-def _inside_surfaces(frame: Frame) -> Tensor:
-    """Bool mask (1, 1, H, W): the 3×3 pixels around show one surface, as far as instance and depth can tell."""
-    inside: Tensor = frame["albedo"].isfinite().all(1, keepdim=True)
-    if (instance := frame.get("instance")) is not None:
-        inside = inside & (_largest(instance) == -_largest(-instance))
-    if (depth := frame.get("depth")) is not None:
-        inside = inside & (depth > 0) & (_largest(depth) < -ONE_SURFACE * _largest(-depth))
-    return inside

@@ -11,7 +11,7 @@ from typing import NamedTuple
 import torch
 from torch import Tensor
 
-from nte.checking.cells import ONE_SURFACE
+from nte.checking.textures import ONE_SURFACE
 from nte.checking.values import Finding
 
 ENOUGH = 200  # least number of surface points that can tell

@@ -4,6 +4,7 @@ import argparse
 from pathlib import Path
 
 from nte.cli.parsing import DENOISER, Commands, add_device, add_force, add_jobs, command
+from nte.evaluation.report import PLAYED
 
 
 def add(commands: Commands) -> None:
@@ -14,8 +15,8 @@ def add(commands: Commands) -> None:
     parser.add_argument("--denoisers", nargs="+", required=True, metavar="SPEC", help=DENOISER)
     parser.add_argument("--out", type=Path, required=True, help="folder for metrics.json and index.html")
     parser.add_argument("--first-frame", action="store_true", help="score the first frame too")
-    text = "frames of each clip that the report plays, around the one with the most disoccluded pixels (default: 24)"
-    parser.add_argument("--play", type=int, default=24, metavar="N", help=text)
+    text = f"frames of each clip that the report plays, around the one with most disoccluded pixels (default: {PLAYED})"
+    parser.add_argument("--play", type=int, default=PLAYED, metavar="N", help=text)
     add_jobs(parser, "a clip")
     add_device(parser)
     add_force(parser)

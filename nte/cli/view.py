@@ -5,12 +5,12 @@ import re
 from pathlib import Path
 
 from nte.cli.parsing import DENOISER, Commands, add_device, add_force, command
-from nte.errors import NteError
+from nte.errors import NteError, expected_one_of
 
 
 def add(commands: Commands) -> None:
     """Add `view` to the subcommands of `nte`."""
-    text = "look at clips, and at what denoisers make of them, in a browser"
+    text = "look at clips, and at what denoisers make of them, in a browser (exit 2: a denoiser failed)"
     parser = command(commands, "view", _view, text)
     parser.add_argument("clips", type=Path, nargs="+", metavar="CLIP", help="clips, or folders of clips")
     parser.add_argument("--denoiser", nargs="+", action="extend", default=[], metavar="SPEC", help=DENOISER)
@@ -23,7 +23,8 @@ def add(commands: Commands) -> None:
     add_force(parser, "replace a page that is there")
 
 
-def _view(options: argparse.Namespace) -> None:
+def _view(options: argparse.Namespace) -> int:
+    import sys
     import tempfile
     import webbrowser
 
@@ -35,18 +36,23 @@ def _view(options: argparse.Namespace) -> None:
 
     for name in options.channels or ():
         if name not in CHANNELS:
-            raise NteError(f"--channels {name}: no such channel; expected some of {', '.join(CHANNELS)}")
+            raise NteError(f"--channels {name}: no such channel{expected_one_of(name, CHANNELS)}")
     frames = _frames(options.frames)
     denoisers = {spec: load_denoiser(spec, options.device) for spec in dict.fromkeys(options.denoiser)}
     out = options.out or Path(tempfile.mkdtemp(prefix="nte_view_"))
     channels = None if options.channels is None else tuple(options.channels)
+    failed: list[str] = []
     with Progress("view", 0, "frame") as progress:
         page = view(
-            options.clips, denoisers, out, frames, channels, options.force, options.device, progress.reach
+            options.clips, denoisers, out, frames, channels, options.force, options.device, progress.reach,
+            failed.append,
         )  # fmt: skip
     print(f"page: {page} ({size_of(out) / 1e6:.0f} MB in {out})")
     if not options.no_open and not webbrowser.open(page.resolve().as_uri()):
         print("no browser was found: open the page in one")
+    for line in failed:
+        print(f"nte: {line}", file=sys.stderr)
+    return 2 if failed else 0
 
 
 def _frames(text: str | None) -> tuple[int, int] | None:

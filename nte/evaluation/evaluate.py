@@ -5,6 +5,7 @@ from pathlib import Path
 
 from nte.denoiser import Denoiser, require_denoiser
 from nte.errors import NteError
+from nte.evaluation.report import PLAYED
 from nte.evaluation.report.page import write_report
 from nte.evaluation.results import Evaluation, gathered
 from nte.evaluation.units import ClipScores, ClipUnit, elsewhere, require_scorable, score_clip
@@ -17,7 +18,6 @@ from nte.viewer.page import clear
 from nte.viewer.recorder import FOLDER, Recording
 
 OURS = ("metrics.json", "index.html", "layers")  # all that an evaluation writes, and that force replaces
-PLAYED = 24  # frames of each clip that the report plays
 CHANNELS = ("albedo", "normal", "depth", "motion")  # that the report shows besides what is compared
 Advance = Callable[[int, int, str], None]  # frames done, frames in all, clip and frame
 

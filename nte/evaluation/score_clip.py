@@ -17,9 +17,9 @@ from nte.evaluation.targets import Truth, displayed, picture, read_truth
 from nte.evaluation.timed import Timed
 from nte.frames.channels import reference_of
 from nte.frames.clip import Clip
-from nte.frames.frame import Frame
+from nte.frames.frame import Array, Frame
 from nte.frames.reference import BadReferenceWarning, describe_bad_pixels
-from nte.frames.scalars import sequence_scalars
+from nte.frames.scalars import sequence_exposure
 from nte.frames.show import RGB, heat, quantise
 from nte.viewer.recorder import Recorder
 
@@ -49,8 +49,9 @@ class ClipRun:
     Call `advance` for each frame in order; the results then are `rows` and `shown`. A denoiser that filters light
     components apart (`components`) is also scored on each of them, if the clip has its reference and `lights` (None:
     all) has its name. Frames before `first` fill the history and are not scored. label: the clip's name. recorder: gets
-    the pixels of every frame, for the viewer. A denoiser that fails, or whose output cannot be scored, takes no further
-    part: `failed` has its spec and the error. Raises NteError for a reference that cannot be scored.
+    the pixels of every frame, for the viewer. Frames are scored in the exposure that they give, or else in that of the
+    frames before, at first that of the first frame with light. A denoiser that fails, or whose output cannot be scored,
+    takes no further part: `failed` has its spec and the error. Raises NteError for a reference that cannot be scored.
     """
 
     def __init__(
@@ -59,7 +60,8 @@ class ClipRun:
     ) -> None:  # fmt: skip
         self.label, self.clip, self.first, self.device = label, clip, first, device
         self.recorder = recorder
-        self.exposure = torch.from_numpy(sequence_scalars(clip.frame(0))[0])
+        self.exposure = torch.ones(1)  # (1,), of the last frame
+        self._known: Array | None = None  # the same, NaN until a frame has light
         scored = [name for name in clip.channels if lights is None or name in map(reference_of, lights)]
         extras = recorder is not None and recorder.recording.extras
         self.runs = [_Run(spec, denoiser, scored, device, extras) for spec, denoiser in denoisers.items()]
@@ -76,6 +78,8 @@ class ClipRun:
         frame = self.clip.frame(index).torch()
         on_device = frame.torch(self.device)
         before = self.truths
+        self._known = sequence_exposure(frame, self._known)
+        self.exposure = torch.from_numpy(self._known).nan_to_num(1)
         self.truths = {target: read_truth(frame, target, self.exposure, self.label) for target in self.targets}
         self._tell_bad_pixels(index)
         regions = regions_of(frame, self._depth)

@@ -26,7 +26,7 @@ class Truth(NamedTuple):
 def read_truth(frame: Frame, target: str, exposure: Tensor, clip: str) -> Truth:
     """Read the truth of a target in a PyTorch frame of batch 1.
 
-    exposure: (1,), of the sequence. clip: name for errors. Raises NteError if the reference is missing or if more than
+    exposure: (1,), of the frame. clip: name for errors. Raises NteError if the reference is missing or if more than
     a tenth of its pixels are unusable.
     """
     name = reference_of(target)

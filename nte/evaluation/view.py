@@ -1,5 +1,6 @@
 """`nte view`: clips in the viewer, with what denoisers make of them, and scores where they can be had."""
 
+import warnings
 from collections.abc import Callable, Iterable, Mapping
 from dataclasses import replace
 from importlib.util import find_spec
@@ -23,6 +24,10 @@ Advance = Callable[[int, int, str], None]  # frames done, frames in all, clip an
 _SCORING = ("torch", "torchmetrics", "flip_evaluator")
 
 
+class CutShortWarning(UserWarning):
+    """Warning that a clip ends before the last frame that was asked for."""
+
+
 def view(
     clips: Iterable[Path | str],
     denoisers: Mapping[str, Denoiser],
@@ -32,14 +37,16 @@ def view(
     force: bool = False,
     device: str = "cpu",
     progress: Advance | None = None,
+    say: Callable[[str], None] = lambda line: None,
 ) -> Path:
     """Write a page that shows clips, and every denoiser's output for them, to the folder `out`; return its path.
 
     clips: clip folders, or folders that hold clips. denoisers: name → denoiser; each starts at frame 0. frames: the
     first and the last frame to show; None shows all. channels: those to show besides what is compared; None shows all.
     Outputs are scored where a clip has a reference and the packages for scores are installed. A denoiser that fails on
-    a clip, or lacks a channel of it, is left out there, and the page says why. Raises NteError for missing clips, for
-    frames that no clip has, and for an `out` that exists without `force`.
+    a clip, or lacks a channel of it, is left out there, and the page says why; at the end `say` is called with a line
+    for each such denoiser. Warns (CutShortWarning) if clips end before the last frame to show. Raises NteError for
+    missing clips, for a first frame that no clip has, and for an `out` that exists without `force`.
     """
     folders = find_clips(map(Path, clips))
     opened = dict(zip(clip_labels(folders), map(Clip, folders), strict=True))
@@ -47,11 +54,14 @@ def view(
     if not 0 <= first <= last or all(first >= len(clip) for clip in opened.values()):
         longest = max(map(len, opened.values()))
         raise NteError(f"--frames {first}-{last}: expected a range from 0 to {longest - 1}, which the clips have")
+    if frames:
+        _tell_of_short_clips(opened, first, last)
     if not force and (out.exists() and (not out.is_dir() or any(out.iterdir()))):
         raise already_there(out, "folder", f"replace its {PAGE} and {FOLDER}")
     total = sum(min(last + 1, len(clip)) for clip in opened.values())
     done = 0
     entries, rows = [], []
+    failed: dict[str, dict[str, str]] = {}  # denoiser → clip → why
     with only_writer(out):
         clear(out)
         recording = Recording(out / FOLDER, None, channels, True, first, last)
@@ -65,7 +75,24 @@ def view(
                     progress(done, total, f"{label}, frame {index}")
             rows += run.rows()
             entries.append(recorder.entry())
-        return write_page(out, _data(entries, rows), "")
+            for name, why in recorder.failed.items():
+                failed.setdefault(name, {})[label] = why.removeprefix(f"{label}: ")
+        page = write_page(out, _data(entries, rows), "")
+    for name, reasons in failed.items():
+        label, why = next(iter(reasons.items()))
+        others = f" and {len(reasons) - 1} more of {len(opened)} clips" if len(reasons) > 1 else ""
+        say(f"{name} failed on {label}{others}: {why}")
+    return page
+
+
+def _tell_of_short_clips(clips: Mapping[str, Clip], first: int, last: int) -> None:
+    """Warn if the range to show, `first` to `last`, goes beyond the end of clips."""
+    short = [f"{label} (its last frame is {len(clip) - 1})" for label, clip in clips.items() if len(clip) <= last]
+    if short:
+        more = f" and {len(short) - 3} more" if len(short) > 3 else ""
+        named = ", ".join(short[:3]) + more
+        text = f"--frames {first}-{last} goes beyond the end of {named}: what there is of the range is shown"
+        warnings.warn(text, CutShortWarning, stacklevel=3)
 
 
 def _run(

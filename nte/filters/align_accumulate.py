@@ -97,6 +97,6 @@ class AlignAccumulate(Filter[AlignAccumulateOptions]):
             merged = keep_where_bad(merged, past[:, :3], valid, frame, self.target)
             kept = remembered(merged, valid, frame, self.target)
         image = merged if albedo is None else remodulate(merged, albedo)
-        found = {"motion": motion, "mask": mask, "history_length": length}
+        found = {"motion": motion, "mask": mask, "history_length": length.clone()}  # the state keeps the other
         result = Result(image, {name: found[name] for name in extras})
         return result, _State(kept, grey, length, exposure)

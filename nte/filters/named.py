@@ -5,7 +5,7 @@ from importlib import import_module
 from typing import Any
 
 from nte.denoiser import Denoiser, Filter
-from nte.errors import NteError, needs_extra
+from nte.errors import NteError, expected_one_of, needs_extra
 from nte.options import Options
 
 # name → (module, class, the extra that installs what it imports); modules are imported on demand
@@ -31,7 +31,7 @@ def load_filter(spec: str, device: str = "cpu") -> Denoiser:
     """
     name, _, text = spec.partition(":")
     if name not in NAMES:
-        raise NteError(f"'{spec}' is no denoiser by name: expected one of {', '.join(NAMES)}")
+        raise NteError(f"'{spec}' is no denoiser by name{expected_one_of(name, NAMES)}")
     return make(filter_type(spec), parse(spec, text), spec, device)
 
 

@@ -117,7 +117,10 @@ class Clip:
         for seed in range(self.seeds):
             paths = (frame_path(self.folder, i, seed) for i in range(self.frames))
             if path := next((path for path in paths if not path.is_file()), None):  # the first is enough
-                raise NteError(f"{path}: missing; clip.json promises {self.frames} frames: render the clip again")
+                raise NteError(
+                    f"{path}: missing; clip.json promises {self.frames} frames: copy it there, or render or import the "
+                    "clip again"
+                )
 
     def __len__(self) -> int:
         return self.frames

@@ -136,7 +136,8 @@ def _require_headers(path: Path, headers: Sequence[Header], size: tuple[int, int
     for header in headers:
         found = window_size(header["displayWindow"])
         if size not in (None, found):
-            raise NteError(f"{path}: is {found[1]}x{found[0]}, clip.json says {size[1]}x{size[0]}")
+            both = f"is {found[1]}x{found[0]}, clip.json says {size[1]}x{size[0]}"
+            raise NteError(f"{path}: {both}: render or copy the frame in that size, or correct clip.json")
 
 
 def merge_parts(path: Path, parts: Sequence[Part]) -> dict[str, npt.NDArray[np.generic]]:

@@ -59,7 +59,10 @@ def in_sequence(numbered: Iterable[tuple[int, Path]]) -> dict[int, Path]:
     for before, after in pairwise(sorted(found)):
         if after != before + 1:
             both = f"after {found[before].name} comes {found[after].name}"
-            raise NteError(f"{found[after].parent}: frame {before + 1} is missing: {both}")
+            raise NteError(
+                f"{found[after].parent}: frame {before + 1} is missing: {both}: render or copy it, or choose those "
+                "before or after it"
+            )
     return dict(sorted(found.items()))
 
 

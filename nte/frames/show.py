@@ -12,7 +12,7 @@ import numpy as np
 import numpy.typing as npt
 from PIL import Image, ImageDraw, ImageFont
 
-from nte.errors import NteError
+from nte.errors import NteError, expected_one_of
 from nte.files import write_whole
 from nte.frames.channels import CHANNELS
 from nte.frames.srgb import encode_srgb
@@ -43,7 +43,7 @@ def show(name: str, values: npt.NDArray[np.generic], exposure: float = 1.0, scal
     """
     row = CHANNELS.get(name)
     if row is None:
-        raise NteError(f"cannot show '{name}': no such channel; expected one of {', '.join(CHANNELS)}")
+        raise NteError(f"cannot show '{name}': no such channel{expected_one_of(name, CHANNELS)}")
     values = np.asarray(values, np.float32)
     if values.ndim != 3 or len(values) != len(row.components):
         raise NteError(f"cannot show '{name}' {values.shape}: expected ({len(row.components)}, H, W)")

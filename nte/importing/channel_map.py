@@ -14,7 +14,7 @@ from omegaconf.errors import OmegaConfBaseException
 from yaml import YAMLError
 
 from nte.config import load_config, problem_of, problem_with, refuse_resolvers
-from nte.errors import NteError
+from nte.errors import NteError, expected_one_of
 from nte.frames.channels import CHANNELS, Channel
 from nte.motion.conventions import UNITS, Convention
 
@@ -130,8 +130,8 @@ def find_map(name: str | Path) -> Path:
     if path.suffix or path.is_file() or path.parent != Path():
         return path
     if not shipped.is_file():
-        listed = ", ".join(sorted(p.stem for p in MAPS.glob("*.yaml")))
-        raise NteError(f"--map {name}: neither a file nor a map that ships: expected a path or one of {listed}")
+        maps = expected_one_of(name, sorted(p.stem for p in MAPS.glob("*.yaml")))
+        raise NteError(f"--map {name}: neither a file nor a map that ships{maps}, or a path")
     return shipped
 
 
@@ -150,7 +150,7 @@ def load_channel_map(path: Path, overrides: Sequence[str] = ()) -> ChannelMap:
     for group in ("motion", "forward_motion", "shutter_motion", "normal", "depth"):
         for key, value in vars(getattr(found, group)).items():
             if key in _CHOICES and value not in _CHOICES[key]:
-                raise NteError(f"{path}: '{group}.{key}' is '{value}', expected one of {', '.join(_CHOICES[key])}")
+                raise NteError(f"{path}: '{group}.{key}' is '{value}'{expected_one_of(value, _CHOICES[key])}")
     if not found.depth.scale or not isfinite(found.depth.scale):
         raise NteError(f"{path}: 'depth.scale' is {found.depth.scale}, expected a number that is not 0")
     if not found.depth.sky > 0:
@@ -205,8 +205,8 @@ def _source(path: Path, name: str, given: Any, how: ChannelMap) -> Source:
     where = f"{path}: 'channels.{name}'"
     row = CHANNELS.get(name)
     if row is None or row.storage == "derived":
-        stored = ", ".join(key for key, r in CHANNELS.items() if r.storage != "derived")
-        raise NteError(f"{where}: no such channel; expected one of {stored}")
+        stored = [key for key, r in CHANNELS.items() if r.storage != "derived"]
+        raise NteError(f"{where}: no such channel{expected_one_of(name, stored)}")
     keys = given if isinstance(given, dict) else {"layer": given}
     listed = {key: [value] if key in _LISTS and not isinstance(value, list) else value for key, value in keys.items()}
     # Checked once more: these values are resolved, and two halves may have met to form a resolver.

@@ -8,7 +8,7 @@ import torch
 import torch.nn.functional as F
 from torch import Tensor, nn
 
-from nte.errors import NteError
+from nte.errors import NteError, expected_one_of
 from nte.models.kernels import Downsample
 from nte.models.trainable import NetworkConfig
 from nte.models.unet import UNet, check_levels
@@ -35,7 +35,8 @@ class KernelConfig(NetworkConfig):
         choices = {"downsample": ("max", "mean"), "motion": ("dual", "traditional"), "front": (1, 2, 4)}
         for key, allowed in choices.items():
             if getattr(self, key) not in allowed:
-                raise NteError(f"network.{key} is {getattr(self, key)!r}, expected one of {allowed}")
+                found = getattr(self, key)
+                raise NteError(f"network.{key} is {found!r}{expected_one_of(found, allowed)}")
         if any(size % 2 == 0 or size < 1 for size in (self.kernel_size, self.head_size)):
             raise NteError("network.kernel_size and network.head_size must be odd")
         check_levels(self.channels)

@@ -12,7 +12,7 @@ import torch
 from torch import Tensor, nn
 
 from nte.color import compress, divisor, per_sequence
-from nte.errors import NteError
+from nte.errors import NteError, expected_one_of
 from nte.frames.channels import CHANNELS, PRIOR, REFERENCES, TARGETS, TEXTURES, Channel, width_of
 from nte.frames.usable import (
     ABSOLUTE,
@@ -42,7 +42,7 @@ class LightConfig(NetworkConfig):
         """Raise NteError, naming the key, for values that make no network."""
         super().check()
         if self.target not in TARGETS:
-            raise NteError(f"network.target is '{self.target}', expected one of {', '.join(TARGETS)}")
+            raise NteError(f"network.target is '{self.target}'{expected_one_of(self.target, TARGETS)}")
         if self.demodulate and self.target not in TEXTURES:
             raise NteError(f"network.demodulate is true, but '{self.target}' has no texture: set it to false")
         check_inputs(self.inputs, Reader(self.target).needs)
@@ -52,8 +52,8 @@ def check_inputs(names: list[str], read: tuple[str, ...]) -> None:
     """Raise NteError for a name in `network.inputs` that makes no feature, or that is read already, or comes twice."""
     for name in names:
         if name not in CHANNELS or name in _NO_FEATURES:
-            allowed = ", ".join(channel for channel in CHANNELS if channel not in {*_NO_FEATURES, *read})
-            raise NteError(f"network.inputs has '{name}', expected some of {allowed}")
+            allowed = [channel for channel in CHANNELS if channel not in {*_NO_FEATURES, *read}]
+            raise NteError(f"network.inputs has '{name}'{expected_one_of(name, allowed)}")
         if name in read or names.count(name) > 1:
             raise NteError(f"network.inputs has '{name}', which the network sees already: leave it out")
 

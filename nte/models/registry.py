@@ -4,7 +4,7 @@ from importlib import import_module
 from inspect import Parameter, signature
 from typing import Any
 
-from nte.errors import NteError
+from nte.errors import NteError, expected_one_of
 from nte.frames.channels import CHANNELS, TARGETS
 from nte.models.trainable import NetworkConfig, TrainableDenoiser
 from nte.recurrence import FORWARD, MEASURED, SCALARS
@@ -27,7 +27,7 @@ def network_type(kind: Any) -> type[TrainableDenoiser]:
     place = KINDS.get(kind, kind) if isinstance(kind, str) else ""
     module, _, name = place.partition(":")
     if not (name and all(part.isidentifier() for part in module.split("."))):
-        raise NteError(f"'network.kind' is {kind!r}, {known}")
+        raise NteError(f"'network.kind' is {kind!r}{expected_one_of(kind, KINDS)}, or package.module:Class")
     try:
         found = getattr(import_module(module), name, None)
     except Exception as error:  # whatever the file does when it is imported
@@ -53,11 +53,12 @@ def make_network(config: NetworkConfig) -> TrainableDenoiser:
         if name not in CHANNELS:
             raise NteError(f"network '{config.kind}' takes the channel '{name}', which is not in the table of channels")
     if network.target not in TARGETS:
-        raise NteError(f"network '{config.kind}' has the target '{network.target}', expected {', '.join(TARGETS)}")
+        instead = expected_one_of(network.target, TARGETS)
+        raise NteError(f"network '{config.kind}' has the target '{network.target}'{instead}")
     for name in network.inputs:
         if name not in {*channels, FORWARD, *SCALARS, *network.recurrent}:
-            taken = ", ".join(sorted({*channels, *SCALARS, *network.recurrent}))
-            raise NteError(f"network '{config.kind}': its forward takes '{name}', expected some of {taken}")
+            taken = sorted({*channels, *SCALARS, *network.recurrent})
+            raise NteError(f"network '{config.kind}': its forward takes '{name}'{expected_one_of(name, taken)}")
     for parameter in signature(network.forward).parameters.values():
         if parameter.kind not in (Parameter.POSITIONAL_OR_KEYWORD, Parameter.VAR_POSITIONAL):
             raise NteError(

@@ -84,8 +84,9 @@ class TrainableDenoiser(nn.Module, Denoiser):
     ) -> tuple[Result, NetworkState]:
         """Denoise one frame on the network's device; state None starts a sequence.
 
-        extras: names out of `self.extras`. Raises NteError for other extras, for a missing channel, and for a batch or
-        size that changes within a sequence.
+        extras: names out of `self.extras`. The state shares no memory with the frame, nor with the result: a caller may
+        fill the same buffers again. Raises NteError for other extras, for a missing channel, and for a batch or size
+        that changes within a sequence.
         """
         require_extras(self, extras)
         device = next(self.parameters()).device
@@ -103,5 +104,17 @@ class TrainableDenoiser(nn.Module, Denoiser):
             found = f"{len(made)} tensors" if isinstance(made, tuple) else f"a {type(made).__name__}"
             raise NteError(f"{type(self).__name__}.forward gives {found}, expected a tuple: {', '.join(self.outputs)}")
         outputs = dict(zip(self.outputs, made, strict=True))
-        result = Result(outputs["image"], {name: outputs[self._output_of(name)] for name in extras}).like(frame)
-        return result, hand_on(state, self.recurrent, channels | scalars | outputs)
+        result = Result(outputs["image"], {name: outputs[self._output_of(name)] for name in extras})
+        callers = _memory(*(given[name] for name in given.channels), result.image, *result.extras.values())
+        carried = {tensor.source for tensor in self.recurrent.values()}
+        own = {
+            name: tensor.clone() if _memory(tensor) & callers else tensor
+            for name, tensor in (channels | scalars | outputs).items()
+            if name in carried and tensor is not None
+        }
+        return result.like(frame), hand_on(state, self.recurrent, own)
+
+
+def _memory(*tensors: Tensor) -> set[int]:
+    """The addresses of the memory that tensors lie in; views of one tensor share theirs."""
+    return {tensor.untyped_storage().data_ptr() for tensor in tensors}

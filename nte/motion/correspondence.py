@@ -192,9 +192,11 @@ def _tell_of_missing_levels(image: Tensor, unit: int, wanted: int) -> None:
     height, width = image.shape[-2:]
     count = count_levels(-(-height // unit), -(-width // unit), wanted)
     if count < wanted:
+        reach = sum(2 * unit * SCALE**level for level in range(count))
         warnings.warn(
-            f"{width}x{height} pixels are too few for {wanted} levels: the search uses {count} and "
-            f"reaches {sum(2 * unit * SCALE**level for level in range(count))} pixels around the shift of the whole",
+            f"images of {width}x{height} pixels: the search for motion uses {count} of its {wanted} levels, and misses "
+            f"what moves by more than {reach} pixels against the image as a whole: if anything does, give larger "
+            "images, or motion vectors",
             FewerLevelsWarning,
             stacklevel=3,
         )

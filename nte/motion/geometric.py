@@ -117,7 +117,8 @@ def complete_forward_motion(forward_motion: Tensor | None, motion: Tensor, depth
     if forward_motion is None:
         return scatter_forward_motion(motion, depth)
     unknown = forward_motion.isnan().flatten(1).all(1)
-    if not unknown.any():
+    # A GPU would have to finish all work before it could answer this, so there the scattering always runs.
+    if forward_motion.device.type == "cpu" and not unknown.any():
         return forward_motion
     return torch.where(unknown.view(-1, 1, 1, 1), scatter_forward_motion(motion, depth), forward_motion)
 

@@ -11,7 +11,7 @@ SMALLEST = 4  # px: the search on a smaller level would only look outside the im
 
 
 class FewerLevelsWarning(UserWarning):
-    """The images are too small for the whole pyramid, so the search misses long motions of single objects."""
+    """Warning that images are too small for the whole pyramid, so that the search misses long motions of objects."""
 
 
 class Known(NamedTuple):

@@ -5,7 +5,7 @@ from dataclasses import dataclass
 import torch
 from torch import Tensor
 
-from nte.errors import NteError
+from nte.errors import NteError, expected_one_of
 from nte.motion.noise_level import noise_level
 from nte.motion.patch_distance import NORMS, Norm
 
@@ -41,7 +41,7 @@ class Search:
 
     def __post_init__(self) -> None:
         if self.norm not in NORMS:
-            raise NteError(f"norm is '{self.norm}', expected one of {', '.join(NORMS)}")
+            raise NteError(f"norm is '{self.norm}'{expected_one_of(self.norm, NORMS)}")
         if not self.radii or min(self.radii) < 0:
             raise NteError(f"radii are {self.radii}, expected one of at least 0 for each level, finest first")
         if min(self.smoothing + self.agreement, default=0) < 0:

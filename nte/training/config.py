@@ -9,7 +9,7 @@ from typing import Any
 from omegaconf import MISSING
 
 from nte.config import load_config
-from nte.errors import NteError
+from nte.errors import NteError, expected_one_of
 from nte.files import is_folder_name
 from nte.models.registry import DEFAULT, network_type
 from nte.models.trainable import NetworkConfig
@@ -186,7 +186,7 @@ def _check_shares(entries: Sequence[object]) -> None:
 
 def _one_of(key: str, value: str, allowed: tuple[str, ...]) -> None:
     if value not in allowed:
-        raise NteError(f"'{key}' is '{value}', expected one of {', '.join(allowed)}")
+        raise NteError(f"'{key}' is '{value}'{expected_one_of(value, allowed)}")
 
 
 def _within(key: str, value: float, low: float, high: float = math.inf) -> None:

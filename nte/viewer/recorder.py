@@ -61,6 +61,7 @@ class Recorder:
     frames: int  # in the clip
     exposure: float
     notes: list[str] = field(default_factory=list)  # what the page says about the clip: what failed, what is not there
+    failed: dict[str, str] = field(default_factory=dict)  # denoisers that were dropped, and why
     _there: dict[Layer, "_Kept"] = field(default_factory=dict)
     _centre: int | None = None
 
@@ -110,6 +111,7 @@ class Recorder:
 
     def drop(self, spec: str, why: str) -> None:
         """Take the images of a denoiser away, and note why."""
+        self.failed[spec] = why
         self.notes.append(f"{spec} failed: {why}")
         for layer in [layer for layer in self._there if layer.of == spec]:
             kept = self._there.pop(layer)

@@ -269,8 +269,8 @@ def test_a_key_that_results_do_not_know_yet_has_its_default(config: Path, data: 
     ("text", "message"),
     [
         ("first: 0", "'situations' is empty"),
-        (TEXT.replace("moving", "somewhere"), r"situations\[0\]\.region is 'somewhere': expected one of all, disoccl"),
-        (TEXT.replace("region: moving", "light: red"), r"situations\[0\]\.light is 'red': expected one of color, vis"),
+        (TEXT.replace("moving", "somewhere"), r"situations\[0\]\.region is 'somewhere', expected one of all, disoccl"),
+        (TEXT.replace("region: moving", "light: red"), r"situations\[0\]\.light is 'red', expected one of color, vis"),
         (TEXT.replace("[test/other_000]", "[]"), r"situations\[1\]\.clips is empty"),
         (TEXT.replace("recipes:", "recipe:"), "recipe"),
         (TEXT.replace('".": ../r', '"../x": ../r'), "recipes: '../x' leads out of the data's folder"),
@@ -285,7 +285,7 @@ def test_a_key_that_results_do_not_know_yet_has_its_default(config: Path, data: 
         (TEXT.replace("region: moving", "pictures: 0"), r"pictures is 0: expected a number of clips, 1 or more"),
         (
             TEXT + TABLES.replace("[psnr, flip]", "[pnsr]"),
-            r"tables\[0\]\.columns\[0\]: a metric is 'pnsr': expected one",
+            r"tables\[0\]\.columns\[0\]: a metric is 'pnsr', did you mean psnr[?] expected one",
         ),
         (
             TEXT + TABLES.replace("[psnr, flip]", "[]").replace(", margins: [psnr]", ""),
@@ -293,9 +293,12 @@ def test_a_key_that_results_do_not_know_yet_has_its_default(config: Path, data: 
         ),
         (
             TEXT + TABLES.replace("situation: disc", "situation: disk"),
-            "there is no situation 'disk': expected one of d",
+            "there is no situation 'disk', did you mean disc[?] expected one of d",
         ),
-        (TEXT + TABLES.replace("[clamped, ghosts]", "[clumped]"), "there is no method 'clumped': expected one of gho"),
+        (
+            TEXT + TABLES.replace("[clamped, ghosts]", "[clumped]"),
+            "there is no method 'clumped', did you mean clamped[?] ",
+        ),
         (
             TEXT + TABLES.replace("against: ghosts", "against: gusts"),
             r"tables\[0\]\.against: there is no method 'gusts'",

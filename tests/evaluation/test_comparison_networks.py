@@ -205,7 +205,8 @@ def test_two_processes_train_and_evaluate_what_one_does(compare: Callable[..., d
 @pytest.mark.parametrize(
     ("old", "new", "message"),
     [
-        ("[wide,", "[white,", r"situations\[0\]\.networks: there is no network 'white': expected one of wide, thin"),
+        ("[wide,", "[white,",
+         r"situations\[0\]\.networks: there is no network 'white', did you mean wide[?] expected one of wide, thin"),
         ("seeds: [1, 2]", "seeds: []", "networks.wide: 'seeds' is empty: expected at least one"),
         ("seeds: [5]", "seeds: []", r"networks.thin \| one: 'seeds' is empty"),
         ("seeds: [1, 2]", "seeds: [1, 2, 1]", "networks.wide: the seed 1 is given twice: expected each once"),
@@ -218,7 +219,7 @@ def test_two_processes_train_and_evaluate_what_one_does(compare: Callable[..., d
          "table 'discs' is about glossy, but network 'wide' denoises 'indirect'"),
         ("{noisy: ", "{wide: ", "two methods are called 'wide'"),
         ("{noisy: ", "{all: 'composite:visibility=svgf,glossy=svgf,indirect={white}', noisy: ",
-         r"situations\[0\]\.methods\.all: there is no network 'white': expected one of wide, thin"),
+         r"situations\[0\]\.methods\.all: there is no network 'white', did you mean wide[?] expected one of "),
         ("{noisy: ", "{all: '{wide}{thin | one}', noisy: ",
          r"situations\[0\]\.methods\.all uses thin \| one and wide: expected one network"),
     ],

@@ -4,6 +4,7 @@ import json
 import math
 import os
 import subprocess
+from dataclasses import replace
 from itertools import pairwise
 from pathlib import Path
 
@@ -13,14 +14,16 @@ import torch
 
 from nte import Clip, Denoiser, Frame, NteError, Result
 from nte.denoiser import Noisy, State
+from nte.evaluation.benchmark.quality import Judge
 from nte.evaluation.evaluate import evaluate
 from nte.evaluation.metrics import score
 from nte.evaluation.results import Evaluation, means_of
-from nte.evaluation.score_clip import mean
+from nte.evaluation.score_clip import ClipRun, mean
 from nte.files import temporary_name
 from nte.frames.clip import clip_labels, find_clips, frame_path, write_frame
 from nte.frames.clip_info import write_clip_info
 from nte.frames.reference import BadReferenceWarning
+from nte.frames.scalars import estimate_exposure
 from nte.frames.show import display
 from tests.evaluation.conftest import noisy_frames
 from tests.synthetic import Pixels, disc_clip, disc_frame, write_clip
@@ -137,6 +140,68 @@ def test_a_perfect_output_scores_perfectly_and_a_steady_error_does_not_flicker(t
     assert rows_of(evaluation, denoiser="exact", region="moving")[0]["psnr"] is None
     assert rows_of(evaluation, denoiser="exact", region="moving")[0]["frames"] == 0
     assert rows_of(evaluation, denoiser="exact", region="disoccluded")[0]["per_frame"]["ssim"] == [None] * 3
+
+
+class Relit(Clip):
+    """A clip whose light becomes twice as bright with each frame, while its exposure becomes half as large.
+
+    told: the frames that give their exposure; others leave it as it was.
+    """
+
+    told: tuple[int, ...] = (0, 1, 2, 3)
+
+    def frame(self, *wanted: object) -> Frame:
+        frame = super().frame(*wanted)
+        factor = np.float32(2**frame.index)
+        lights = ("color", "reference", "reference_a", "reference_b")
+        changed = {name: frame[name] * factor for name in lights if name in frame}
+        given = np.array([0.25 / factor], np.float32) if frame.index in self.told else None
+        return replace(frame.with_channels(**changed), exposure=given)
+
+
+def scores(clip: Clip) -> list[dict]:
+    run = ClipRun("clip", clip, {"noisy": Noisy(), "dark": Scaled(0.7)}, "cpu", first=0)
+    for index in range(len(clip)):
+        run.advance(index)
+    return [row | {"ms_per_frame": 0} for row in run.rows()]
+
+
+def test_each_frame_is_scored_in_its_own_exposure(tmp_path: Path) -> None:
+    """Twice the light at half the exposure is the same picture, to the last bit, and so are its scores."""
+    folder = write_clip(tmp_path / "clip", noisy_frames(4), exposure=0.25)
+    steady, relit = scores(Clip(folder)), scores(Relit(folder))
+    assert steady == relit
+    assert steady[0]["temporal_l1"] > 0
+    assert steady[0]["temporal_l1_floor"] > 0
+    color = Clip(folder).frame(2)["color"]
+    expected = Judge(folder, "color").score(2, color, "noisy")
+    judge = Judge(folder, "color")
+    judge.clip = Relit(folder)
+    assert judge.score(2, 4 * color, "noisy") == expected
+
+
+def test_an_exposure_holds_until_a_frame_gives_another(tmp_path: Path) -> None:
+    folder = write_clip(tmp_path / "clip", noisy_frames(4))
+    relit = Relit(folder)
+    relit.told = (0, 2)
+    found = scores(relit)[0]["per_frame"]["psnr"]
+    relit.told = (0, 1, 2, 3)
+    each = scores(relit)[0]["per_frame"]["psnr"]
+    assert (found[0], found[2]) == (each[0], each[2])
+    assert found[1] != each[1]
+
+
+def test_a_clip_that_begins_in_the_dark_has_the_exposure_of_its_first_light(tmp_path: Path) -> None:
+    frames = noisy_frames(4)
+    frames[0] |= {name: np.zeros_like(frames[0][name]) for name in ("color", "reference_a", "reference_b")}
+    clip = Clip(write_clip(tmp_path / "dark", frames))
+    run = ClipRun("clip", clip, {"noisy": Noisy()}, "cpu")
+    found = []
+    for index in range(3):
+        run.advance(index)
+        found += run.exposure.tolist()
+    (lit,) = estimate_exposure(clip.frame(1)["color"]).tolist()
+    assert found == [1, lit, lit]
 
 
 def test_a_component_is_compared_with_its_own_reference(tmp_path: Path) -> None:

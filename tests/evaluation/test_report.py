@@ -2,15 +2,18 @@
 
 import re
 from html import escape
+from inspect import signature
 from pathlib import Path
 
 import numpy as np
 import pytest
 
+from nte.cli import main
 from nte.errors import NteError
 from nte.evaluation.bootstrap import bootstrap_interval
 from nte.evaluation.evaluate import evaluate
 from nte.evaluation.metric_table import format_table
+from nte.evaluation.report import PLAYED
 from nte.evaluation.report.page import report_data, write_report
 from nte.evaluation.results import Evaluation
 from tests.evaluation.conftest import noisy_frames
@@ -83,6 +86,17 @@ def test_fewer_frames_play_if_one_asks(tmp_path: Path) -> None:
     assert on_disk == {f"{frame:04d}" for frame in found.recorded[0]["frames"]}
     with pytest.raises(NteError, match="played is 0: expected at least one frame"):
         evaluate([clip], ["noisy"], tmp_path / "none", played=0)
+
+
+def test_the_number_of_frames_that_play_is_the_same_for_the_command_and_in_python(
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    with pytest.raises(SystemExit):
+        main(["evaluate", "--help"])
+    assert f"(default: {PLAYED})" in " ".join(capsys.readouterr().out.split())
+    assert signature(evaluate).parameters["played"].default == PLAYED
+    page = (Path(__file__).parents[2] / "docs" / "viewer.md").read_text("utf-8")
+    assert f"A report plays {PLAYED} frames of each clip" in page
 
 
 def test_clips_that_were_not_recorded_have_their_pictures(evaluation: Evaluation, tmp_path: Path) -> None:

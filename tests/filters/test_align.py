@@ -460,7 +460,7 @@ def test_names_and_options_of_the_registry() -> None:
     assert load_denoiser("align_taa:guides=true").needs == ("color", "albedo", "normal")
     for spec, message in (
         ("estimate:noise=grain+taa", "noise is 'grain', expected one of auto, clean"),
-        ("estimate:speed=2+taa", "unknown option 'speed'; it has noise, guides, known$"),
+        ("estimate:speed=2+taa", "unknown option 'speed', expected one of noise, guides, known$"),
         ("estimate:denoiser=svgf+taa", "unknown option 'denoiser'"),
         ("estimate:noise=clean", "'estimate:noise=clean' is no denoiser"),
         ("align_accumulate:motion=optical", "motion is 'optical', expected one of estimate, zero, geometric"),

@@ -71,7 +71,7 @@ def test_missing_components_and_wrong_parts_are_named() -> None:
     with pytest.raises(NteError, match="composition: expected a denoiser for each of visibility, glossy, indirect"):
         Composition({"visibility": Taa()})
     frames, _ = component_frames(1)
-    with pytest.raises(NteError, match="Composition has no extra 'color'; it has visibility, glossy, indirect"):
+    with pytest.raises(NteError, match="Composition has no extra 'color', expected one of visibility, glossy, ind"):
         denoiser.step(frames[0], None, ("color",))
     with pytest.raises(NteError, match="taa: target is 'depth'"):
         load_denoiser("taa:target=depth")
@@ -152,7 +152,7 @@ def test_a_network_and_a_path_with_a_comma_can_be_parts(tmp_path: Path) -> None:
         ("composite:visibility=[taa,glossy=taa", "'glossy=taa', '\\[taa'|nothing denoises indirect"),
         ("composite:taa", "'taa' is no light=SPEC"),
         (LIGHTS.format("nosy", "taa", "taa"), "composite, visibility: 'nosy' is no denoiser: expected a run folder"),
-        (LIGHTS.format("[taa:clmp=none]", "taa", "taa"), "composite, visibility: .*unknown option 'clmp'; it has"),
+        (LIGHTS.format("[taa:clmp=none]", "taa", "taa"), "composite, visibility: .*'clmp', did you mean clamp[?]"),
         (LIGHTS.format("taa", "taa", "svgf:target=glossy"), "'svgf:target=glossy' denoises glossy, expected .* in"),
         (LIGHTS.format("taa", "taa", "[svgf:target=components]"), "denoises color, expected a denoiser of indirect"),
         (LIGHTS.format("align_accumulate", "taa", "taa"), "align_accumulate: target is 'visibility', expected one of "),

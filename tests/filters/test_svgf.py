@@ -254,7 +254,7 @@ def test_what_does_not_fit_is_named() -> None:
     with pytest.raises(NteError, match="asvgf: gradient_noise is -1"):
         Asvgf(AsvgfOptions(gradient_noise=-1))
     frames = noisy_frames(1, still_channels(size=(8, 8)))
-    with pytest.raises(NteError, match="Svgf has no extra 'mask'; it has history_length, alpha, variance"):
+    with pytest.raises(NteError, match="Svgf has no extra 'mask', expected one of history_length, alpha, variance"):
         Svgf().step(frames[0], None, ("mask",))
     _, state = Svgf().step(frames[0], None)
     with pytest.raises(NteError, match=r"\(1, 9, 8\) after \(1, 8, 8\): start a new sequence"):

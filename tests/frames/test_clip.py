@@ -207,10 +207,10 @@ def test_a_missing_channel_is_named_with_its_file(tmp_path: Path) -> None:
 def test_frames_of_another_size_and_gaps_are_named(tmp_path: Path) -> None:
     folder = write_clip(tmp_path / "c", small_frames(3))
     write_frame(frame_path(folder, 1), disc_frame(1, (12, 18)))
-    with pytest.raises(NteError, match=r"frame_0001\.exr: is 18x12, clip\.json says 16x12"):
+    with pytest.raises(NteError, match=r"frame_0001\.exr: is 18x12, clip\.json says 16x12: render or copy"):
         list(Clip(folder))
     frame_path(folder, 1).unlink()
-    with pytest.raises(NteError, match=r"frame_0001\.exr: missing; clip\.json promises 3 frames"):
+    with pytest.raises(NteError, match=r"frame_0001\.exr: missing; clip\.json promises 3 frames: copy it"):
         Clip(folder)
     seeds = write_clip(tmp_path / "s", small_frames(1), seeds=2)
     with pytest.raises(NteError, match=r"seed_01/frame_0000\.exr: missing"):

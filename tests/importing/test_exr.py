@@ -223,7 +223,7 @@ TAA = np.array([[0, 0, 0.008, 0], [0, 0, -0.005, 0], [0] * 4, [0] * 4])  # moves
 @breaking(
     unknown_key=(set_map(directions="to"), "directions"),
     unknown_group_key=(set_map(motion={"sign": 1}), "motion.sign"),
-    unknown_channel=(set_map(channels={"beauty": "x"}), "'channels.beauty': no such channel; expected one of color,"),
+    unknown_channel=(set_map(channels={"beauty": "x"}), "'channels.beauty': no such channel, expected one of color,"),
     unknown_value=(set_map(motion={"unit": "metres"}), "'motion.unit' is 'metres', expected one of pixels, uv, ndc"),
     wrong_count=(set_map(channels={"albedo": ["a", "b"]}), "'channels.albedo': ['a', 'b']: expected a layer, or the"),
     no_color=(lambda s, m: write_map(m, {"channels": {"albedo": "basecolor"}}), "'channels.color' is missing"),

@@ -63,7 +63,7 @@ def test_configurations_that_make_a_network(choices: dict[str, object]) -> None:
 @pytest.mark.parametrize(
     ("choices", "named"),
     [
-        ({"downsample": "median"}, "network.downsample is 'median', expected one of"),
+        ({"downsample": "median"}, "downsample is 'median', did you mean mean[?] expected one of max, mean"),
         ({"motion": "optical"}, "network.motion is 'optical'"),
         ({"front": 3}, "network.front is 3"),
         ({"kernel_size": 4}, "kernel_size .* must be odd"),

@@ -82,7 +82,7 @@ def test_trains_is_exported_and_brings_its_prior_along(clip: Clip, tmp_path: Pat
 def test_what_cannot_be_a_prior_is_refused() -> None:
     network = light_network("on top")
     for spec, message in (
-        ("elsewhere/model.onnx", "prior: 'elsewhere/model.onnx' is no denoiser by name: expected one of noisy, "),
+        ("elsewhere/model.onnx", "prior: 'elsewhere/model.onnx' is no denoiser by name, expected one of noisy, "),
         ("noisy:target=indirect", "prior: a denoiser of indirect, expected a denoiser of color"),
     ):
         network.prior = spec

@@ -71,8 +71,8 @@ def test_a_network_without_a_past_is_one_too() -> None:
     ("changes", "message"),
     [
         ({"needs": ("color", "colour")}, "takes the channel 'colour', which is not in the table"),
-        ({"target": "albedo"}, "has the target 'albedo', expected color, visibility, glossy, indirect"),
-        ({"needs": ("albedo",)}, "its forward takes 'color', expected some of albedo, depth_scale, exposure, reset"),
+        ({"target": "albedo"}, "has the target 'albedo', expected one of color, visibility, glossy, indirect"),
+        ({"needs": ("albedo",)}, "its forward takes 'color', expected one of albedo, depth_scale, exposure, reset"),
         ({"recurrent": {"color": Recurrent("next", 3)}}, "carries 'color', which is an input already"),
         ({"recurrent": {"reset": Recurrent("next", 1)}}, "carries 'reset', which is an input already"),
         ({"recurrent": {"past": Recurrent("depth", 1)}}, "carries 'depth' on, which its forward does not take"),
@@ -100,7 +100,7 @@ def test_declarations_that_do_not_fit_are_refused(
     "kind", ["", "kpcn", ":Class", "nte.models.temporal:", "../file:Class", ".models:Class", 3, None, ["temporal"]]
 )
 def test_what_names_no_network(kind: object) -> None:
-    with pytest.raises(NteError, match=r"'network.kind' is .*, expected .*, or package.module:Class"):
+    with pytest.raises(NteError, match=r"'network.kind' is .* expected .*, or package.module:Class"):
         network_type(kind)
 
 

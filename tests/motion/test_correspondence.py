@@ -124,9 +124,14 @@ def test_bad_pixels_count_as_black_and_nothing_bad_comes_out(bad: float) -> None
 @pytest.mark.parametrize(("size", "levels", "reach"), [((1, 1), 1, 2), ((15, 300), 1, 2), ((16, 17), 2, 10)])
 def test_small_images_get_fewer_levels_and_are_told_so_once(size: tuple[int, int], levels: int, reach: int) -> None:
     image = torch.rand(1, 1, *size, generator=torch.Generator().manual_seed(0))
-    with pytest.warns(FewerLevelsWarning, match=f"uses {levels} and reaches {reach} pixels") as told:
+    with pytest.warns(FewerLevelsWarning, match=rf"^images of {size[1]}x{size[0]} pixels: ") as told:
         found = find_correspondence(image, image, Search())
     assert len(told) == 1
+    text = str(told[0].message)
+    assert (
+        f"uses {levels} of its {len(Search().radii)} levels, and misses what moves by more than {reach} pixel" in text
+    )
+    assert text.endswith("if anything does, give larger images, or motion vectors")
     assert found.motion.shape == (1, 2, *size)
     assert not found.motion.any()
     with warnings.catch_warnings():

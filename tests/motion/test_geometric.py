@@ -2,7 +2,13 @@ import numpy as np
 import pytest
 import torch
 
-from nte.motion.geometric import Reprojection, dual_motion, scatter_forward_motion, traditional_motion
+from nte.motion.geometric import (
+    Reprojection,
+    complete_forward_motion,
+    dual_motion,
+    scatter_forward_motion,
+    traditional_motion,
+)
 from nte.motion.warp import warp
 from tests.synthetic import DISC, disc_frame
 
@@ -145,3 +151,23 @@ def test_scattering_lets_the_nearest_win_and_agrees_with_a_loop() -> None:
                     nearest[ty, tx] = d
                     expected[:, ty, tx] = [-mx, -my]
         np.testing.assert_array_equal(result[n].numpy(), expected)
+
+
+def test_only_sequences_that_know_nothing_are_scattered() -> None:
+    _, current = frames(velocity=(4.0, 0.0))
+    motion, depth = current["motion"].repeat(3, 1, 1, 1), current["depth"].repeat(3, 1, 1, 1)
+    given = torch.rand(motion.shape)
+    given[1] = float("nan")
+    given[2, :, 3:] = float("nan")
+    found = complete_forward_motion(given, motion, depth)
+    torch.testing.assert_close(found[[0, 2]], given[[0, 2]], rtol=0, atol=0, equal_nan=True)
+    expected = scatter_forward_motion(motion, depth)
+    torch.testing.assert_close(found[1], expected[1], rtol=0, atol=0, equal_nan=True)
+    torch.testing.assert_close(complete_forward_motion(None, motion, depth), expected, rtol=0, atol=0, equal_nan=True)
+    assert complete_forward_motion(given[:1], motion[:1], depth[:1]).data_ptr() == given.data_ptr()
+
+
+def test_a_device_need_not_finish_its_work_for_the_missing_vectors() -> None:
+    """Tensors on `meta` have no values, so a step that looked at one would fail, as it would make a GPU wait."""
+    motion, depth = torch.empty(2, 2, 9, 13, device="meta"), torch.empty(2, 1, 9, 13, device="meta")
+    assert complete_forward_motion(motion, motion, depth).shape == motion.shape

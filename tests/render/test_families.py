@@ -111,7 +111,7 @@ def test_the_splits_fill_their_parts_of_a_range():
 @pytest.mark.parametrize(
     ("family", "given", "said"),
     [
-        ("fence", {"lihgts": 3}, "'lihgts' is not a parameter: expected one of lights, moving_lights, moving_camera"),
+        ("fence", {"lihgts": 3}, "'lihgts' is not a parameter, did you mean lights[?] expected one of lights, "),
         ("rooms", {"lights": 3}, "'lights' is not a parameter"),
         ("fence", {"lights": 9}, "'lights' is 9: expected a whole number from 1 to 4"),
         ("fence", {"lights": 2.0}, "'lights' is 2.0: expected a whole number"),

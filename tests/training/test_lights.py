@@ -105,7 +105,7 @@ def test_what_a_clip_or_a_network_lacks_is_one_line(
         ("rae", lacking("diffuse_albedo"), (), f"needs the channel 'diffuse_albedo'; the clip has .*{groups}$"),
         ("visibility", lacking("direct"), (), f"no_direct: training needs the channel 'direct'; .*{groups}$"),
         ("rae", clip, ("network.inputs=[time]",), "needs the channel 'time'; .* in groups that set shutter$"),
-        ("rae", clip, ("network.inputs=[colour]",), "network.inputs has 'colour', expected some of color, "),
+        ("rae", clip, ("network.inputs=[colour]",), "has 'colour', did you mean color[?] expected one of color, "),
         ("separated", lacking("reference_visibility"), (), "needs the channel 'reference_visibility'; "),
         ("rae", clip, ("loss.lights={indirect: 1}",), "loss.lights has 'indirect', but the network 'rae' does not giv"),
         ("rae", clip, ("loss.lights={shadow: 1}",), "loss.lights has 'shadow: 1.0', expected weights from 0 of some o"),

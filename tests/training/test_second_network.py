@@ -167,8 +167,8 @@ def test_what_does_not_fit_is_one_line(run: Path, clip: Path, tmp_path: Path, ca
     for override, said in (
         ("network.width=0", "network.width is 0, expected at least 1"),
         ("network.depth=1", "'network.depth': unknown key, did you mean width? expected one of kind, width"),
-        ("network.kind=kpcn", "'network.kind' is 'kpcn', expected temporal, rae, separated, or package.module:Class"),
-        ("network.kind=7", "'network.kind' is 7, expected temporal, rae, sep"),
+        ("network.kind=kpcn", "'kpcn', expected one of temporal, rae, separated, or package.module:Class"),
+        ("network.kind=7", "'network.kind' is 7, expected one of temporal, rae, sep"),
         ("network.kind='nowhere.at_all:Network'", "there is no module 'nowhere': install it, or name its folder in"),
         ("network.kind='os.path:join'", "os.path has no TrainableDenoiser of that name"),
         ("phases=[{steps: 1, occlusion: 0.5}]", "'phases[0].occlusion' is 0.5, but the network 'tests.tiny_network"),

@@ -8,7 +8,7 @@ import pytest
 from nte.cli import main
 from nte.denoiser import Denoiser, Noisy, Result, State
 from nte.errors import NteError
-from nte.evaluation.view import view
+from nte.evaluation.view import CutShortWarning, view
 from nte.frames.clip import Clip
 from nte.frames.frame import Frame
 from nte.registry import load_denoiser
@@ -112,7 +112,12 @@ def test_what_fails_is_said_and_the_rest_is_shown(
 ) -> None:
     if not scored:
         monkeypatch.setattr("nte.evaluation.view.find_spec", lambda name: None)
-    page = view([clip], {"failing": Failing(), "wanting": Wanting(), "noisy": Noisy()}, tmp_path / "out")
+    said: list[str] = []
+    denoisers = {"failing": Failing(), "wanting": Wanting(), "noisy": Noisy()}
+    page = view([clip], denoisers, tmp_path / "out", say=said.append)
+    assert len(said) == 2
+    assert said[0].startswith("wanting failed on disc: Wanting needs roughness, which is missing; ")
+    assert said[1] == "failing failed on disc: cannot go on"
     data = data_of(page.read_text("utf-8"))
     notes = "\n".join(data["clips"][0]["notes"])
     assert "failing failed: " in notes
@@ -122,6 +127,45 @@ def test_what_fails_is_said_and_the_rest_is_shown(
     assert names == {"noisy", "noisy input", "reference"}
 
 
+def test_a_denoiser_that_fails_on_several_clips_has_one_line(clip: Path, tmp_path: Path) -> None:
+    other = disc_clip(tmp_path / "other", frames=3, seed=2)
+    said: list[str] = []
+    view([clip, other], {"failing": Failing()}, tmp_path / "out", say=said.append)
+    assert said == ["failing failed on disc and 1 more of 2 clips: cannot go on"]
+
+
+def test_the_command_tells_of_a_failure_at_the_end_and_by_its_status(
+    clip: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    arguments = ["view", str(clip), "--out", str(tmp_path / "out"), "--no-open", "--denoiser", "motion_blur", "noisy"]
+    assert main(arguments) == 2
+    told = capsys.readouterr()
+    assert told.err.splitlines()[-1].startswith("nte: motion_blur failed on disc: MotionBlur needs ")
+    assert told.err.count("failed") == 1
+    assert "page: " in told.out
+    layers = data_of((tmp_path / "out" / PAGE).read_text("utf-8"))["clips"][0]["layers"]
+    assert "noisy" in {layer["of"] for layer in layers}
+
+
+def test_a_range_beyond_the_end_is_told(clip: Path, tmp_path: Path) -> None:
+    others = [disc_clip(tmp_path / name, frames=2, size=(24, 30), start=(10.0, 12.0)) for name in "abc"]
+    with pytest.warns(CutShortWarning) as told:
+        page = view([clip, *others], {}, tmp_path / "out", frames=(1, 9), channels=())
+    assert [str(one.message) for one in told] == [
+        "--frames 1-9 goes beyond the end of disc (its last frame is 3), a (its last frame is 1), b (its last frame is "
+        "1) and 1 more: what there is of the range is shown"
+    ]
+    assert [one["frames"] for one in data_of(page.read_text("utf-8"))["clips"]] == [[1, 2, 3], [1], [1], [1]]
+
+
+def test_a_range_that_all_clips_have_is_told_nothing_of(
+    clip: Path, tmp_path: Path, recwarn: pytest.WarningsRecorder
+) -> None:
+    view([clip], {}, tmp_path / "out", frames=(2, 3), channels=())
+    assert not [one for one in recwarn if issubclass(one.category, CutShortWarning)]
+
+
+@pytest.mark.filterwarnings("ignore::nte.evaluation.view.CutShortWarning")
 def test_clips_of_different_sizes_and_lengths(clip: Path, tmp_path: Path) -> None:
     other = disc_clip(tmp_path / "small", frames=2, size=(24, 30), seed=2, start=(10.0, 12.0))
     page = view([clip, other], {}, tmp_path / "out", frames=(1, 2))
@@ -164,7 +208,7 @@ def test_the_command_writes_a_page_and_replaces_one_only_by_force(
         (["--frames", "x"], "--frames x: expected a range such as 100-160"),
         (["--frames", "7-9"], "--frames 7-9: expected a range from 0 to 3"),
         (["--frames", "2-1"], "--frames 2-1: expected a range from 0 to 3"),
-        (["--channels", "colour"], "--channels colour: no such channel"),
+        (["--channels", "colour"], "--channels colour: no such channel, did you mean color? expected one of color, "),
         (["--denoiser", "tea"], "'tea' is no denoiser"),
     ],
 )

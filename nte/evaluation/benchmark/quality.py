@@ -10,7 +10,7 @@ from nte.evaluation.targets import displayed, read_truth
 from nte.frames.channels import reference_of
 from nte.frames.clip import Clip, Pixels
 from nte.frames.frame import Frame
-from nte.frames.scalars import sequence_scalars
+from nte.frames.scalars import given_exposure, sequence_scalars
 
 
 class Quality(NamedTuple):
@@ -43,13 +43,15 @@ class Judge:
         Raises NteError, which names the denoiser's specification, for an image with pixels that are not finite.
         """
         frame = self.clip.frame(index % len(self.clip), self._channels).torch()
-        return quality(frame, torch.as_tensor(image), self.target, self._exposure, f"{spec} on {self.clip.folder}")
+        given = given_exposure(frame)
+        exposure = self._exposure if given is None else torch.from_numpy(given)
+        return quality(frame, torch.as_tensor(image), self.target, exposure, f"{spec} on {self.clip.folder}")
 
 
 def quality(frame: Frame, image: torch.Tensor, target: str, exposure: torch.Tensor, where: str) -> Quality:
     """Compare an image (1, C, H, W) of a target with the reference in a PyTorch frame, over its usable pixels.
 
-    exposure: (1,), of the sequence. where: begins the message of an NteError.
+    exposure: (1,), of the frame. where: begins the message of an NteError.
     """
     truth = read_truth(frame, target, exposure, where)
     shown = displayed(image, target, exposure, f"{where}, frame {frame.index}", frame.size)

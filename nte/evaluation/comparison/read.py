@@ -4,7 +4,7 @@ from collections.abc import Iterable
 from pathlib import Path
 
 from nte.config import load_config
-from nte.errors import NteError
+from nte.errors import NteError, expected_one_of
 from nte.evaluation.comparison.schema import RUN_OF, Columns, Comparison, Situation, Table
 from nte.evaluation.metric_table import METRICS
 from nte.evaluation.metrics import REGIONS
@@ -145,12 +145,12 @@ def _check_numbers(where: str, metrics: list[str], first: int | None, situation:
 
 def _one_of(what: str, value: str, allowed: Iterable[str]) -> None:
     if value not in allowed:
-        raise NteError(f"{what} is '{value}': expected one of {', '.join(allowed)}")
+        raise NteError(f"{what} is '{value}'{expected_one_of(value, allowed)}")
 
 
 def _known(where: str, name: str, known: Iterable[str], kind: str) -> None:
     if name not in known:
-        raise NteError(f"{where}: there is no {kind} '{name}': expected one of {', '.join(known) or 'none'}")
+        raise NteError(f"{where}: there is no {kind} '{name}'{expected_one_of(name, known)}")
 
 
 def _refuse_twice(what: str, names: list[str]) -> None:

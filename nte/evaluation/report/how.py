@@ -48,9 +48,9 @@ def _procedure(rows: list[Row]) -> str:
     lights = sorted({row["target"] for row in rows})
     first = min((row["scored_from"] for row in rows), default=1)
     parts = [
-        "Every frame is compared with its reference after the display transform: radiance times the exposure of the "
-        "clip (one factor for all its frames: stored, or 0.18 over the log-average luminance of the first noisy "
-        "frame), x/(1+x), then the sRGB curve."
+        "Every frame is compared with its reference after the display transform: radiance times the frame's exposure "
+        "(as stored; or, for all frames of a clip, 0.18 over the log-average luminance of the first noisy frame that "
+        "has light), x/(1+x), then the sRGB curve."
     ]
     if components := [light for light in lights if light != "color"]:
         parts.append(f"Light components (here: {', '.join(components)}) are compared with their own references.")

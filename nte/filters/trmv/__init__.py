@@ -64,7 +64,8 @@ class Trmv(Filter[TrmvOptions]):
         effects = self._run(inputs, state.histories if state else {})
         with record_function("trmv/compose"):
             image = effects[self.target].image if self.target != "color" else _sum(frame, effects)
-        result = Result(image, self._shown(extras, effects, inputs))
+        own = image if self.target == "color" else image.clone()  # a light's history is the same image
+        result = Result(own, self._shown(extras, effects, inputs))
         return result, TrmvState(inputs.gbuffer, {name: effect.history for name, effect in effects.items()})
 
     def _run(self, inputs: FrameInputs, histories: dict[str, History]) -> dict[str, Effect]:
@@ -90,7 +91,7 @@ class Trmv(Filter[TrmvOptions]):
             motion = inputs.traditional.motion if effect.vectors is None else effect.vectors.motion
             vector = torch.where(effect.alpha < 1, motion, float("nan"))
             offered |= {name: effect.image, f"{name}_alpha": effect.alpha, f"{name}_vector": vector}
-        return {name: offered[name] for name in names}
+        return {name: offered[name].clone() for name in names}
 
     def _channels(self) -> tuple[tuple[str, ...], tuple[str, ...]]:
         """The channels that the chosen effects need, and those that they use where a frame has them."""

@@ -40,10 +40,10 @@ def prepare(frame: Frame, before: GBuffer | None) -> FrameInputs:
     with record_function("trmv/guide"):
         gbuffer = GBuffer(
             F.normalize(frame["normal"], dim=1),
-            frame["depth"],
-            frame["roughness"],
-            frame.get("position"),
-            frame.get("geometric_normal"),
+            # Copies, since a caller may fill its buffers again before the next frame reads this G-buffer.
+            frame["depth"].clone(),
+            frame["roughness"].clone(),
+            *(frame[name].clone() if name in frame else None for name in ("position", "geometric_normal")),
         )
         guide = make_guide(gbuffer.normal, gbuffer.depth, frame["roughness"])
         edges = make_edges(guide, RADIUS)

@@ -9,7 +9,7 @@ from typing import Any, get_args
 from omegaconf import MISSING
 
 from nte.config import load_config, to_yaml
-from nte.errors import NteError
+from nte.errors import NteError, expected_one_of
 from nte.render.engine.backend import require_arrays
 from nte.render.engine.mesh_stage import MeshStage
 from nte.render.engine.stage import Stage
@@ -196,7 +196,7 @@ def _check(where: str, group: Group, folder: Path) -> None:
             raise NteError(f"{where}.{key} is {value}: expected less than {_TOO_MUCH}")
     for key, choices in _ONE_OF.items():
         if (choice := getattr(group, key)) not in choices:
-            raise NteError(f"{where}.{key} is '{choice}': expected one of {', '.join(choices)}")
+            raise NteError(f"{where}.{key} is '{choice}'{expected_one_of(choice, choices)}")
         if choice != choices[0] and (group.components or group.shutter):
             other = "components" if group.components else "a shutter"
             raise NteError(f"{where}.{key} is '{choice}': expected '{choices[0]}' with {other}")
@@ -216,7 +216,7 @@ def _check(where: str, group: Group, folder: Path) -> None:
 def _require_family(where: str, group: Group) -> None:
     if group.scene not in FAMILIES:
         raise NteError(
-            f"{where}.scene is '{group.scene}': expected one of {', '.join(FAMILIES)}, or a YAML file with a scene of "
+            f"{where}.scene is '{group.scene}'{expected_one_of(group.scene, FAMILIES)}, or a YAML file with a scene of "
             "your own"
         )
     try:

@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING, Generic, TypeVar
 
 import numpy as np
 
-from nte.errors import NteError
+from nte.errors import NteError, expected_one_of
 from nte.render.world.scene import Scene
 
 if TYPE_CHECKING:
@@ -63,8 +63,8 @@ class Family(Generic[Parameters]):
         known = {entry.name: entry for entry in fields(self.parameters)}
         for name, value in given.items():
             if name not in known:
-                what = f"expected one of {', '.join(known)}" if known else "this scene has none"
-                raise NteError(f"'{name}' is not a parameter: {what}")
+                what = expected_one_of(name, known) if known else ": this scene has none"
+                raise NteError(f"'{name}' is not a parameter{what}")
             kind, expected = type(known[name].default), known[name].metadata["expected"]
             is_whole_for_float = kind is float and type(value) is int
             if not (type(value) is kind or is_whole_for_float) or not known[name].metadata["allows"](value):

@@ -9,7 +9,7 @@ import numpy as np
 from omegaconf import MISSING
 
 from nte.config import load_config
-from nte.errors import NteError
+from nte.errors import NteError, expected_one_of
 from nte.render.world.transforms import Floats, Track, look_at, rotation, translation
 
 INTERPOLATIONS = ("linear", "smooth")
@@ -54,8 +54,8 @@ def read_animation(path: Path) -> Animation:
     """Read and check an animation, and make `xml` a path that can be opened. Raises NteError naming the key."""
     animation = load_config(Animation, path)
     if animation.interpolation not in INTERPOLATIONS:
-        choices = ", ".join(INTERPOLATIONS)
-        raise NteError(f"{path}: interpolation is '{animation.interpolation}': expected one of {choices}")
+        wrong = animation.interpolation
+        raise NteError(f"{path}: interpolation is '{wrong}'{expected_one_of(wrong, INTERPOLATIONS)}")
     for kind in ("objects", "lights"):
         for name, keys in getattr(animation, kind).items():
             _require_keys(f"{path}: {kind}.{name}", keys, ("translate", "rotate", "scale", "pivot"))

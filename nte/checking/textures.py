@@ -1,0 +1,106 @@
+"""The albedo of two consecutive frames, compared pixel by pixel along vectors.
+
+A pixel finds its albedo in the previous frame, up to a pixel, if the value lies between the smallest and the largest
+of the pixels around the place that its vector leads to. Only pixels inside one surface take part, and only if what they
+fetch may be the same surface, as far as instance and depth can tell.
+"""
+
+from typing import NamedTuple
+
+import torch
+import torch.nn.functional as F
+from torch import Tensor
+
+from nte.frames.frame import Frame
+from nte.motion.warp import pixel_centres
+
+ONE_SURFACE = 1.1  # greatest ratio of the depths in 3×3 pixels of one surface
+SAME_SURFACE = 1.5  # greatest ratio between the depth of a pixel and the depth that it fetches
+
+
+class Range(NamedTuple):
+    """Smallest and largest albedo (3, H·W) around each pixel of the previous frame."""
+
+    low: Tensor
+    high: Tensor
+
+
+class Textures:
+    """Two consecutive frames as flat lists of pixels.
+
+    previous, current: PyTorch frames of batch 1 with albedo; instance and depth are optional.
+    """
+
+    def __init__(self, previous: Frame, current: Frame) -> None:
+        self.height, self.width = current.size
+        before = previous["albedo"].nan_to_num()
+        self.albedo = current["albedo"].nan_to_num()[0].flatten(1)
+        self.near = _range(F.pad(before, (0, 1, 0, 1), mode="replicate"), 2)  # range of the 4 pixels around a position
+        self.wide = _range(F.pad(before, (1, 1, 1, 1), mode="replicate"), 3)  # range of the 3×3 pixels there
+        self.usable, self.usable_before = (_inside_surfaces(f).flatten() for f in (current, previous))
+        both = [name for name in ("instance", "depth") if name in current and name in previous]
+        self.surface = {name: (current[name].flatten(), previous[name].flatten()) for name in both}
+        self.centres = pixel_centres(before)[0].flatten(1)
+
+    def compare(self, pixels: Tensor, vectors: Tensor, found: Range) -> tuple[Tensor, Tensor]:
+        """Return the albedo error (P,) of pixels (P,) with vectors (2, P), and a mask (P,): both ends in one surface.
+
+        found: `near` or `wide`.
+        """
+        target, corner, within = self.target(self.centres[:, pixels] + vectors)
+        return self.fetched(pixels, target, corner if found is self.near else target, within, found)
+
+    def fetched(
+        self, pixels: Tensor, target: Tensor, index: Tensor, within: Tensor, found: Range
+    ) -> tuple[Tensor, Tensor]:
+        """Return albedo error and mask, both (…, P), of pixels (P,) that fetch from the pixels `target` (…, P).
+
+        index: (…, P), where `found` has the range of the albedo there; within: (…, P), the target lies in the image.
+        """
+        tells = within & _take(self.usable_before, target)
+        if "instance" in self.surface:
+            now, before = self.surface["instance"]
+            tells = tells & (now[pixels] == _take(before, target))
+        if "depth" in self.surface:
+            now, before = self.surface["depth"]
+            ratio = now[pixels] / _take(before, target)
+            tells = tells & (ratio < SAME_SURFACE) & (ratio > 1 / SAME_SURFACE)
+        error = torch.zeros_like(target, dtype=torch.float32)
+        for albedo, low, high in zip(self.albedo[:, pixels], found.low, found.high, strict=True):
+            error += torch.maximum(_take(low, index) - albedo, albedo - _take(high, index)).clamp(min=0)
+        return error / len(self.albedo), tells
+
+    def target(self, position: Tensor) -> tuple[Tensor, Tensor, Tensor]:
+        """Locate positions (2, P) in the image.
+
+        Returns, each (P,): the flat index of the pixel that holds the position, the flat index of the upper left one
+        of the four pixels whose centres are around it, and whether the position lies in the image.
+        """
+        place = position.nan_to_num(-1, -1, -1).clamp(-1, 2**20)
+        (x, y), (left, top) = place.floor().long(), (place - 0.5).floor().long().clamp(min=0)
+        within = (x >= 0) & (x < self.width) & (y >= 0) & (y < self.height)
+        return *(torch.where(within, row * self.width + column, 0) for row, column in ((y, x), (top, left))), within
+
+
+def _range(padded: Tensor, side: int) -> Range:
+    low, high = (sign * F.max_pool2d(sign * padded, side, 1)[0].flatten(1) for sign in (-1, 1))
+    return Range(low, high)
+
+
+def _take(values: Tensor, index: Tensor) -> Tensor:
+    """Fetch values[index] of values (N,), several times faster than by indexing."""
+    return values.index_select(0, index.flatten()).view(index.shape)
+
+
+def _largest(image: Tensor) -> Tensor:
+    return F.max_pool2d(image, 3, 1, 1)
+
+
+def _inside_surfaces(frame: Frame) -> Tensor:
+    """Bool mask (1, 1, H, W): the 3×3 pixels around show one surface, as far as instance and depth can tell."""
+    inside: Tensor = frame["albedo"].isfinite().all(1, keepdim=True)
+    if (instance := frame.get("instance")) is not None:
+        inside = inside & (_largest(instance) == -_largest(-instance))
+    if (depth := frame.get("depth")) is not None:
+        inside = inside & (depth > 0) & (_largest(depth) < -ONE_SURFACE * _largest(-depth))
+    return inside
