@@ -14,7 +14,8 @@ _FRACTION = 1 / 3  # a pixel, in units of the means' spacing
 _BETTER, _CHANCE = 0.9, 3.0
 _LEAST = 0.1  # share of the means that must count
 _ROUNDING = 1e-5  # of the largest value: a smaller difference is none
-_SMALLEST = 9  # px: the least overlap, of three means along each axis
+_MEAN = 3  # px: side of the squares whose means are compared, against noise
+_SMALLEST = 3 * _MEAN  # px: the least overlap
 
 
 def whole_shift(current: Tensor, previous: Tensor, farthest: float = 0.25) -> tuple[int, int]:
@@ -29,9 +30,12 @@ def whole_shift(current: Tensor, previous: Tensor, farthest: float = 0.25) -> tu
     height, width = current.shape[-2:]
     current, previous = current.mean(1, keepdim=True), previous.mean(1, keepdim=True)
     best, least = (0, 0), 1.0
+    if min(height, width) < _SMALLEST:
+        return best
+    unshifted = _difference(current, previous)
     for x, y in _peaks(current, previous):
         if abs(x) <= width * farthest and abs(y) <= height * farthest:
-            found, count = _ratio(current, previous, x, y)
+            found, count = _ratio(current, previous, unshifted, x, y)
             if found < (_BETTER - _CHANCE / count**0.5) * least:
                 best, least = (x, y), found
     return best
@@ -51,7 +55,7 @@ def _peaks(current: Tensor, previous: Tensor) -> list[tuple[int, int]]:
     return [((p % width + half_x) % width - half_x, (p // width + half_y) % height - half_y) for p in places]
 
 
-def _ratio(current: Tensor, previous: Tensor, x: int, y: int) -> tuple[float, int]:
+def _ratio(current: Tensor, previous: Tensor, unshifted: Tensor, x: int, y: int) -> tuple[float, int]:
     """The median ratio of the differences with the shift to those without it, and the number of ratios.
 
     A ratio per place, not one of two medians: where a background without noise fills about half of the image, a little
@@ -59,34 +63,36 @@ def _ratio(current: Tensor, previous: Tensor, x: int, y: int) -> tuple[float, in
     anything counts, the ratio is 1.
     """
     height, width = current.shape[-2:]
-    rows, columns = slice(max(-y, 0), height - max(y, 0)), slice(max(-x, 0), width - max(x, 0))
-    now, still = current[..., rows, columns], previous[..., rows, columns]
+    top, left = (-(-max(-shift, 0) // _MEAN) for shift in (y, x))  # in means, which are those of `unshifted`
+    rows, columns = slice(top * _MEAN, height - max(y, 0)), slice(left * _MEAN, width - max(x, 0))
+    now = current[..., rows, columns]
     if min(now.shape[-2:]) < _SMALLEST:
         return 1.0, 1
-    then = previous[..., max(y, 0) : height - max(-y, 0), max(x, 0) : width - max(-x, 0)]
-    shifted, unshifted = _difference(now, then), _difference(now, still)
+    then = previous[..., rows.start + y : rows.stop + y, columns.start + x : columns.stop + x]
+    shifted = _difference(now, then)
+    unshifted = unshifted[top : top + shifted.shape[0], left : left + shifted.shape[1]]
     counts = torch.maximum(shifted, unshifted) > _ROUNDING * now.abs().max()
     ratio = (shifted / unshifted)[counts]
     return (float(ratio.median()), ratio.numel()) if ratio.numel() >= _LEAST * counts.numel() else (1.0, 1)
 
 
 def _difference(now: Tensor, then: Tensor) -> Tensor:
-    """The differences |now − then| of means of 3×3 pixels, without what a fraction of a pixel explains.
+    """The differences |now − then| of 3×3 pixels' means, but the outermost, beyond what a fraction of a pixel explains.
 
     The fraction is found by least squares (Lucas and Kanade 1981); without it, a repeating pattern would fit better a
     whole period away than half a pixel off.
     """
     both = torch.cat([now, then])
-    means = F.avg_pool2d(both, 3)[:, 0]
-    extent = (F.max_pool2d(both, 3) + F.max_pool2d(-both, 3))[:, 0, 1:-1, 1:-1]
+    means = F.avg_pool2d(both, _MEAN)[:, 0]
+    extent = (F.max_pool2d(both, _MEAN) + F.max_pool2d(-both, _MEAN))[:, 0, 1:-1, 1:-1]
     varies = extent > _ROUNDING * means.abs().max()
     apart, mean = (means[0] - means[1])[1:-1, 1:-1], means.mean(0)
     slopes = torch.stack([mean[1:-1, 2:] - mean[1:-1, :-2], mean[2:, 1:-1] - mean[:-2, 1:-1]]) / 2
     normal = (slopes[:, None] * slopes).sum((2, 3))
     if normal.isfinite().all():
         fraction = (torch.linalg.pinv(normal, hermitian=True) * (slopes * apart).sum((1, 2))).sum(1)
-        explained = apart - (fraction.clamp(-_FRACTION, _FRACTION).view(2, 1, 1) * slopes).sum(0)
-        # Under noise the fraction is wrong, and would make what has no noise differ that does not.
-        apart = torch.where(explained.abs() < apart.abs(), explained, apart)
+        rest = apart - (fraction.clamp(-_FRACTION, _FRACTION).view(2, 1, 1) * slopes).sum(0)
+        # Noise falsifies the fraction, which would then make areas differ that are equal.
+        apart = torch.where(rest.abs() < apart.abs(), rest, apart)
     # Noise differs less from what has none than from other noise.
     return apart.abs() * torch.where(varies[0] == varies[1], 1.0, 2**0.5)
