@@ -17,7 +17,7 @@ def noise_level(image: Tensor) -> Tensor:
 
     Each image gets the largest value of its channels. The estimate is the median response of a filter that ignores
     linear gradients. Areas without noise, such as a sky, do not count, but the constant sides of an edge do. Edges and
-    texture on less than half of the pixels that count do not affect the estimate. Images of less than 3×3 pixels give 0.
+    texture on less than half of the pixels that count do not affect the estimate. Images under 3×3 pixels give 0.
     """
     count, channels, height, width = image.shape
     if min(height, width) < 3:
