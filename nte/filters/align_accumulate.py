@@ -10,12 +10,11 @@ import torch
 from torch import Tensor
 
 from nte.color import demodulate, remodulate
-from nte.denoiser import Filter, Result, State, require_size, sanitised
+from nte.denoiser import Filter, Result, State, sanitised
 from nte.filters.align import SearchOptions, align
 from nte.filters.blocks import fetch_history, keep_where_bad, remembered, restarts, texture_of
-from nte.filters.estimated import Chooser, matched_grey, searchable, shown_at
+from nte.filters.estimated import Chooser, Seen, look
 from nte.frames.frame import Frame
-from nte.frames.scalars import sequence_exposure
 from nte.frames.usable import mask_of
 from nte.motion.correspondence import rejection_mask
 from nte.motion.geometric import Reprojection
@@ -24,9 +23,8 @@ from nte.motion.patch_distance import Norm
 
 class _State(NamedTuple):
     merged: Tensor  # (N, 3, H, W) the frames merged so far, demodulated if so configured
-    grey: Tensor  # (N, 1, H, W) the previous frame, as the search compares it
     length: Tensor  # (N, 1, H, W) the number of merged frames
-    exposure: Tensor  # (N,)
+    seen: Seen  # the frame, as the search compares it
 
 
 @dataclass(frozen=True)
@@ -72,20 +70,14 @@ class AlignAccumulate(Filter[AlignAccumulateOptions]):
         albedo = texture_of(frame, self.target) if how.demodulate else None
         current = frame[self.target]
         current = current if albedo is None else demodulate(current, albedo)
-        carried = None if state is None else state.exposure
-        exposure = torch.from_numpy(sequence_exposure(frame, carried)).to(current)
-        before = None
-        if state is not None:
-            require_size(frame, state.merged)
-            before = shown_at(exposure, state.grey, state.exposure)
-        grey = searchable(matched_grey(current, exposure), frame, (self.target,), before)
-        merged, length = current, torch.ones_like(grey)
+        seen, before = look(frame, (self.target,), state and state.seen, current)
+        merged, length = current, torch.ones_like(seen.image)
         kept = remembered(current, length < 1, frame, self.target)
-        motion, mask = current.new_zeros(frame.batch, 2, *frame.size), torch.ones_like(grey)
+        motion, mask = current.new_zeros(frame.batch, 2, *frame.size), torch.ones_like(length)
         if before is not None:
             starts = restarts(frame)
             usable = frame[mask_of(self.target)]
-            motion, valid, error = align(grey, before, frame, how.motion, self.choose)
+            motion, valid, error = align(seen.image, before, frame, how.motion, self.choose)
             motion = torch.where(starts, 0.0, motion)
             mask = torch.where(starts, 1.0, rejection_mask(error, how.kappa, how.eta))
             where = Reprojection(motion, valid, torch.zeros_like(valid))
@@ -99,4 +91,4 @@ class AlignAccumulate(Filter[AlignAccumulateOptions]):
         image = merged if albedo is None else remodulate(merged, albedo)
         found = {"motion": motion, "mask": mask, "history_length": length.clone()}  # the state keeps the other
         result = Result(image, {name: found[name] for name in extras})
-        return result, _State(kept, grey, length, exposure)
+        return result, _State(kept, length, seen)

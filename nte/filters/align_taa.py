@@ -9,13 +9,12 @@ from typing import Literal, NamedTuple
 import torch
 from torch import Tensor
 
-from nte.denoiser import Filter, Result, State, require_size, sanitised
+from nte.denoiser import Filter, Result, State, sanitised
 from nte.filters.align import Aligned, SearchOptions, align
 from nte.filters.blocks import clamp_history, fetch_finite, keep_where_bad, remembered, restarts, usable_moments
-from nte.filters.estimated import matched_grey, searchable, shown_at
+from nte.filters.estimated import Seen, look
 from nte.frames.channels import GUIDES
 from nte.frames.frame import Frame
-from nte.frames.scalars import sequence_exposure
 from nte.motion.catmull_rom import warp_catmull_rom
 from nte.motion.correspondence import rejection_mask
 from nte.motion.warp import warp
@@ -27,9 +26,8 @@ _DIFFERENT = 0.1  # mean difference of the components of albedo or normal from w
 
 class _State(NamedTuple):
     output: Tensor  # (N, 3, H, W)
-    searched: Tensor  # (N, C, H, W) the image that the search compares: displayed grey, or albedo and normal
-    guides: Tensor | None  # (N, 6, H, W) albedo and normal, if the search or the tolerance uses them
-    exposure: Tensor  # (N,)
+    seen: Seen  # the frame, as the search compares it
+    guides: Seen | None  # albedo and normal, if the tolerance uses them
 
 
 @dataclass(frozen=True)
@@ -69,42 +67,31 @@ class AlignTaa(Filter[AlignTaaOptions]):
         """Blend the frame with its history; the state holds the output and the image that was searched."""
         how = self.options
         current = frame["color"]
-        carried = None if state is None else state.exposure
-        exposure = torch.from_numpy(sequence_exposure(frame, carried)).to(current)
-        guides = before = None
-        if state is not None:
-            require_size(frame, state.output)
-            before = state.searched if how.guides else shown_at(exposure, state.searched, state.exposure)
-        if "albedo" in self.needs:
-            guides = torch.cat([frame[name] for name in GUIDES], 1)
-            guides = searchable(guides, frame, GUIDES, state and state.guides)
-        if how.guides and guides is not None:
-            searched = guides
-        else:
-            searched = searchable(matched_grey(current, exposure), frame, ("color",), before)
+        seen, before = look(frame, GUIDES if how.guides else ("color",), state and state.seen)
+        guides = look(frame, GUIDES, state and state.guides)[0] if how.tolerance == "adaptive" else None
         output, valid = current, torch.zeros_like(current[:, :1], dtype=torch.bool)
         mask = torch.zeros_like(current[:, :1])
         aligned = Aligned(current.new_zeros(frame.batch, 2, *frame.size), mask > 0, mask)
         if before is not None:
             starts = restarts(frame)
-            aligned = align(searched, before, frame, how.motion, self.choose)
+            aligned = align(seen.image, before, frame, how.motion, self.choose)
             aligned = aligned._replace(motion=torch.where(starts, 0.0, aligned.motion), valid=aligned.valid & ~starts)
             mask = torch.where(starts, 0.0, rejection_mask(aligned.error, how.kappa, how.eta))
             output, valid = self._blend(current, mask, aligned, guides, state, frame)
         found = {"motion": aligned.motion, "mask": mask}
         result = Result(output, {name: found[name] for name in extras})
-        return result, _State(remembered(output, valid, frame, "color"), searched, guides, exposure)
+        return result, _State(remembered(output, valid, frame, "color"), seen, guides)
 
     def _blend(
-        self, current: Tensor, mask: Tensor, aligned: Aligned, guides: Tensor | None, state: _State, frame: Frame
+        self, current: Tensor, mask: Tensor, aligned: Aligned, guides: Seen | None, state: _State, frame: Frame
     ) -> tuple[Tensor, Tensor]:
         """The blended image, and where it has a history."""
         past, found = fetch_finite(warp_catmull_rom, state.output, aligned.motion)
         past, valid = past.clamp(min=0), aligned.valid & found
         moments = usable_moments(frame, "color")
         width: Tensor | float = 1.0
-        if self.options.tolerance == "adaptive" and guides is not None and state.guides is not None:
-            apart = (guides - warp(state.guides, aligned.motion).image).abs()
+        if guides is not None and state.guides is not None:
+            apart = (guides.image - warp(state.guides.image, aligned.motion).image).abs()
             apart = torch.maximum(apart[:, :3].mean(1, keepdim=True), apart[:, 3:].mean(1, keepdim=True))
             width = LOOSE + (TIGHT - LOOSE) * (apart / _DIFFERENT).clamp(max=1)
         history = clamp_history(past, moments._replace(deviation=moments.deviation * width))

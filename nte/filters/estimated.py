@@ -62,6 +62,35 @@ def searchable(image: Tensor, frame: Frame, names: Sequence[str], previous: Tens
     return torch.where(known, image, kept)
 
 
+class Seen(NamedTuple):
+    """The image of a frame that a search compares."""
+
+    image: Tensor  # (N, C, H, W) displayed luminance, or albedo and normal
+    exposure: Tensor  # (N,), on the CPU: that of the display; NaN for a sequence without light so far
+
+
+def look(
+    frame: Frame, names: Sequence[str], seen: Seen | None, light: Tensor | None = None
+) -> tuple[Seen, Tensor | None]:
+    """Make the image of a frame that a search compares, and show the image `seen` before in the same exposure.
+
+    frame: of tensors, with usable values only. names: GUIDES, or the channel of a light. light (N, 3, H, W): that
+    channel, if it is to be seen otherwise than the frame gives it, such as demodulated. seen: None starts a sequence,
+    and the second result is then None too. Raises NteError for a size that changes within a sequence.
+    """
+    if seen is not None:
+        require_size(frame, seen.image)
+    exposure = torch.from_numpy(sequence_exposure(frame, None if seen is None else seen.exposure))
+    before = None if seen is None else seen.image
+    if tuple(names) == GUIDES:
+        image = torch.cat([frame[name] for name in GUIDES], 1)
+    else:
+        light = frame[names[0]] if light is None else light
+        image = matched_grey(light, exposure.to(light))
+        before = seen and shown_at(exposure, seen.image, seen.exposure)
+    return Seen(searchable(image, frame, names, before), exposure), before
+
+
 @dataclass(frozen=True)
 class Chooser:
     """A function that chooses the search for images: the named one, or with `auto` the one for their measured noise.
@@ -87,13 +116,6 @@ class Estimate(NamedTuple):
     motion: Tensor  # (N, 2, H, W) px, current → previous, finite; 0 where a sequence starts
     error: Tensor | None  # (N, 1, H, W) patch error of this motion, if asked for; 0 where a sequence starts
     valid: Tensor  # (N, 1, H, W) bool: the motion ends inside the previous frame; false where a sequence starts
-
-
-class _Seen(NamedTuple):
-    """The image that was searched in the previous frame."""
-
-    image: Tensor  # (N, C, H, W)
-    exposure: Tensor  # (N,), on the CPU
 
 
 @dataclass(frozen=True)
@@ -122,29 +144,19 @@ class Estimator:
         looks = GUIDES if self.options.guides else ()
         self.needs: tuple[str, ...] = ("color", *looks, *(("motion",) if self.options.known else ()))
 
-    def step(self, frame: Frame, state: _Seen | None) -> tuple[Estimate, _Seen]:
+    def step(self, frame: Frame, state: Seen | None) -> tuple[Estimate, Seen]:
         """Estimate the motion from the previous frame; the new state is the image that was searched.
 
         state: None starts a sequence. The frame must have usable values only, as within a denoiser's step
         (nte.frames.usable). Raises NteError for a size that changes within a sequence.
         """
         tensors = frame.torch(self.device)
-        color = tensors["color"]
-        if state is not None:
-            require_size(frame, state.image)
-        carried = None if state is None else state.exposure
-        exposure = torch.from_numpy(sequence_exposure(frame, carried))
-        image, before = matched_grey(color, exposure.to(color)), None
-        names: tuple[str, ...] = ("color",)
-        if state is not None:
-            before = state.image if self.options.guides else shown_at(exposure, state.image, state.exposure)
-        if self.options.guides:
-            names, image = GUIDES, torch.cat([tensors[name] for name in GUIDES], 1)
-        image = searchable(image, tensors, names, before)
+        seen, before = look(tensors, GUIDES if self.options.guides else ("color",), state)
+        image = seen.image
         if before is None:
             nothing = torch.zeros_like(image[:, :1])
             error = nothing if self.errors else None
-            return Estimate(nothing.repeat(1, 2, 1, 1), error, nothing > 0), _Seen(image, exposure)
+            return Estimate(nothing.repeat(1, 2, 1, 1), error, nothing > 0), seen
         search = self.choose(image)
         motion = find_motion(image, before, search, self._known(tensors))
         error = patch_error(image, before, motion, search) if self.errors else None
@@ -152,7 +164,7 @@ class Estimator:
         goes_on = ~restarts(tensors)
         motion, valid = motion * goes_on, valid & goes_on
         error = None if error is None else error * goes_on
-        return Estimate(motion, error, valid), _Seen(image, exposure)
+        return Estimate(motion, error, valid), seen
 
     def _known(self, frame: Frame) -> Known | None:
         if not self.options.known:

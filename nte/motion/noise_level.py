@@ -9,16 +9,15 @@ _KERNEL = ((1.0, -2.0, 1.0), (-2.0, 4.0, -2.0), (1.0, -2.0, 1.0))
 _GAIN = 6.0
 _MEDIAN = 0.6745  # of |x| for Gaussian x of σ 1
 _STEP = 3  # px from one response to the next: a ninth of them gives nearly the same median
-_ROUNDING = 1e-5  # of the largest value: a response below this is that of a constant
+_ROUNDING = 2.5e-3  # of the largest value: what half floats make of a gradient; a response below this is no noise
 
 
 def noise_level(image: Tensor) -> Tensor:
     """Estimate the standard deviation (N,) of white noise in images (N, C, H, W), in their unit.
 
     Each image gets the largest value of its channels. The estimate is the median response of a filter that ignores
-    linear gradients. Constant areas, such as a background without noise, do not count, but the constant sides of an
-    edge do. Edges and texture on less than half of the pixels that count do not affect the estimate. Images of less
-    than 3×3 pixels give 0.
+    linear gradients. Areas without noise, such as a sky, do not count, but the constant sides of an edge do. Edges and
+    texture on less than half of the pixels that count do not affect the estimate. Images under 3×3 pixels give 0.
     """
     count, channels, height, width = image.shape
     if min(height, width) < 3:

@@ -421,6 +421,7 @@ def test_the_search_runs_on_the_device_that_is_asked_for(monkeypatch: pytest.Mon
         return current.repeat(1, 2, 1, 1)
 
     monkeypatch.setattr("nte.filters.estimated.find_motion", record)
+    monkeypatch.setattr("nte.filters.estimated.sequence_exposure", lambda frame, carried: np.ones(1, np.float32))
     estimator, state = Estimator(EstimateOptions("clean"), device="meta"), None
     for frame in moving(2):
         found, state = estimator.step(frame, state)

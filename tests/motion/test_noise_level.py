@@ -3,6 +3,7 @@
 import pytest
 import torch
 
+from nte.color import display
 from nte.motion.noise_level import noise_level
 from nte.motion.search import SEARCHES, noise_of
 from nte.motion.warp import pixel_centres
@@ -44,6 +45,18 @@ def test_the_noisiest_channel_counts_and_tiny_images_have_none() -> None:
     colour = torch.cat([torch.zeros(1, 1, 60, 60), noisy(torch.zeros(1, 1, 60, 60), 0.1, 2)], 1)
     assert noise_level(colour).item() == pytest.approx(0.1, rel=0.2)
     assert noise_level(torch.rand(2, 1, 2, 50)).tolist() == [0, 0]
+
+
+@pytest.mark.parametrize("share", [0.3, 0.45])
+def test_a_sky_whose_gradient_is_rounded_to_half_floats_does_not_count_either(share: float) -> None:
+    here = pixel_centres(torch.zeros(1, 1, 200, 240))
+    rows, columns = here[:, 1:], here[:, :1]
+    sky = 0.3 + 0.5 * (rows / 200).square() + 0.2 * torch.sin(columns / 120)
+    light = 0.6 * torch.empty(1, 1, 200, 240).exponential_(generator=torch.Generator().manual_seed(1))
+    light = torch.where(rows + 0.1 * columns > 200 * (1 - share) + 12, light, sky)
+    image = display(light.half().float(), torch.ones(1))
+    assert noise_of(image) == "noisy"
+    assert noise_of(display(sky.half().float(), torch.ones(1))) == "clean"
 
 
 @pytest.mark.parametrize(("sigma", "name"), [(0, "clean"), (0.03, "moderate"), (0.1, "noisy"), (0.5, "strong")])

@@ -84,3 +84,16 @@ def test_noise_before_a_background_without_noise_is_no_shift(share: float) -> No
         now, before = torch.where(image == 0.37, image, light / (1 + light))[0][:, None, None]
         shifted += whole_shift(now, before, farthest=0.5) != (0, 0)
     assert shifted <= 1
+
+
+@pytest.mark.parametrize("share", [0.35, 0.5])
+def test_noise_before_a_gradient_without_noise_is_no_shift(share: float) -> None:
+    """A sky that brightens downwards fits every shift along x, and fills about half of the image."""
+    shifted = 0
+    for seed in range(8):
+        ground = hills((75, 100), share, -1.0)
+        rows = torch.arange(75.0).view(-1, 1).expand(75, 100)
+        noise = torch.empty(2, 75, 100).exponential_(generator=torch.Generator().manual_seed(seed))
+        now, before = (torch.where(ground < 0, 0.3 + 0.5 * (rows / 75) ** 2, ground * one) for one in noise)
+        shifted += whole_shift(now / (1 + now), before / (1 + before), farthest=0.5) != (0, 0)
+    assert shifted == 0
