@@ -52,6 +52,8 @@ def _weigh(pairs: Sequence[Votes]) -> Judgement:
             return Judgement("implausible", f"'motion' has another convention: {rival}: {explained}", rival)
         if total.weight_against > total.good:
             return Judgement("implausible", f"{_what_moves(total)}: {counts}, and no known convention fits")
+        # Half of a short vector, or an object whose own motion the vectors leave out, contradicts in a few places.
+        return Judgement("undecidable", f"{_what_moves(total)} in some places: {counts}")
     if total.good >= ENOUGH and total.good > total.weight_against:
         return Judgement("plausible", counts, Convention())
     return Judgement("undecidable", f"{counts}: {ENOUGH} are needed, and most must agree")

@@ -31,7 +31,7 @@ SAME_FRAME = "the same frame in every channel"
 class Match(NamedTuple):
     """Correlations of light and a channel in two consecutive frames, and of the channel with itself."""
 
-    same: float  # light and channel in the same frame, mean of both frames
+    same: float  # light and channel in the same frame, the greater of both frames
     late: float  # the light of the first frame and the channel of the second
     early: float  # the light of the second frame and the channel of the first
     itself: float  # the channel of the first frame and that of the second
@@ -70,7 +70,8 @@ class LateTally:
 
 def _match(light: Sequence[Tensor], channel: Sequence[Tensor]) -> Match:
     (first, second), (before, now) = light, channel
-    same = (_correlation(first, before) + _correlation(second, now)) / 2
+    # Not the mean: light that fades, or becomes noisy, is correlated less with every frame of the channel.
+    same = max(_correlation(first, before), _correlation(second, now))
     late, early = _correlation(first, now), _correlation(second, before)
     return Match(same, late, early, _correlation(before, now), now.numel())
 

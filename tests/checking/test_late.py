@@ -84,6 +84,23 @@ def test_a_still_picture_is_never_late(tmp_path: Path) -> None:
     assert not told(tmp_path / "b", frames)[1]
 
 
+@pytest.mark.parametrize("backwards", [False, True])
+@pytest.mark.parametrize("how", ["fog", "noise"])
+def test_light_that_fades_over_a_still_picture_is_not_late(tmp_path: Path, how: str, backwards: bool) -> None:
+    """With fog or noise that thickens, every frame of the light shows less of the channels than the one before."""
+    rng = np.random.default_rng(7)
+    still = SHOTS[0] | {"motion": 0 * SHOTS[0]["motion"]}
+    frames = []
+    for thick in np.linspace(0, 0.95, 13)[:: -1 if backwards else 1]:
+        light = still["reference"]
+        if how == "fog":
+            fog = (1 - thick) * light + thick
+            frames.append(still | {"color": fog, "reference": fog})
+        else:
+            frames.append(still | {"color": light * (rng.random((1, 64, 96)) > thick) / (1 - thick)})
+    assert not told(tmp_path, [{n: v.astype(np.float32) for n, v in frame.items()} for frame in frames])[1]
+
+
 def test_light_that_repeats_is_not_late(tmp_path: Path) -> None:
     """The same few frames over and over: a neighbour is like the frame itself, and light has other edges too."""
     rng = np.random.default_rng(5)
