@@ -220,6 +220,33 @@ def test_thin_parts_at_rest_that_each_frame_samples_anew(tmp_path: Path, share: 
     assert check(wrong(tmp_path, sampled)).verdict == "undecidable"
 
 
+@pytest.mark.parametrize("sigma", [0.05, 0.2, 0.5])
+def test_noise_of_an_albedo_at_rest_is_no_motion(tmp_path: Path, sigma: float) -> None:
+    """Neither depth nor instances say that nothing moves, and single pixels change everywhere."""
+
+    def noisy(frame: dict[str, Pixels]) -> dict[str, Pixels]:
+        return {"albedo": np.clip(still + sigma * rng.normal(size=still.shape), 0, 1), "motion": 0 * frame["motion"]}
+
+    rng, still = np.random.default_rng(1), disc_frame(0, **MOVING)["albedo"]  # type: ignore[arg-type]
+    frames = [disc_frame(i, **MOVING) for i in range(4)]  # type: ignore[arg-type]
+    kept = [{n: v for n, v in (f | noisy(f)).items() if n in ("color", "albedo", "motion")} for f in frames]
+    assert check(Clip(write_clip(tmp_path / "clip", kept))).verdict == "undecidable"
+
+
+@pytest.mark.parametrize("without", [(), ("depth",), ("depth", "instance")])
+def test_flat_surfaces_that_move_without_their_vectors(tmp_path: Path, without: tuple[str, ...]) -> None:
+    frames = [disc_frame(i, velocity=(5.0, -2.0), size=(64, 96)) for i in range(4)]
+    for frame in frames:
+        frame["albedo"] = np.where(frame["instance"] == 2, np.float32(0.2), np.float32(0.6)) * np.ones_like(
+            frame["normal"]
+        )
+        frame["motion"] = 0 * frame["motion"]
+    kept = [{n: v for n, v in frame.items() if n not in (*without, "forward_motion")} for frame in frames]
+    report = check(Clip(write_clip(tmp_path / "clip", kept)))
+    assert report.verdict == "implausible"
+    assert "the picture changes and the vectors do not" in report.reason
+
+
 def test_a_texture_too_fine_for_its_pixels(tmp_path: Path) -> None:
     """Aliased, a texture turns into another one in each frame: some displacement always fits, but never the same."""
 
