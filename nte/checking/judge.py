@@ -32,7 +32,7 @@ def judge_votes(pairs: Sequence[Votes]) -> Judgement:
 
     Votes against the vectors count only if they come from at least half of the pairs that vote: one bad frame, or a
     cut, does not condemn the clip. Fewer than six votes, or votes that disagree, are undecidable, and so are votes
-    against the vectors that camera jitter explains.
+    against the vectors that camera jitter explains. More than a tenth of votes against the vectors are never plausible.
     """
     judgement = _weigh(pairs)
     if judgement.verdict != "implausible" or _weigh(without_jitter(pairs)).verdict == "implausible":
@@ -52,6 +52,8 @@ def _weigh(pairs: Sequence[Votes]) -> Judgement:
             return Judgement("implausible", f"'motion' has another convention: {rival}: {explained}", rival)
         if total.weight_against > total.good:
             return Judgement("implausible", f"{_what_moves(total)}: {counts}, and no known convention fits")
+        # Such as an object whose own motion the vectors leave out, or short vectors of half their length.
+        return Judgement("undecidable", f"in some places {_what_moves(total)}: {counts}")
     if total.good >= ENOUGH and total.good > total.weight_against:
         return Judgement("plausible", counts, Convention())
     return Judgement("undecidable", f"{counts}: {ENOUGH} are needed, and most must agree")

@@ -32,6 +32,7 @@ class Match(NamedTuple):
     """Correlations of light and a channel in two consecutive frames, and of the channel with itself."""
 
     same: float  # light and channel in the same frame, mean of both frames
+    fading: float  # how much the first frame exceeds that mean: what light that fades gains in the frame before
     late: float  # the light of the first frame and the channel of the second
     early: float  # the light of the second frame and the channel of the first
     itself: float  # the channel of the first frame and that of the second
@@ -70,9 +71,10 @@ class LateTally:
 
 def _match(light: Sequence[Tensor], channel: Sequence[Tensor]) -> Match:
     (first, second), (before, now) = light, channel
-    same = (_correlation(first, before) + _correlation(second, now)) / 2
+    each = _correlation(first, before), _correlation(second, now)
+    same, fading = (each[0] + each[1]) / 2, (each[0] - each[1]) / 2
     late, early = _correlation(first, now), _correlation(second, before)
-    return Match(same, late, early, _correlation(before, now), now.numel())
+    return Match(same, fading, late, early, _correlation(before, now), now.numel())
 
 
 def _shows(matches: Sequence[Match]) -> str:
@@ -80,11 +82,12 @@ def _shows(matches: Sequence[Match]) -> str:
     if len(matches) < ENOUGH:
         return ""
     least = SIGMAS * (len(matches) / matches[0].pixels) ** 0.5
+    fading = abs(sum(m.fading for m in matches))  # light that fades, or becomes noisy, matches all frames less and less
     found = {}
     for when, other in (("one frame earlier", "late"), ("one frame later", "early")):
         gains = [getattr(m, other) - m.same for m in matches]
         expected = sum((1 - m.itself) * max(m.same, getattr(m, other), 0.0) for m in matches)
-        if sum(gains) > max(least, SCORE * expected, AGREE * sum(map(abs, gains))):
+        if sum(gains) - fading > max(least, SCORE * expected, AGREE * sum(map(abs, gains))):
             found[when] = sum(gains)
     return max(found, key=lambda when: found[when], default="")
 

@@ -3,6 +3,7 @@
 from collections.abc import Sequence
 from typing import NamedTuple
 
+import torch
 import torch.nn.functional as F
 from torch import Tensor
 
@@ -11,7 +12,7 @@ from nte.motion.geometric import infinite_sky
 
 LONGEST_PX = 0.5  # pixels: nearly all vectors are shorter in a frame in which nothing moves
 NEARLY_ALL = 0.999  # share of the vectors
-TOGETHER = 3  # least changed pixels among 3×3: motion uncovers several side by side, a noisy guide changes single ones
+TOGETHER = 2  # pixels: side of the least block that changed alike; in noise, 4 pixels hardly ever exceed the 16 around
 CHANGED = 0.01  # least share of changed pixels in a picture that changes
 NEARER = 1.1  # least ratio of depths that counts as a change
 ALBEDO = 0.05  # least difference of albedo that counts as a change
@@ -29,24 +30,25 @@ def stillness(previous: Frame, current: Frame) -> Stillness:
 
     Both are PyTorch frames of batch 1 with motion. Changes are seen in depth, else in instance, else in albedo, and
     are 0 without any of them. If nothing moves by a pixel, each pixel shows what one of the 3×3 pixels there showed
-    before, silhouettes included; a pixel that shows something else has changed.
+    before, silhouettes included; a pixel that shows more, or less, has changed. Motion uncovers several side by side,
+    and noise changes single ones: only blocks of 2×2 pixels count.
     """
     length = current["motion"].square().sum(1).sqrt().nan_to_num().flatten()
     longest = float(length.kthvalue(max(1, int(NEARLY_ALL * len(length)))).values)
-    changed = None
-    if "depth" in current and "depth" in previous:
-        now, before = (infinite_sky(frame["depth"]) for frame in (current, previous))
-        changed = (now > NEARER * _largest(before)) | (NEARER * now < -_largest(-before))
-    elif "instance" in current and "instance" in previous:
-        now, before = current["instance"], previous["instance"]
-        changed = (now > _largest(before)) | (now < -_largest(-before))
-    elif "albedo" in current and "albedo" in previous:
-        now, before = current["albedo"], previous["albedo"]
-        changed = ((now > _largest(before) + ALBEDO) | (now < -_largest(-before) - ALBEDO)).any(1)
-    if changed is None:
+    name = next((name for name in ("depth", "instance", "albedo") if name in current and name in previous), None)
+    if name is None:
         return Stillness(longest, 0.0)
-    around = F.avg_pool2d(changed.float().view(1, 1, *current.size), 3, 1, 1) * 9  # pixels outside count as unchanged
-    return Stillness(longest, float((changed.view_as(around) & (around > TOGETHER - 0.5)).float().mean()))
+    now, before = current[name], previous[name]
+    if name == "depth":
+        now, before = infinite_sky(now), infinite_sky(before)
+        more, less = now > NEARER * _largest(before), NEARER * now < -_largest(-before)
+    else:
+        least = ALBEDO if name == "albedo" else 0.0
+        more, less = now > _largest(before) + least, now < -_largest(-before) - least
+    # Blocks of pixels that changed alike, and then the pixels of these blocks; outside nothing changed.
+    blocks = -F.max_pool2d(-F.pad(torch.cat([more, less], 1).float(), (0, 1, 0, 1)), TOGETHER, 1)
+    changed = F.max_pool2d(F.pad(blocks, (1, 0, 1, 0)), TOGETHER, 1).amax(1)
+    return Stillness(longest, float(changed.mean()))
 
 
 def without_motion(pairs: Sequence[Stillness]) -> str:

@@ -38,9 +38,9 @@ class Tally:
     high: float = -float("inf")
     total: float = 0.0
     finite: int = 0  # number of finite values
-    bad: int = 0  # not finite; for light, reflectance and channels in which NaN has a meaning, as in nte.frames.bad
+    bad: int = 0  # not finite; for light, reflectance, and all but vectors where NaN has a meaning, as nte.frames.bad
     first_bad: int | None = None  # first frame with bad pixels
-    far: int = 0  # vectors longer than four images
+    far: int = 0  # vectors longer than four images, or, if noisy, than 64
     first_far: int | None = None  # first frame with such vectors
     impossible: int = 0  # pixels outside the channel's range, or with an id that is not whole
     seen: int = 0  # pixels that are not all zero
@@ -68,9 +68,9 @@ def tally_values(tallies: Mapping[str, Tally], frame: Frame) -> None:
             entry.finite += finite.numel()
         row = CHANNELS[name]
         # Other channels are judged below, by their ranges.
-        counted = row.kind in SANITISED or row.nan_means
-        number = bad.get(name, 0) if counted else int((~values.isfinite()).any(1).sum())
-        if row.kind == "motion" and not row.nan_means and (far := bad.get(name, 0) - number):
+        counted = row.kind in SANITISED or (row.nan_means and row.kind != "motion")
+        number = bad.get(name, 0) if counted else int(_not_finite(name, values).sum())
+        if row.kind == "motion" and (far := bad.get(name, 0) - number):
             entry.far += far
             entry.first_far = frame.index if entry.first_far is None else entry.first_far
         if number:
@@ -82,6 +82,12 @@ def tally_values(tallies: Mapping[str, Tally], frame: Frame) -> None:
             vectors = values[0].flatten(1)
             vectors = vectors[:, vectors.isfinite().all(0) & (vectors != 0).any(0)]
             entry.directions.append(vectors[:, :: max(1, vectors.shape[1] // SAMPLED)])
+
+
+def _not_finite(name: str, values: Tensor) -> Tensor:
+    """Mark the pixels (1, H, W) of values (1, C, H, W) that are not finite, without a NaN that has a meaning."""
+    lost = (~values.isfinite()).any(1)
+    return lost & ~values.isnan().any(1) if CHANNELS[name].nan_means else lost
 
 
 def _impossible(name: str, values: Tensor) -> Tensor:
@@ -120,7 +126,8 @@ def _judge(name: str, entry: Tally) -> Iterator[Finding]:
         found = f"{what} in {entry.bad} pixels of {name}, the first in frame {entry.first_bad}"
         yield Finding(name, found, expected, fault)
     if entry.far:  # a point near the camera's plane was seen far outside the image
-        found = f"longer than four images in {entry.far} pixels of {name}, the first in frame {entry.first_far}"
+        images = "64" if row.noisy else "four"
+        found = f"longer than {images} images in {entry.far} pixels of {name}, the first in frame {entry.first_far}"
         expected = "vectors that end in the image, or not far from it; longer ones count as unknown"
         yield Finding(name, found, expected, entry.far > MOST * entry.pixels)
     if name in NEVER_BLACK and not entry.seen:

@@ -84,6 +84,27 @@ def test_a_still_picture_is_never_late(tmp_path: Path) -> None:
     assert not told(tmp_path / "b", frames)[1]
 
 
+@pytest.mark.parametrize("backwards", [False, True])
+@pytest.mark.parametrize("how", ["dark", "noise"])
+def test_light_that_fades_over_a_still_picture_is_not_late(tmp_path: Path, how: str, backwards: bool) -> None:
+    """A lamp is switched off, or noise grows: every frame of the light shows less of the channels than the one before.
+
+    Backwards it shows more.
+    """
+    rng = np.random.default_rng(7)
+    still = SHOTS[0] | {"motion": 0 * SHOTS[0]["motion"]}
+    frames = []
+    for fade in np.linspace(0, 0.95, 13)[:: -1 if backwards else 1]:
+        light = still["reference"]
+        if how == "dark":
+            light = light * np.float32(fade < 0.5)
+            frames.append(still | {"color": light, "reference": light})
+        else:
+            lit = rng.random((1, 64, 96)) > fade
+            frames.append(still | {"color": (light * lit / (1 - fade)).astype(np.float32)})
+    assert not told(tmp_path, frames)[1]
+
+
 def test_light_that_repeats_is_not_late(tmp_path: Path) -> None:
     """The same few frames over and over: a neighbour is like the frame itself, and light has other edges too."""
     rng = np.random.default_rng(5)

@@ -156,6 +156,21 @@ def test_what_passed_close_to_the_camera_may_have_been_far_outside(tmp_path: Pat
     assert "note: motion: longer than four images in 1680 pixels of motion, the first in frame 0" in describe(report)
 
 
+def test_what_will_pass_close_to_the_camera_may_go_far_outside(tmp_path: Path) -> None:
+    """Forward vectors are read twice: of a frame, and of the frame before, where NaN has a meaning."""
+
+    def near(frame: dict[str, Pixels], index: int) -> dict[str, Pixels]:
+        forward = frame["forward_motion"].copy()
+        forward[:, 50:, :40] = np.geomspace(500, 1e7, 40)
+        return {"forward_motion": forward}
+
+    report = checked(tmp_path, near)
+    assert report.verdict == "plausible"
+    assert "note: forward_motion: longer than four images in 1680 pixels" in describe(report)
+    report = checked(tmp_path / "infinite", lambda f, i: {"forward_motion": np.full_like(f["motion"], np.inf)})
+    assert report.verdict == "implausible"
+
+
 def test_an_albedo_of_the_sky_shows_no_surface(tmp_path: Path) -> None:
     sky = {"albedo": np.ones((3, 64, 96)), "depth": np.zeros((1, 64, 96))}
     report = checked(tmp_path, lambda f, i: {**sky, "normal": 0 * f["normal"], "instance": sky["depth"]})
