@@ -1,5 +1,6 @@
 """Where an exported model runs: providers by short names, the options of each, and the package that brings it."""
 
+import os
 from collections.abc import Mapping
 from dataclasses import dataclass
 from importlib.util import find_spec
@@ -8,6 +9,8 @@ from typing import Annotated, Literal, NamedTuple
 
 from nte.errors import NteError
 from nte.options import Allowed, Options
+
+_CORES = os.cpu_count() or 1
 
 
 class Provider(NamedTuple):
@@ -44,8 +47,12 @@ class OnnxOptions(Options, name="exported model"):
 
     provider: Literal["cpu", "openvino", "cuda", "tensorrt", "directml", "coreml", "webgpu"] = "cpu"
     index: Annotated[int, Allowed("a number of a device, 0 or more", lambda n: n >= 0)] = 0
-    threads: Annotated[
-        int | None, Allowed("auto, or a whole number from 1 to 1024", lambda n: n is None or 1 <= n <= 1024)
+    threads: Annotated[  # a thousand threads on two cores take half a minute to start
+        int | None,
+        Allowed(
+            f"auto, or a whole number from 1 to {_CORES}, the cores of this machine",
+            lambda n: n is None or 1 <= n <= _CORES,
+        ),
     ] = None
     precision: Literal["f32", "bf16"] = "f32"
 

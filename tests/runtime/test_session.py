@@ -127,7 +127,7 @@ def test_the_given_state_can_be_used_again(exported: OnnxDenoiser) -> None:
 
 def test_every_number_of_threads_gives_the_same(model: Path) -> None:
     (frame,) = random_frames(1, size=(64, 64))
-    images = [Session(OnnxDenoiser(model, OnnxOptions(threads=n))).denoise(frame) for n in (1, 2)]
+    images = [Session(OnnxDenoiser(model, OnnxOptions(threads=n))).denoise(frame) for n in (1, None)]
     np.testing.assert_allclose(images[0], images[1], rtol=1e-4, atol=1e-5)
 
 
