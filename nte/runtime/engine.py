@@ -14,7 +14,6 @@ class Engine(Protocol):
 
     inputs: Shapes
     outputs: list[str]
-    metadata: str | None  # the JSON that nte wrote
 
     def keep(self, array: Pixels) -> Value:
         """Copy an array to where the engine computes, to be fed in this frame and the next one."""

@@ -1,5 +1,6 @@
 """ONNX Runtime as an engine, with any of its providers: what is carried from frame to frame stays in their memory."""
 
+import re
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 
@@ -8,14 +9,17 @@ from onnxruntime import OrtValue
 
 from nte.errors import NteError
 from nte.frames.clip import Pixels
-from nte.runtime.description import METADATA_KEY, Shapes
+from nte.runtime.description import Shapes
 from nte.runtime.engine import Value
 from nte.runtime.providers import PROVIDERS, OnnxOptions, asked_of_onnx_runtime
 
 # What ONNX Runtime says of an operator, or of an operator set, that it does not have.
 _LACKING = (
     "NOT_IMPLEMENTED", "No Op registered", "not a registered function", "Current official support for domain",
+    "Unsupported model IR version",
 )  # fmt: skip
+# What ONNX Runtime puts before the reason: its code, the file once more, a place in its own sources.
+_BEFORE = re.compile(r"\[ONNXRuntimeError\] : \d+ : \w+ : |Load model from \S.*? failed:|\S+\.cc:\d+ .*?\) (?:const )?")
 
 
 class OnnxRuntime:
@@ -31,7 +35,6 @@ class OnnxRuntime:
         self.session = session_for(path, options, profile)
         self.inputs: Shapes = {i.name: i.shape for i in self.session.get_inputs()}
         self.outputs = [o.name for o in self.session.get_outputs()]
-        self.metadata = self.session.get_modelmeta().custom_metadata_map.get(METADATA_KEY)
 
     def keep(self, array: Pixels) -> Value:
         """Copy an array to the provider's memory."""
@@ -53,7 +56,7 @@ class OnnxRuntime:
         try:
             self.session.run_with_iobinding(bound)
         except Exception as error:  # ONNX Runtime raises classes of its own that share no public base
-            raise NteError(f"{self._path}: cannot run this frame: {_first_line(error)}") from error
+            raise NteError(f"{self._path}: cannot run this frame: {_reason(error)}") from error
         made = dict(zip([*shown, *kept], bound.get_outputs(), strict=True))
         return {name: value.numpy() if name in shown else value for name, value in made.items()}
 
@@ -85,11 +88,13 @@ def session_for(
         what = "not a readable ONNX model" if options.provider == "cpu" else f"{options.provider} cannot run it"
         if any(sign in str(error) for sign in _LACKING):
             what = f"{options.provider} lacks an operator of the model, or its version"
-        raise NteError(f"{path}: {what}: {_first_line(error)}") from error
+        raise NteError(f"{path}: {what}: {_reason(error)}") from error
     if known.name not in (used := session.get_providers()):
         raise NteError(f"{path}: {options.provider} did not start; ONNX Runtime would use {', '.join(used)} instead")
     return session
 
 
-def _first_line(error: Exception) -> str:
-    return (str(error).splitlines() or [type(error).__name__])[0]
+def _reason(error: Exception) -> str:
+    """The first line of an error, from where it says what is wrong."""
+    first = next(iter(str(error).splitlines()), "")
+    return _BEFORE.sub("", first).strip() or type(error).__name__

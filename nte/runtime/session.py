@@ -10,9 +10,10 @@ from nte.frames.channels import COMPONENTS, width_of
 from nte.frames.clip import Pixels
 from nte.frames.frame import Frame
 from nte.recurrence import DENOISED, FORWARD, NetworkState, begin, hand_on
-from nte.runtime.description import read_description, recurrent_of, require_seal
+from nte.runtime.description import METADATA_KEY, read_description, recurrent_of, require_seal
 from nte.runtime.engine import Engine
 from nte.runtime.onnx_engine import OnnxRuntime
+from nte.runtime.onnx_file import metadata_of
 from nte.runtime.providers import PROVIDERS, OnnxOptions, require_installed
 from nte.runtime.weights import require_finite_weights
 
@@ -31,10 +32,11 @@ class OnnxDenoiser(Denoiser):
         if not self.path.is_file():
             raise NteError(f"{path}: does not exist; expected an .onnx file made by nte export")
         require_seal(self.path)
-        self._engine = _engine_for(self.path, self.options, profile)
         require_finite_weights(self.path)
+        self._engine = _engine_for(self.path, self.options, profile)
         self._inputs, self._outputs = self._engine.inputs, self._engine.outputs
-        self.info = read_description(self.path, self._engine.metadata, self._inputs, self._outputs)
+        said = metadata_of(self.path, METADATA_KEY)
+        self.info = read_description(self.path, said, self._inputs, self._outputs)
         self._recurrent = recurrent_of(self.info, self._inputs)
         self.needs: tuple[str, ...] = tuple(self.info["needs"])
         self.optional = tuple(self.info["optional"])
