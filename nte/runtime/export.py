@@ -15,6 +15,7 @@ from nte.models.cost import cost_of
 from nte.models.trainable import TrainableDenoiser
 from nte.recurrence import FORWARD, MEASURED, SCALARS
 from nte.runtime.description import FORMAT, METADATA_KEY, UNSEALED, seal
+from nte.runtime.providers import OnnxOptions
 from nte.runtime.session import OnnxDenoiser
 from nte.runtime.switch import KNOWN, scatter_inside
 from nte.runtime.tracing import traced
@@ -88,7 +89,7 @@ def export_onnx(denoiser: TrainableDenoiser, path: Path, progress: Callable[[str
         onnx.save(model, temporary)
         seal(temporary)
         for size in CHECK_SIZES:
-            typical, worst = compare_with_torch(denoiser, OnnxDenoiser(temporary), size)
+            typical, worst = compare_with_torch(denoiser, OnnxDenoiser(temporary, OnnxOptions(threads=1)), size)
             found = f"{size[1]}x{size[0]}, {CHECK_FRAMES} frames: 99.9th percentile {typical:.1e}, maximum {worst:.1e}"
             if not (typical < TYPICAL and worst < WORST):
                 limits = f"expected at most {TYPICAL} and {WORST}"

@@ -15,6 +15,7 @@ from nte.cli import main
 from nte.denoiser import Session
 from nte.errors import NteError
 from nte.frames.frame import Frame
+from nte.runtime.onnx_engine import spent_in
 from nte.runtime.providers import PROVIDERS, OnnxOptions, asked_of_onnx_runtime
 from nte.runtime.session import OnnxDenoiser
 from tests.synthetic import disc_clip, random_frames
@@ -212,6 +213,27 @@ def test_nothing_grows_after_the_second_frame(exported: OnnxDenoiser) -> None:
         tracemalloc.stop()
     assert traced < 50_000  # a state and a frame's copies of depth: none adds to another
     assert resident_bytes() - resident < 2e6
+
+
+def test_a_profile_of_onnx_runtime_is_read_run_by_run() -> None:
+    def ran(name: str, begin: int, microseconds: int) -> dict[str, object]:
+        return {"cat": "Node", "name": f"{name}_kernel_time", "ts": begin, "dur": microseconds}
+
+    def run(begin: int, factor: int) -> list[dict[str, object]]:
+        return [
+            ran("/kernels/Mul", begin + 3, 50 * factor),
+            ran("/network/unet/Conv", begin, 30 * factor),
+            {"cat": "Session", "name": "model_run", "ts": begin, "dur": 99},
+            {"cat": "Node", "name": "/kernels/Mul_fence_before", "ts": begin + 3, "dur": 1000},
+            # What a branch takes is there once more, operator by operator.
+            {**ran("/kernels/If", begin + 3, 1000), "args": {"op_name": "If"}},
+        ]
+
+    events = [{"cat": "Session", "name": "session_initialization", "ts": 0, "dur": 5}, *run(10, 100), *run(200, 1)]
+    assert spent_in(events) == [
+        [("/network/unet/Conv", 3.0), ("/kernels/Mul", 5.0)],
+        [("/network/unet/Conv", 0.03), ("/kernels/Mul", 0.05)],
+    ]
 
 
 def test_openvino_is_asked_for_only_where_it_is(model: Path, monkeypatch: pytest.MonkeyPatch) -> None:
