@@ -20,7 +20,7 @@ from nte.runtime.session import OnnxDenoiser
 from nte.runtime.switch import KNOWN, scatter_inside
 from nte.runtime.tracing import traced
 from nte.runtime.trial import trial_frames
-from nte.runtime.vectors import INDEX, write_vectors
+from nte.runtime.vectors import FRAMES, INDEX, write_vectors
 from nte.version import __version__
 
 SMALLEST = 16
@@ -55,9 +55,9 @@ def export(
     """Export a trained run as one ONNX file, checked against PyTorch, and return its path.
 
     run: a run folder, which stands for its last checkpoint, or a .safetensors file in one. out: the file to write.
-    progress: called with a line of text for each size at which both agree. vectors: a folder, to which inputs and
-    outputs of four frames are written, by which a port of the model is checked. Raises NteError if the results differ,
-    and if `out`, or vectors in that folder, exist without `force`.
+    progress: called with a line of text for each size at which both agree, and for the vectors. vectors: a folder, to
+    which inputs and outputs of four frames are written, by which a port of the model is checked. Raises NteError if the
+    results differ, and if `out`, or vectors in that folder, exist without `force`.
 
     >>> model = nte.export("runs/mine", "mine.onnx", progress=lambda line: None)
     >>> nte.load_denoiser("mine.onnx").target
@@ -72,6 +72,7 @@ def export(
         export_onnx(load_run(Path(run)), out, progress)
         if folder is not None:
             write_vectors(out, folder)
+            progress(f"test vectors of {FRAMES} frames are in {folder}")
     return out
 
 

@@ -15,17 +15,13 @@ from nte.cli import main
 from nte.denoiser import Session
 from nte.errors import NteError
 from nte.frames.frame import Frame
+from nte.registry import load_denoiser
 from nte.runtime.onnx_engine import spent_in
-from nte.runtime.providers import PROVIDERS, OnnxOptions, asked_of_onnx_runtime
+from nte.runtime.providers import PROVIDERS, OnnxOptions, asked_of_onnx_runtime, installed
 from nte.runtime.session import OnnxDenoiser
 from tests.synthetic import disc_clip, random_frames
 
 ELSEWHERE = [name for name in PROVIDERS if name not in ("cpu", "openvino")]
-
-
-@pytest.fixture(scope="module")
-def exported(model: Path) -> OnnxDenoiser:
-    return OnnxDenoiser(model, OnnxOptions(threads=1))
 
 
 def images(denoiser: OnnxDenoiser, frames: list[Frame]) -> list[np.ndarray]:
@@ -197,9 +193,10 @@ def resident_bytes() -> int:
 
 
 @pytest.mark.skipif(not Path("/proc/self/statm").is_file(), reason="memory is read as Linux tells it")
-def test_nothing_grows_after_the_second_frame(exported: OnnxDenoiser) -> None:
+@pytest.mark.parametrize("provider", [name for name in ("cpu", "openvino") if name in installed()])
+def test_nothing_grows_after_the_second_frame(model: Path, provider: str) -> None:
     frames = random_frames(2, size=(64, 96))  # an image has 74 kB: 50 that stay are 3.7 MB
-    session = Session(exported)
+    session = Session(load_denoiser(f"{model}:provider={provider},threads=1"))
     for frame in (*frames, *frames):
         session.denoise(frame)
     tracemalloc.start()
