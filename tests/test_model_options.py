@@ -42,7 +42,7 @@ def test_provider_and_device_reach_onnx_runtime(
 
     monkeypatch.setattr(onnxruntime, "InferenceSession", session)
     monkeypatch.setattr(onnxruntime, "get_available_providers", lambda: [first[0]])
-    (tmp_path / "model.onnx").touch()
+    (tmp_path / "model.onnx").write_bytes(b"\x3a\x00")  # a model with an empty graph
     with pytest.raises(NteError, match="no such device here"):
         load_denoiser(f"{tmp_path / 'model.onnx'}{spec}", device)
     assert asked[0] == first

@@ -197,18 +197,17 @@ def resident_bytes() -> int:
 def test_nothing_grows_after_the_second_frame(model: Path, provider: str) -> None:
     frames = random_frames(2, size=(64, 96))  # an image has 74 kB: 50 that stay are 3.7 MB
     session = Session(load_denoiser(f"{model}:provider={provider},threads=1"))
-    for frame in (*frames, *frames):
-        session.denoise(frame)
     tracemalloc.start()
     try:
-        session.denoise(frames[0])
+        for frame in (*frames, *frames):  # so that the state that goes was counted as well
+            session.denoise(frame)
         before, resident = tracemalloc.get_traced_memory()[0], resident_bytes()
         for index in range(50):
             session.denoise(frames[index % 2])
         traced = tracemalloc.get_traced_memory()[0] - before
     finally:
         tracemalloc.stop()
-    assert traced < 50_000  # a state and a frame's copies of depth: none adds to another
+    assert traced < 50_000  # free lists of Python that fill; a state has twice as much
     assert resident_bytes() - resident < 2e6
 
 
