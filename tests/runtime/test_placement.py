@@ -39,6 +39,7 @@ def test_an_installed_provider_is_asked(model: Path, monkeypatch: pytest.MonkeyP
     cpu = session_for(model, OnnxOptions(), record=True)
     monkeypatch.setattr("nte.runtime.placement.session_for", lambda *_, **__: cpu)
     monkeypatch.setattr("nte.runtime.placement.installed", lambda: ["cpu", "webgpu"])
+    monkeypatch.setattr("nte.runtime.placement.require_installed", lambda provider: None)
     found = placement(model, "webgpu")
     assert found
     assert found.asked

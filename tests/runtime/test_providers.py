@@ -17,6 +17,7 @@ from nte.errors import NteError
 from nte.frames.frame import Frame
 from nte.registry import load_denoiser
 from nte.runtime.onnx_engine import spent_in
+from nte.runtime.placement import placement
 from nte.runtime.providers import PROVIDERS, OnnxOptions, asked_of_onnx_runtime, installed
 from nte.runtime.session import OnnxDenoiser
 from tests.synthetic import disc_clip, random_frames
@@ -238,3 +239,15 @@ def test_openvino_is_asked_for_only_where_it_is(model: Path, monkeypatch: pytest
         NteError, match=r"openvino is not installed; there is cpu.*pip install 'nte-denoiser\[openvino\]'"
     ):
         OnnxDenoiser(model, OnnxOptions(provider="openvino"))
+
+
+def test_an_openvino_that_cannot_be_imported_is_one_line(model: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    def fail(name: str) -> None:
+        raise ImportError("libtbb.so.12: cannot open shared object file\nmore")
+
+    monkeypatch.setattr("nte.runtime.providers._has_openvino", lambda: True)
+    monkeypatch.setattr("nte.runtime.providers.import_module", fail)
+    for use in (lambda: OnnxDenoiser(model, OnnxOptions("openvino")), lambda: placement(model, "openvino")):
+        with pytest.raises(NteError, match=r"openvino is installed, but cannot be imported: libtbb\.so\.12") as said:
+            use()
+        assert "\n" not in str(said.value)
