@@ -37,7 +37,7 @@ class OnnxRuntime:
         known, self._path = PROVIDERS[options.provider], path
         self._place = known.memory, options.index if known.memory != "cpu" else 0
         self._folder = tempfile.TemporaryDirectory() if profiled else None  # of the profile
-        self.session = session_for(path, options, profile=self._folder and Path(self._folder.name))
+        self.session = session_for(path, options, profile=Path(self._folder.name) if self._folder else None)
         self.inputs: Shapes = {i.name: i.shape for i in self.session.get_inputs()}
         self.outputs = [o.name for o in self.session.get_outputs()]
 

@@ -91,8 +91,8 @@ def _of_graph(denoiser: "OnnxDenoiser", source: Source, frames: int) -> dict[str
 
     Profiling slows it down; the times are scaled so that their sum is within that of a frame without it.
     """
-    pair, states = (denoiser, denoiser.profiled()), [None, None]
-    seconds = [0.0, 0.0]
+    pair, seconds = (denoiser, denoiser.profiled()), [0.0, 0.0]
+    states: list[State | None] = [None, None]
     for index in range(WARM_UP + frames):
         frame = source(index)
         for i, one in enumerate(pair):
