@@ -20,7 +20,7 @@ One table lists all channels with their components and units. Wrong input raises
 ...     nte.load_denoiser("tea")
 ... except nte.NteError as error:
 ...     print(error)
-'tea' is no denoiser: expected ...
+'tea' is no denoiser, did you mean taa? expected ...
 
 `import nte` is light: functions that need PyTorch, Mitsuba or ONNX Runtime are imported when they are first used.
 """

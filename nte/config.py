@@ -5,14 +5,24 @@ from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import fields, is_dataclass
 from pathlib import Path
-from typing import Any, TypeVar
+from typing import Any, TypeVar, get_args, get_origin, get_type_hints
 
 from omegaconf import DictConfig, OmegaConf
-from omegaconf.errors import ConfigAttributeError, ConfigKeyError, OmegaConfBaseException
+from omegaconf.errors import (
+    ConfigAttributeError,
+    ConfigKeyError,
+    ConfigTypeError,
+    OmegaConfBaseException,
+    ValidationError,
+)
 from yaml import MarkedYAMLError, YAMLError
 
 from nte.errors import NteError, expected_one_of
 
+_KINDS = {
+    int: "a whole number", float: "a number", bool: "true or false", str: "text", list: "a list",
+    dict: "keys with values",
+}  # fmt: skip
 Schema = TypeVar("Schema")
 # ${oc.env:HOME} and other function calls, also with a composed name: ${${name}:HOME}
 _RESOLVER = re.compile(r"\$\{[^}]*[:$]")
@@ -92,10 +102,30 @@ def _chosen(
 def problem_with(error: Exception) -> str:
     """Say in one line what is wrong with a value; for an unknown key, list the known keys and suggest the nearest."""
     schema = getattr(error, "object_type", None)
+    if isinstance(error, ValidationError):
+        return _problem_with_value(error)
+    if isinstance(error, ConfigTypeError) and schema in _KINDS:
+        return f"expected {_KINDS[schema]}"
     if not isinstance(error, ConfigKeyError | ConfigAttributeError) or not is_dataclass(schema):
         return _one_line(error)
     known = [field.name for field in fields(schema)]
     return f"unknown key{expected_one_of(error.key, known)}"
+
+
+def _problem_with_value(error: ValidationError) -> str:
+    """Say what is given to a key and what it should be; in OmegaConf's own words for a type that users do not meet."""
+    kind = error.object_type
+    if is_dataclass(kind):
+        kind = get_type_hints(kind).get(str(error.key))
+    elif args := get_args(error.ref_type):  # an entry of a list or dictionary
+        kind = args[-1]
+    empty = type(None) in get_args(kind)
+    kind = next((one for one in get_args(kind) if one is not type(None)), kind) if empty else kind
+    kind = dict if is_dataclass(kind) else get_origin(kind) or kind
+    if kind not in _KINDS:
+        return _one_line(error)
+    given = "null" if error.value is None else f"{error.value!r:.60}"
+    return f"{given} is given, expected {_KINDS[kind]}{', or null' if empty else ''}"
 
 
 def _read(path: Path, trail: tuple[Path, ...] = ()) -> DictConfig:

@@ -54,11 +54,12 @@ def _model(path: Path) -> str:
 
 
 def _places(path: Path) -> Iterator[str]:
-    """What each provider does with an exported model."""
-    from nte.runtime.placement import placement
+    """What each provider does with an exported model, which the CPU has loaded."""
+    from nte.runtime.placement import Placement, placement
     from nte.runtime.providers import PROVIDERS
 
-    for provider in PROVIDERS:
+    yield Placement((), asked=True).said("cpu")  # it loads nothing that it cannot compute
+    for provider in [name for name in PROVIDERS if name != "cpu"]:
         try:
             found = placement(path, provider)
         except NteError as error:  # it is installed, but this machine has no such device

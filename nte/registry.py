@@ -5,7 +5,7 @@ from os.path import isdir, isfile  # false of text that is no name of a file, su
 from pathlib import Path
 
 from nte.denoiser import Denoiser
-from nte.errors import NteError
+from nte.errors import NteError, expected_one_of
 from nte.filters.composition import COMPOSITE, EACH, Composition, lights_of
 from nte.filters.named import NAMES, filter_type, load, make, parse, require_device
 from nte.filters.prior import complete
@@ -15,6 +15,7 @@ from nte.runtime.providers import PROVIDERS, OnnxOptions
 
 _MODEL = ".onnx"
 _ESTIMATE = "estimate"  # the wrapper around any denoiser that comes before a +
+_BELOW = "below"  # what stands behind that +
 
 
 def load_denoiser(spec: str | Path, device: str = "cpu", threads: int = 0) -> Denoiser:
@@ -40,12 +41,12 @@ def load_denoiser(spec: str | Path, device: str = "cpu", threads: int = 0) -> De
     ('color', 'motion')
     """
     spec = str(spec)
-    wrapper, plus, inner = spec.partition("+")
-    if plus and wrapper.partition(":")[0] == _ESTIMATE:
-        return _estimated(spec, wrapper.partition(":")[2], load_denoiser(inner, device, threads), device)
-    if spec.partition(":")[0] == COMPOSITE and not isdir(spec):
-        parts = lights_of(spec).items()
+    around, inside = _split(spec)
+    if inside and around == COMPOSITE:
+        parts = inside.items()
         return Composition({light: _of_light(light, inner, spec, device, threads) for light, inner in parts})
+    if inside:
+        return _estimated(spec, around, load_denoiser(inside[_BELOW], device, threads), device)
     if model := model_of(spec):
         from nte.runtime.session import OnnxDenoiser
 
@@ -57,10 +58,10 @@ def load_denoiser(spec: str | Path, device: str = "cpu", threads: int = 0) -> De
         return complete(load_run(path, device=device), device)
     name, _, text = spec.partition(":")
     if name not in NAMES:
-        if isdir(path):
+        if isdir(spec):
             raise NteError(f"'{spec}' is no run folder: config.yaml is missing")
-        known = ", ".join([*NAMES, COMPOSITE])
-        raise NteError(f"'{spec}' is no denoiser: expected a run folder, an .onnx file, or one of {known}")
+        instead = expected_one_of(name, [*NAMES, COMPOSITE])
+        raise NteError(f"'{spec}' is no denoiser{instead}, a run folder, or an .onnx file")
     kind = filter_type(spec)
     given = parse(spec, text)
     if given.get("target") == EACH:
@@ -71,11 +72,9 @@ def load_denoiser(spec: str | Path, device: str = "cpu", threads: int = 0) -> De
 
 def parts_of(spec: str) -> list[str]:
     """Return what a specification is made of: those in a composite, that below `estimate`, or itself."""
-    wrapper, plus, inner = spec.partition("+")
-    if plus and wrapper.partition(":")[0] == _ESTIMATE:
-        return parts_of(inner)
-    if spec.partition(":")[0] == COMPOSITE and not isdir(spec):
-        return [part for inner in lights_of(spec).values() for part in parts_of(inner)]
+    _, inside = _split(spec)
+    if inside:
+        return [part for inner in inside.values() for part in parts_of(inner)]
     return [str(model[0]) if (model := model_of(spec)) else spec]
 
 
@@ -98,16 +97,30 @@ def with_provider(specs: Sequence[str], provider: str) -> list[str]:
 
 
 def _with_provider(spec: str, provider: str) -> str:
-    wrapper, plus, inner = spec.partition("+")
-    if plus and wrapper.partition(":")[0] == _ESTIMATE:
-        return f"{wrapper}+{_with_provider(inner, provider)}"
-    if spec.partition(":")[0] == COMPOSITE and not isdir(spec):
-        lights = lights_of(spec).items()
-        return f"{COMPOSITE}:" + ",".join(f"{light}=[{_with_provider(inner, provider)}]" for light, inner in lights)
+    around, inside = _split(spec)
+    changed = {name: _with_provider(inner, provider) for name, inner in inside.items()}
+    if inside and around == COMPOSITE:
+        return f"{COMPOSITE}:" + ",".join(f"{light}=[{inner}]" for light, inner in changed.items())
+    if inside:
+        return f"{around}+{changed[_BELOW]}"
     model = model_of(spec)
     if model is None or "provider" in parse(spec, model[1]):
         return spec
     return f"{model[0]}:" + ",".join(filter(None, [f"provider={provider}", model[1]]))
+
+
+def _split(spec: str) -> tuple[str, dict[str, str]]:
+    """Split a specification by one level into what stands around, and the specifications inside, by name.
+
+    A composite has one inside for each light. `estimate:key=value` has one, with the name _BELOW. Anything else is
+    returned as it is, with nothing inside.
+    """
+    wrapper, plus, inner = spec.partition("+")
+    if plus and wrapper.partition(":")[0] == _ESTIMATE:
+        return wrapper, {_BELOW: inner}
+    if spec.partition(":")[0] == COMPOSITE and not isdir(spec):
+        return COMPOSITE, lights_of(spec)
+    return spec, {}
 
 
 def _of_light(light: str, inner: str, spec: str, device: str, threads: int) -> Denoiser:
@@ -135,9 +148,10 @@ def _refuse_missing_target(options: type[Options], spec: str) -> None:
         )
 
 
-def _estimated(spec: str, text: str, denoiser: Denoiser, device: str) -> Denoiser:
+def _estimated(spec: str, wrapper: str, denoiser: Denoiser, device: str) -> Denoiser:
     kind = load("nte.filters.estimated", "EstimatedMotion", "eval", spec)
-    wrapped: Denoiser = kind(denoiser, kind.options_type.parse(parse(spec, text), spec), device=device)
+    options = kind.options_type.parse(parse(spec, wrapper.partition(":")[2]), spec)
+    wrapped: Denoiser = kind(denoiser, options, device=device)
     return wrapped
 
 
@@ -150,7 +164,7 @@ def _onnx_options(spec: str, text: str, device: str, threads: int) -> OnnxOption
     provider = given.setdefault("provider", kind)
     if provider == kind and kind not in PROVIDERS:
         raise NteError(f"--device {device}: no exported model runs there: expected one of {', '.join(PROVIDERS)}")
-    if number and provider in PROVIDERS and PROVIDERS[provider].device:
+    if number and (provider == kind or (provider in PROVIDERS and PROVIDERS[provider].device)):
         given.setdefault("index", number)
     if threads:
         given.setdefault("threads", str(threads))

@@ -81,7 +81,7 @@ def test_a_clip_that_cannot_be_used_is_named(told: Told, command: str, clip: str
     ("command", "message"),
     [
         ("denoise unfinished --denoiser noisy --out out", "unfinished: has frames but no clip.json"),
-        ("denoise clip --denoiser nosy --out out", "'nosy' is no denoiser: expected a run folder, an .onnx file, or"),
+        ("denoise clip --denoiser nosy --out out", "'nosy' is no denoiser, did you mean noisy?"),
         ("denoise clip --denoiser taa:clmp=1 --out out", "unknown option 'clmp'"),
         ("denoise clip --denoiser bad.onnx --out out", "bad.onnx: not a readable ONNX model"),
         ("denoise clip --denoiser no.onnx --out out", "no.onnx: does not exist"),

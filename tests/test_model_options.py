@@ -1,5 +1,6 @@
 """The options behind an exported model's name: what reaches ONNX Runtime, and what is refused."""
 
+import os
 from pathlib import Path
 from typing import Any
 
@@ -8,6 +9,8 @@ import pytest
 
 from nte.errors import NteError
 from nte.registry import load_denoiser, model_of, parts_of, with_provider
+
+CORES = os.cpu_count() or 1
 
 
 @pytest.mark.parametrize(
@@ -22,7 +25,7 @@ from nte.registry import load_denoiser, model_of, parts_of, with_provider
         (":provider=cuda,index=3", "cuda:1", ("CUDAExecutionProvider", {"use_tf32": "0", "device_id": "3"})),
         (":provider=cpu", "cuda:1", ("CPUExecutionProvider", {})),
         (":provider=coreml", "cpu", ("CoreMLExecutionProvider", {"ModelFormat": "MLProgram"})),
-        (":threads=3", "cpu", ("CPUExecutionProvider", {})),
+        (":threads=1", "cpu", ("CPUExecutionProvider", {})),
     ],
 )
 def test_provider_and_device_reach_onnx_runtime(
@@ -39,11 +42,11 @@ def test_provider_and_device_reach_onnx_runtime(
 
     monkeypatch.setattr(onnxruntime, "InferenceSession", session)
     monkeypatch.setattr(onnxruntime, "get_available_providers", lambda: [first[0]])
-    (tmp_path / "model.onnx").touch()
+    (tmp_path / "model.onnx").write_bytes(b"\x3a\x00")  # a model with an empty graph
     with pytest.raises(NteError, match="no such device here"):
         load_denoiser(f"{tmp_path / 'model.onnx'}{spec}", device)
     assert asked[0] == first
-    assert threads == [3 if "threads" in spec else 0]
+    assert threads == [1 if "threads" in spec else 0]
     names = [name for name, _ in asked]
     assert names[-1] == "CPUExecutionProvider"
     assert len(names) == len(set(names))
@@ -54,7 +57,8 @@ def test_provider_and_device_reach_onnx_runtime(
     ("options", "message"),
     [
         ("provider=abacus", "provider is 'abacus', expected one of cpu, openvino, cuda"),
-        ("threads=0", "threads is 0, expected auto, or a whole number from 1 to 1024"),
+        ("threads=0", f"threads is 0, expected auto, or a whole number from 1 to {CORES}, the cores of this machine"),
+        (f"threads={CORES + 1}", f"threads is {CORES + 1}, expected auto"),
         ("threads=-2", "threads is -2, expected auto"),
         ("threads=5000", "threads is 5000, expected auto"),
         ("threads=two", "threads is 'two', expected auto"),
@@ -73,6 +77,13 @@ def test_options_of_a_model_that_cannot_be(tmp_path: Path, options: str, message
     assert "\n" not in str(error.value)
 
 
+@pytest.mark.parametrize("kind", ["cpu", "openvino"])
+def test_the_number_of_a_device_is_not_dropped(tmp_path: Path, kind: str) -> None:
+    (tmp_path / "model.onnx").touch()
+    with pytest.raises(NteError, match=f"index is 1, but {kind} has one device"):
+        load_denoiser(str(tmp_path / "model.onnx"), f"{kind}:1")
+
+
 def test_what_runs_on_a_provider_is_in_the_specification() -> None:
     changed = {
         "m.onnx": "m.onnx:provider=cuda",
@@ -86,6 +97,9 @@ def test_what_runs_on_a_provider_is_in_the_specification() -> None:
     }
     assert with_provider(list(changed), "cuda") == list(changed.values())
     assert parts_of(changed["estimate:noise=0.1+m.onnx"]) == ["m.onnx"]
+    assert parts_of("composite:visibility=taa,glossy=[estimate+g.onnx:threads=1],indirect=i.onnx") == [
+        "taa", "g.onnx", "i.onnx",
+    ]  # fmt: skip
     with pytest.raises(NteError, match=r"--provider cuda: no exported model \(\.onnx\) among noisy, taa"):
         with_provider(["noisy", "taa"], "cuda")
 

@@ -38,6 +38,14 @@ def test_what_training_and_export_return_can_be_loaded(tmp_path: Path) -> None:
         load_denoiser(tmp_path / "m.onnx")
 
 
+@pytest.mark.parametrize("name", ["composite", "estimate"])
+def test_a_folder_wins_over_a_name(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, name: str) -> None:
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / name).mkdir()
+    with pytest.raises(NteError, match=f"'{name}' is no run folder: config.yaml is missing"):
+        load_denoiser(name)
+
+
 @pytest.mark.parametrize("name", NAMES)
 def test_options_have_the_name_that_is_typed(name: str) -> None:
     module, kind, _ = NAMES[name]
@@ -65,8 +73,9 @@ def test_the_noisy_input_of_a_component_is_that_channel() -> None:
 @pytest.mark.parametrize(
     ("spec", "message"),
     [
-        ("nosy", "'nosy' is no denoiser: expected a run folder, an .onnx file, or one of noisy, taa"),
-        ("", "'' is no run folder"),
+        ("nosy", "'nosy' is no denoiser, did you mean noisy[?] expected one of noisy, taa"),
+        ("", "'' is no denoiser"),
+        ("estimate+", "'' is no denoiser"),
         ("taa:clmp=none", "'taa:clmp=none': unknown option 'clmp', did you mean clamp[?] expected one of clamp, alpha"),
         ("taa:clamp", "'clamp' is no option: expected name:key=value"),
         ("taa:clamp=", "'clamp' is no option"),

@@ -11,11 +11,11 @@ from typing import NamedTuple
 import torch
 import torch.nn.functional as F
 from torch import Tensor
-from torch.profiler import record_function
 
 from nte.filters.atrous import atrous_step
 from nte.filters.moments import brightness, shorten, variance_of, with_square
 from nte.filters.reproject import Geometry
+from nte.filters.scope import scope
 from nte.filters.svgf import Svgf, SvgfOptions, Weights, edge_stopping, geometry_guides, with_luminance
 from nte.frames.frame import Frame
 from nte.options import Alpha, Levels, NotNegative
@@ -75,7 +75,7 @@ class Asvgf(Svgf):
 
         The variance follows the length: a history that was dropped is young, so its variance is estimated in space.
         """
-        with record_function("asvgf: gradient"):
+        with scope("asvgf: gradient"):
             gradient = frame[self.own_gradient if self.own_gradient in frame else "gradient"]
             strata = stratify(gradient, brightness(light), geometry)
             change = self._changed(strata)[..., : light.shape[2], : light.shape[3]]

@@ -12,7 +12,6 @@ from typing import Annotated, NamedTuple
 import torch
 import torch.nn.functional as F
 from torch import Tensor
-from torch.profiler import record_function
 
 from nte.color import demodulate, remodulate
 from nte.denoiser import Filter, Result, require_size, sanitised
@@ -29,6 +28,7 @@ from nte.filters.moments import (
     with_square,
 )
 from nte.filters.reproject import DEPTH_FLOOR, Fetched, Geometry, geometry_of, previous_depth, reproject
+from nte.filters.scope import scope
 from nte.frames.channels import TEXTURES
 from nte.frames.frame import Frame
 from nte.frames.usable import mask_of
@@ -112,22 +112,22 @@ class Svgf(Filter[SvgfOptions]):
     def step(self, frame: Frame, state: SvgfState | None, extras: tuple[str, ...] = ()) -> tuple[Result, SvgfState]:
         """Denoise `target` (N, C, H, W) of one frame."""
         how = self.options
-        with record_function("svgf: reprojection"):
+        with scope("svgf: reprojection"):
             geometry = geometry_of(frame["depth"], frame["normal"])
             past = self._fetch(frame, geometry, state)
         light = self._demodulated(frame)
-        with record_function("svgf: accumulation"):
+        with scope("svgf: accumulation"):
             length = lengthen(past.values[:, -1:], past.valid, how.history)
             length, alpha, moments_alpha = self._weights(frame, light, geometry, length)
             usable = frame[mask_of(self.target)]
             alpha, moments_alpha = alpha * usable, moments_alpha * usable
             moments = torch.lerp(past.values[:, -3:-1], with_square(brightness(light)), moments_alpha)
             light = torch.lerp(past.values[:, :-3], light, alpha)
-        with record_function("svgf: variance"):
+        with scope("svgf: variance"):
             guides, edge = geometry_guides(geometry, how.sigma_z), edge_stopping(how.sigma_n)
             light, moments = told_by_others(light, moments, length > 1 - usable, edge, guides)
             variance = estimated_variance(moments, length, how.young, edge, guides)
-        with record_function("svgf: à-trous"):
+        with scope("svgf: à-trous"):
             history = light
             for level in range(how.iterations):
                 light, variance = wavelet_level(light, variance, level, edge, guides, how.sigma_l)

@@ -1,12 +1,13 @@
 """What runs a graph, as an exported model sees it: ONNX Runtime with any provider, or OpenVINO."""
 
 from collections.abc import Mapping, Sequence
-from typing import Any, Protocol
+from typing import Any, Protocol, TypeAlias
 
 from nte.frames.clip import Pixels
 from nte.runtime.description import Shapes
 
 Value = Any  # a tensor where an engine keeps it: an OrtValue, or an array
+Spent: TypeAlias = list[tuple[str, float]]  # a frame's operators as they ran: name in the graph, and milliseconds
 
 
 class Engine(Protocol):
@@ -14,7 +15,6 @@ class Engine(Protocol):
 
     inputs: Shapes
     outputs: list[str]
-    metadata: str | None  # the JSON that nte wrote
 
     def keep(self, array: Pixels) -> Value:
         """Copy an array to where the engine computes, to be fed in this frame and the next one."""
@@ -27,6 +27,6 @@ class Engine(Protocol):
         """
         ...
 
-    def end_profiling(self) -> str:
-        """Write the profile that was asked for, and return its path."""
+    def profile(self) -> list[Spent]:
+        """End the profile that was asked for, and return what it has of each frame, in their order."""
         ...

@@ -15,11 +15,12 @@ from nte.models.cost import cost_of
 from nte.models.trainable import TrainableDenoiser
 from nte.recurrence import FORWARD, MEASURED, SCALARS
 from nte.runtime.description import FORMAT, METADATA_KEY, UNSEALED, seal
+from nte.runtime.providers import OnnxOptions
 from nte.runtime.session import OnnxDenoiser
 from nte.runtime.switch import KNOWN, scatter_inside
 from nte.runtime.tracing import traced
 from nte.runtime.trial import trial_frames
-from nte.runtime.vectors import INDEX, write_vectors
+from nte.runtime.vectors import FRAMES, INDEX, write_vectors
 from nte.version import __version__
 
 SMALLEST = 16
@@ -54,9 +55,9 @@ def export(
     """Export a trained run as one ONNX file, checked against PyTorch, and return its path.
 
     run: a run folder, which stands for its last checkpoint, or a .safetensors file in one. out: the file to write.
-    progress: called with a line of text for each size at which both agree. vectors: a folder, to which inputs and
-    outputs of four frames are written, by which a port of the model is checked. Raises NteError if the results differ,
-    and if `out`, or vectors in that folder, exist without `force`.
+    progress: called with a line of text for each size at which both agree, and for the vectors. vectors: a folder, to
+    which inputs and outputs of four frames are written, by which a port of the model is checked. Raises NteError if the
+    results differ, and if `out`, or vectors in that folder, exist without `force`.
 
     >>> model = nte.export("runs/mine", "mine.onnx", progress=lambda line: None)
     >>> nte.load_denoiser("mine.onnx").target
@@ -71,6 +72,7 @@ def export(
         export_onnx(load_run(Path(run)), out, progress)
         if folder is not None:
             write_vectors(out, folder)
+            progress(f"test vectors of {FRAMES} frames are in {folder}")
     return out
 
 
@@ -88,7 +90,7 @@ def export_onnx(denoiser: TrainableDenoiser, path: Path, progress: Callable[[str
         onnx.save(model, temporary)
         seal(temporary)
         for size in CHECK_SIZES:
-            typical, worst = compare_with_torch(denoiser, OnnxDenoiser(temporary), size)
+            typical, worst = compare_with_torch(denoiser, OnnxDenoiser(temporary, OnnxOptions(threads=1)), size)
             found = f"{size[1]}x{size[0]}, {CHECK_FRAMES} frames: 99.9th percentile {typical:.1e}, maximum {worst:.1e}"
             if not (typical < TYPICAL and worst < WORST):
                 limits = f"expected at most {TYPICAL} and {WORST}"

@@ -1,21 +1,29 @@
 """ONNX Runtime as an engine, with any of its providers: what is carried from frame to frame stays in their memory."""
 
+import json
+import re
+import tempfile
 from collections.abc import Mapping, Sequence
 from pathlib import Path
+from typing import Any
 
 import onnxruntime
 from onnxruntime import OrtValue
 
 from nte.errors import NteError
 from nte.frames.clip import Pixels
-from nte.runtime.description import METADATA_KEY, Shapes
-from nte.runtime.engine import Value
+from nte.runtime.description import Shapes
+from nte.runtime.engine import Spent, Value
 from nte.runtime.providers import PROVIDERS, OnnxOptions, asked_of_onnx_runtime
 
 # What ONNX Runtime says of an operator, or of an operator set, that it does not have.
 _LACKING = (
     "NOT_IMPLEMENTED", "No Op registered", "not a registered function", "Current official support for domain",
+    "Unsupported model IR version",
 )  # fmt: skip
+_RUN, _KERNEL = "model_run", "_kernel_time"  # names in a profile: of a run, and behind those of operators
+# What ONNX Runtime puts before the reason: its code, the file once more, a place in its own sources.
+_BEFORE = re.compile(r"\[ONNXRuntimeError\] : \d+ : \w+ : |Load model from \S.*? failed:|\S+\.cc:\d+ .*?\) (?:const )?")
 
 
 class OnnxRuntime:
@@ -25,13 +33,13 @@ class OnnxRuntime:
     grows, an array that was handed out stays as it is, and a state can be used again.
     """
 
-    def __init__(self, path: Path, options: OnnxOptions, profile: Path | None = None) -> None:
+    def __init__(self, path: Path, options: OnnxOptions, profiled: bool = False) -> None:
         known, self._path = PROVIDERS[options.provider], path
         self._place = known.memory, options.index if known.memory != "cpu" else 0
-        self.session = session_for(path, options, profile)
+        self._folder = tempfile.TemporaryDirectory() if profiled else None  # of the profile
+        self.session = session_for(path, options, profile=Path(self._folder.name) if self._folder else None)
         self.inputs: Shapes = {i.name: i.shape for i in self.session.get_inputs()}
         self.outputs = [o.name for o in self.session.get_outputs()]
-        self.metadata = self.session.get_modelmeta().custom_metadata_map.get(METADATA_KEY)
 
     def keep(self, array: Pixels) -> Value:
         """Copy an array to the provider's memory."""
@@ -53,13 +61,13 @@ class OnnxRuntime:
         try:
             self.session.run_with_iobinding(bound)
         except Exception as error:  # ONNX Runtime raises classes of its own that share no public base
-            raise NteError(f"{self._path}: cannot run this frame: {_first_line(error)}") from error
+            raise NteError(f"{self._path}: cannot run this frame: {_reason(error)}") from error
         made = dict(zip([*shown, *kept], bound.get_outputs(), strict=True))
         return {name: value.numpy() if name in shown else value for name, value in made.items()}
 
-    def end_profiling(self) -> str:
-        """Write ONNX Runtime's profile (JSON), and return its path."""
-        return str(self.session.end_profiling())
+    def profile(self) -> list[Spent]:
+        """End the profile and return each frame's operators, by ONNX Runtime's own clock."""
+        return spent_in(json.loads(Path(self.session.end_profiling()).read_text()))
 
 
 def session_for(
@@ -85,11 +93,25 @@ def session_for(
         what = "not a readable ONNX model" if options.provider == "cpu" else f"{options.provider} cannot run it"
         if any(sign in str(error) for sign in _LACKING):
             what = f"{options.provider} lacks an operator of the model, or its version"
-        raise NteError(f"{path}: {what}: {_first_line(error)}") from error
+        raise NteError(f"{path}: {what}: {_reason(error)}") from error
     if known.name not in (used := session.get_providers()):
         raise NteError(f"{path}: {options.provider} did not start; ONNX Runtime would use {', '.join(used)} instead")
     return session
 
 
-def _first_line(error: Exception) -> str:
-    return (str(error).splitlines() or [type(error).__name__])[0]
+def spent_in(events: list[dict[str, Any]]) -> list[Spent]:
+    """Return the operators of each run in the events of ONNX Runtime's profile."""
+    runs: list[Spent] = []
+    for event in sorted(events, key=lambda event: (event.get("ts", 0), event["name"] != _RUN)):
+        branches = event.get("args", {}).get("op_name") == "If"  # what its branch takes is listed operator by operator
+        if event["name"] == _RUN:
+            runs.append([])
+        elif event.get("cat") == "Node" and event["name"].endswith(_KERNEL) and not branches:
+            runs[-1].append((event["name"].removesuffix(_KERNEL), event["dur"] / 1e3))
+    return runs
+
+
+def _reason(error: Exception) -> str:
+    """The first line of an error, from where it says what is wrong."""
+    first = next(iter(str(error).splitlines()), "")
+    return _BEFORE.sub("", first).strip() or type(error).__name__

@@ -8,7 +8,7 @@ from omegaconf import OmegaConf
 
 from nte.runtime.onnx_engine import session_for
 from nte.runtime.onnx_file import operators_of
-from nte.runtime.providers import PROVIDERS, OnnxOptions, installed
+from nte.runtime.providers import PROVIDERS, OnnxOptions, installed, require_installed
 
 _LISTS = Path(__file__).with_name("operators.yaml")
 
@@ -35,6 +35,7 @@ def placement(path: Path, provider: str) -> Placement | None:
     if provider not in installed():
         listed = _lists().get(provider)
         return None if listed is None else Placement(tuple(sorted(operators_of(path) - listed)), asked=False)
+    require_installed(provider)
     if not PROVIDERS[provider].name:
         from nte.runtime.openvino_engine import refused_by_openvino
 

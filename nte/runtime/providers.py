@@ -1,13 +1,17 @@
 """Where an exported model runs: providers by short names, the options of each, and the package that brings it."""
 
+import os
 from collections.abc import Mapping
 from dataclasses import dataclass
+from importlib import import_module
 from importlib.util import find_spec
 from types import MappingProxyType
 from typing import Annotated, Literal, NamedTuple
 
 from nte.errors import NteError
 from nte.options import Allowed, Options
+
+_CORES = os.cpu_count() or 1
 
 
 class Provider(NamedTuple):
@@ -44,8 +48,12 @@ class OnnxOptions(Options, name="exported model"):
 
     provider: Literal["cpu", "openvino", "cuda", "tensorrt", "directml", "coreml", "webgpu"] = "cpu"
     index: Annotated[int, Allowed("a number of a device, 0 or more", lambda n: n >= 0)] = 0
-    threads: Annotated[
-        int | None, Allowed("auto, or a whole number from 1 to 1024", lambda n: n is None or 1 <= n <= 1024)
+    threads: Annotated[  # a thousand threads on two cores take half a minute to start
+        int | None,
+        Allowed(
+            f"auto, or a whole number from 1 to {_CORES}, the cores of this machine",
+            lambda n: n is None or 1 <= n <= _CORES,
+        ),
     ] = None
     precision: Literal["f32", "bf16"] = "f32"
 
@@ -66,8 +74,13 @@ def installed() -> list[str]:
 
 
 def require_installed(provider: str) -> None:
-    """Raise NteError for a provider that is not there; the error names the package that brings it."""
+    """Raise NteError for a provider that is not there; the error names the package that brings it.
+
+    It says so too of an OpenVINO that is installed, but cannot be imported.
+    """
     if provider in (there := installed()):
+        if not PROVIDERS[provider].name:
+            _require_importable(PROVIDERS[provider].package)
         return
     package = PROVIDERS[provider].package
     how = f"it comes with the package {package}"
@@ -88,6 +101,14 @@ def asked_of_onnx_runtime(options: OnnxOptions) -> list[tuple[str, dict[str, str
     others = [(name, {**_CUDA.options, **number} if name == _CUDA.name else {}) for name in known.then]
     rest: list[tuple[str, dict[str, str]]] = [("CPUExecutionProvider", {})]
     return [first, *others, *([] if options.provider == "cpu" else rest)]
+
+
+def _require_importable(package: str) -> None:
+    try:
+        import_module(package)
+    except ImportError as error:  # a library of the system that it needs
+        reason = next(iter(str(error).splitlines()), "no reason is given")
+        raise NteError(f"the package {package} is installed, but cannot be imported: {reason}") from error
 
 
 def _has_openvino() -> bool:

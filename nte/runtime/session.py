@@ -10,9 +10,10 @@ from nte.frames.channels import COMPONENTS, width_of
 from nte.frames.clip import Pixels
 from nte.frames.frame import Frame
 from nte.recurrence import DENOISED, FORWARD, NetworkState, begin, hand_on
-from nte.runtime.description import read_description, recurrent_of, require_seal
-from nte.runtime.engine import Engine
+from nte.runtime.description import METADATA_KEY, read_description, recurrent_of, require_seal
+from nte.runtime.engine import Engine, Spent
 from nte.runtime.onnx_engine import OnnxRuntime
+from nte.runtime.onnx_file import metadata_of
 from nte.runtime.providers import PROVIDERS, OnnxOptions, require_installed
 from nte.runtime.weights import require_finite_weights
 
@@ -20,21 +21,22 @@ from nte.runtime.weights import require_finite_weights
 class OnnxDenoiser(Denoiser):
     """An exported model as a denoiser: takes frames of NumPy arrays or PyTorch tensors, and returns the same kind.
 
-    options: where it runs; None takes the CPU. profile: a folder, to which ONNX Runtime writes the times of the graph's
-    operators at `end_profiling`. The state of a sequence stays in the provider's memory. Several sequences may share a
-    denoiser, also on several threads. Raises NteError for a file that is missing, no ONNX model, damaged or not
-    exported by nte, and for a provider that is not installed or does not start.
+    options: where it runs; None takes the CPU. profiled: take the times of the graph's operators, for `profile`. The
+    state of a sequence stays in the provider's memory. Several sequences may share a denoiser, also on several threads.
+    Raises NteError for a file that is missing, no ONNX model, damaged or not exported by nte, and for a provider that
+    is not installed or does not start.
     """
 
-    def __init__(self, path: Path | str, options: OnnxOptions | None = None, *, profile: Path | None = None) -> None:
+    def __init__(self, path: Path | str, options: OnnxOptions | None = None, *, profiled: bool = False) -> None:
         self.path, self.options = Path(path), options or OnnxOptions()
         if not self.path.is_file():
             raise NteError(f"{path}: does not exist; expected an .onnx file made by nte export")
         require_seal(self.path)
-        self._engine = _engine_for(self.path, self.options, profile)
         require_finite_weights(self.path)
+        self._engine = _engine_for(self.path, self.options, profiled)
         self._inputs, self._outputs = self._engine.inputs, self._engine.outputs
-        self.info = read_description(self.path, self._engine.metadata, self._inputs, self._outputs)
+        said = metadata_of(self.path, METADATA_KEY)
+        self.info = read_description(self.path, said, self._inputs, self._outputs)
         self._recurrent = recurrent_of(self.info, self._inputs)
         self.needs: tuple[str, ...] = tuple(self.info["needs"])
         self.optional = tuple(self.info["optional"])
@@ -74,13 +76,16 @@ class OnnxDenoiser(Denoiser):
         result = Result(made["image"], {name: made[output] for name, output in outputs.items()}).like(frame)
         return result, after
 
-    def profiled(self, folder: Path) -> "OnnxDenoiser":
-        """Load the model once more, with the same options, to be profiled into `folder`."""
-        return OnnxDenoiser(self.path, self.options, profile=folder)
+    def profiled(self) -> "OnnxDenoiser":
+        """Load the model once more, with the same options, to be profiled."""
+        return OnnxDenoiser(self.path, self.options, profiled=True)
 
-    def end_profiling(self) -> str:
-        """Write ONNX Runtime's profile (JSON), and return its path. Only for a model that is profiled."""
-        return self._engine.end_profiling()
+    def profile(self) -> list[Spent]:
+        """End the profile; return for each frame so far its operators: names in the graph, and milliseconds.
+
+        Only for a model that is profiled.
+        """
+        return self._engine.profile()
 
     def _checked(self, frame: Frame, name: str) -> Pixels:
         array = frame[name]
@@ -94,13 +99,11 @@ class OnnxDenoiser(Denoiser):
         return np.ascontiguousarray(array)
 
 
-def _engine_for(path: Path, options: OnnxOptions, profile: Path | None) -> Engine:
+def _engine_for(path: Path, options: OnnxOptions, profiled: bool) -> Engine:
     """Load the graph at `path` where the options say. Raises NteError for a provider that is not installed."""
     require_installed(options.provider)
     if PROVIDERS[options.provider].name:
-        return OnnxRuntime(path, options, profile)
+        return OnnxRuntime(path, options, profiled)
     from nte.runtime.openvino_engine import OpenVino
 
-    if profile is not None:
-        raise NteError(f"{path}: {options.provider} has no profile by steps: expected another provider")
-    return OpenVino(path, options)
+    return OpenVino(path, options, profiled)

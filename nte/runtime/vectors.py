@@ -11,13 +11,15 @@ from typing import TypeAlias
 
 import numpy as np
 import numpy.typing as npt
-import onnxruntime
 
 from nte.errors import NteError
 from nte.files import make_folder, only_writer, remove, write_whole
 from nte.frames.frame import Frame
 from nte.recurrence import FORWARD, NetworkState, begin, hand_on
 from nte.runtime.description import METADATA_KEY, read_description, recurrent_of
+from nte.runtime.onnx_engine import session_for
+from nte.runtime.onnx_file import metadata_of
+from nte.runtime.providers import OnnxOptions
 from nte.runtime.trial import trial_frames
 
 Values: TypeAlias = npt.NDArray[np.float32]
@@ -36,13 +38,10 @@ def write_vectors(model: Path, folder: Path, frames: Iterable[Frame] | None = No
     cope with. Raises NteError for a folder that cannot be written to, for a model that is not one of nte, and for a
     frame that lacks a channel or differs in size.
     """
-    options = onnxruntime.SessionOptions()
-    options.intra_op_num_threads = 1  # so that the same model gives the same bytes on the same machine
-    options.log_severity_level = 3
-    session = onnxruntime.InferenceSession(str(model), options, providers=["CPUExecutionProvider"])
+    session = session_for(model, OnnxOptions(threads=1))  # the same model gives the same bytes on the same machine
     inputs = {i.name: i.shape for i in session.get_inputs()}
     outputs = [o.name for o in session.get_outputs()]
-    info = read_description(model, session.get_modelmeta().custom_metadata_map.get(METADATA_KEY), inputs, outputs)
+    info = read_description(model, metadata_of(model, METADATA_KEY), inputs, outputs)
     recurrent = recurrent_of(info, inputs)
     state: NetworkState | None = None
     listed: list[dict[str, Listed]] = []

@@ -151,7 +151,7 @@ def test_a_network_and_a_path_with_a_comma_can_be_parts(tmp_path: Path) -> None:
         ("composite:visibility=,glossy=taa,indirect=taa", "'visibility=,glossy=taa,indirect=taa' is no light=SPEC"),
         ("composite:visibility=[taa,glossy=taa", "'glossy=taa', '\\[taa'|nothing denoises indirect"),
         ("composite:taa", "'taa' is no light=SPEC"),
-        (LIGHTS.format("nosy", "taa", "taa"), "composite, visibility: 'nosy' is no denoiser: expected a run folder"),
+        (LIGHTS.format("nosy", "taa", "taa"), "composite, visibility: 'nosy' is no denoiser, did you mean noisy[?]"),
         (LIGHTS.format("[taa:clmp=none]", "taa", "taa"), "composite, visibility: .*'clmp', did you mean clamp[?]"),
         (LIGHTS.format("taa", "taa", "svgf:target=glossy"), "'svgf:target=glossy' denoises glossy, expected .* in"),
         (LIGHTS.format("taa", "taa", "[svgf:target=components]"), "denoises color, expected a denoiser of indirect"),

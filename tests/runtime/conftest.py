@@ -6,6 +6,8 @@ import pytest
 
 from nte.models.temporal import TemporalDenoiser
 from nte.runtime.export import export_onnx
+from nte.runtime.providers import OnnxOptions
+from nte.runtime.session import OnnxDenoiser
 from tests.networks import small_network
 from tests.shared import made_once
 
@@ -26,3 +28,9 @@ def model(network: TemporalDenoiser, tmp_path_factory: pytest.TempPathFactory) -
         export_onnx(network, folder / "model.onnx", progress=lambda line: None)
 
     return made_once(tmp_path_factory, "exported", export) / "model.onnx"
+
+
+@pytest.fixture(scope="session")
+def exported(model: Path) -> OnnxDenoiser:
+    """The file as a denoiser, which several sequences share."""
+    return OnnxDenoiser(model, OnnxOptions(threads=1))

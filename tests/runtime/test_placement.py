@@ -39,6 +39,7 @@ def test_an_installed_provider_is_asked(model: Path, monkeypatch: pytest.MonkeyP
     cpu = session_for(model, OnnxOptions(), record=True)
     monkeypatch.setattr("nte.runtime.placement.session_for", lambda *_, **__: cpu)
     monkeypatch.setattr("nte.runtime.placement.installed", lambda: ["cpu", "webgpu"])
+    monkeypatch.setattr("nte.runtime.placement.require_installed", lambda provider: None)
     found = placement(model, "webgpu")
     assert found
     assert found.asked
@@ -63,8 +64,16 @@ def test_another_provider_is_looked_up(model: Path, provider: str, refused: set[
     assert "Conv" not in found.refused
 
 
-def test_info_says_it_of_every_provider(model: Path) -> None:
+def test_info_says_it_of_every_provider(model: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    real, started = onnxruntime.InferenceSession, []
+
+    def session(path: str, options: object, providers: list[tuple[str, object]], **others: object) -> object:
+        started.append([name for name, _ in providers])
+        return real(path, options, providers=providers, **others)
+
+    monkeypatch.setattr(onnxruntime, "InferenceSession", session)
     lines = [line.strip() for line in describe(model).splitlines()]
+    assert started.count(["CPUExecutionProvider"]) == 1  # which takes half a second
     for provider in PROVIDERS:
         assert any(line.startswith(f"{provider}: ") for line in lines), provider
     assert "cpu: takes every operator" in lines

@@ -15,16 +15,14 @@ from nte.cli import main
 from nte.denoiser import Session
 from nte.errors import NteError
 from nte.frames.frame import Frame
-from nte.runtime.providers import PROVIDERS, OnnxOptions, asked_of_onnx_runtime
+from nte.registry import load_denoiser
+from nte.runtime.onnx_engine import spent_in
+from nte.runtime.placement import placement
+from nte.runtime.providers import PROVIDERS, OnnxOptions, asked_of_onnx_runtime, installed
 from nte.runtime.session import OnnxDenoiser
 from tests.synthetic import disc_clip, random_frames
 
 ELSEWHERE = [name for name in PROVIDERS if name not in ("cpu", "openvino")]
-
-
-@pytest.fixture(scope="module")
-def exported(model: Path) -> OnnxDenoiser:
-    return OnnxDenoiser(model, OnnxOptions(threads=1))
 
 
 def images(denoiser: OnnxDenoiser, frames: list[Frame]) -> list[np.ndarray]:
@@ -196,22 +194,43 @@ def resident_bytes() -> int:
 
 
 @pytest.mark.skipif(not Path("/proc/self/statm").is_file(), reason="memory is read as Linux tells it")
-def test_nothing_grows_after_the_second_frame(exported: OnnxDenoiser) -> None:
+@pytest.mark.parametrize("provider", [name for name in ("cpu", "openvino") if name in installed()])
+def test_nothing_grows_after_the_second_frame(model: Path, provider: str) -> None:
     frames = random_frames(2, size=(64, 96))  # an image has 74 kB: 50 that stay are 3.7 MB
-    session = Session(exported)
-    for frame in (*frames, *frames):
-        session.denoise(frame)
+    session = Session(load_denoiser(f"{model}:provider={provider},threads=1"))
     tracemalloc.start()
     try:
-        session.denoise(frames[0])
+        for frame in (*frames, *frames):  # so that the state that goes was counted as well
+            session.denoise(frame)
         before, resident = tracemalloc.get_traced_memory()[0], resident_bytes()
         for index in range(50):
             session.denoise(frames[index % 2])
         traced = tracemalloc.get_traced_memory()[0] - before
     finally:
         tracemalloc.stop()
-    assert traced < 50_000  # a state and a frame's copies of depth: none adds to another
+    assert traced < 50_000  # free lists of Python that fill; a state has twice as much
     assert resident_bytes() - resident < 2e6
+
+
+def test_a_profile_of_onnx_runtime_is_read_run_by_run() -> None:
+    def ran(name: str, begin: int, microseconds: int) -> dict[str, object]:
+        return {"cat": "Node", "name": f"{name}_kernel_time", "ts": begin, "dur": microseconds}
+
+    def run(begin: int, factor: int) -> list[dict[str, object]]:
+        return [
+            ran("/kernels/Mul", begin + 3, 50 * factor),
+            ran("/network/unet/Conv", begin, 30 * factor),
+            {"cat": "Session", "name": "model_run", "ts": begin, "dur": 99},
+            {"cat": "Node", "name": "/kernels/Mul_fence_before", "ts": begin + 3, "dur": 1000},
+            # What a branch takes is there once more, operator by operator.
+            {**ran("/kernels/If", begin + 3, 1000), "args": {"op_name": "If"}},
+        ]
+
+    events = [{"cat": "Session", "name": "session_initialization", "ts": 0, "dur": 5}, *run(10, 100), *run(200, 1)]
+    assert spent_in(events) == [
+        [("/network/unet/Conv", 3.0), ("/kernels/Mul", 5.0)],
+        [("/network/unet/Conv", 0.03), ("/kernels/Mul", 0.05)],
+    ]
 
 
 def test_openvino_is_asked_for_only_where_it_is(model: Path, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -220,3 +239,15 @@ def test_openvino_is_asked_for_only_where_it_is(model: Path, monkeypatch: pytest
         NteError, match=r"openvino is not installed; there is cpu.*pip install 'nte-denoiser\[openvino\]'"
     ):
         OnnxDenoiser(model, OnnxOptions(provider="openvino"))
+
+
+def test_an_openvino_that_cannot_be_imported_is_one_line(model: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    def fail(name: str) -> None:
+        raise ImportError("libtbb.so.12: cannot open shared object file\nmore")
+
+    monkeypatch.setattr("nte.runtime.providers._has_openvino", lambda: True)
+    monkeypatch.setattr("nte.runtime.providers.import_module", fail)
+    for use in (lambda: OnnxDenoiser(model, OnnxOptions("openvino")), lambda: placement(model, "openvino")):
+        with pytest.raises(NteError, match=r"openvino is installed, but cannot be imported: libtbb\.so\.12") as said:
+            use()
+        assert "\n" not in str(said.value)

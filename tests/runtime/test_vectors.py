@@ -120,6 +120,7 @@ def test_the_command_writes_them_beside_a_model(
     command = ["export", "run", "--out", str(model), "--vectors", str(folder)]
     assert main(command) == 0
     assert json.loads((folder / "vectors.json").read_text("utf-8"))["model"] == "mine.onnx"
+    assert f"test vectors of 4 frames are in {folder}" in capsys.readouterr().out
     model.unlink()
     assert main(command) == 2
     assert "vectors.json: exists: choose another folder, or overwrite it with --force" in capsys.readouterr().err

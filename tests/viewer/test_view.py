@@ -209,7 +209,7 @@ def test_the_command_writes_a_page_and_replaces_one_only_by_force(
         (["--frames", "7-9"], "--frames 7-9: expected a range from 0 to 3"),
         (["--frames", "2-1"], "--frames 2-1: expected a range from 0 to 3"),
         (["--channels", "colour"], "--channels colour: no such channel, did you mean color? expected one of color, "),
-        (["--denoiser", "tea"], "'tea' is no denoiser"),
+        (["--denoiser", "tea"], "'tea' is no denoiser, did you mean taa?"),
     ],
 )
 def test_wrong_use_is_one_line(

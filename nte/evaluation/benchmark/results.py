@@ -20,7 +20,7 @@ class Measured:
     height: int
     threads: int
     frames: int  # timed ones
-    start_ms: float  # loading the denoiser, with Python's modules already there
+    start_ms: float  # loading the denoiser in a new process, where PyTorch and ONNX Runtime are already there
     first_ms: float  # the first frame of a sequence
     ms_per_frame: float  # the median
     p95: float

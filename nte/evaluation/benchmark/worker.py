@@ -149,7 +149,6 @@ def _serve(pipe: Connection, task: Task) -> None:
     """Run in the process: send _Loaded when ready, then answer (index, wanted) with its time and, if wanted, image."""
     try:
         limit_threads(task.threads)
-        load_denoiser(task.spec, task.device, task.threads)  # imports modules, and reads the file into memory
         begin = time.perf_counter()
         denoiser = load_denoiser(task.spec, task.device, task.threads)
         start_ms = 1e3 * (time.perf_counter() - begin)

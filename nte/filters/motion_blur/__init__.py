@@ -8,7 +8,6 @@ from dataclasses import dataclass
 
 import torch
 from torch import Tensor
-from torch.profiler import record_function
 
 from nte.denoiser import Filter, Result, require_size, sanitised
 from nte.filters.motion_blur.composition import Cover, balanced, compose, plain_share, weighted_share
@@ -37,6 +36,7 @@ from nte.filters.motion_blur.samples import (
 )
 from nte.filters.motion_blur.second_stage import second_stage
 from nte.filters.motion_blur.variance import MotionStatistics, estimate_variance
+from nte.filters.scope import scope
 from nte.frames.frame import Frame
 
 
@@ -87,7 +87,7 @@ class MotionBlur(Filter[MotionBlurOptions]):
         shutter = open_share(frame, self.options.shutter)
         if state is None:
             require_direction(frame)
-        with record_function("motion_blur/samples"):
+        with scope("motion_blur/samples"):
             rows, size = read_samples(frame)
             image = rows[:, COLOR]
             active = near_moving(rows[:, MOVING].view(size.batch, 1, size.height, size.width))
@@ -113,21 +113,21 @@ class MotionBlur(Filter[MotionBlurOptions]):
     ) -> tuple[MotionStatistics, Cover, Tensor, Tensor]:
         """Steps 1 to 5: the estimate, the cover, the means (K, 10), and where moving history was accepted (K,)."""
         how = self.options
-        with record_function("motion_blur/variance"):
+        with scope("motion_blur/variance"):
             estimate = estimate_variance(rows, pixels, how.depth, how.angle == "naive")
             reach = estimate.reach(how.beta_a, how.beta_l)
-        with record_function("motion_blur/prefilter"):
+        with scope("motion_blur/prefilter"):
             filtered = rows
             if how.prefilter:
                 moving = pixels.some(rows[pixels.index, MOVING] > 0)
                 filtered = prefilter(rows, moving, frame.index, how.near, how.jitter)
-        with record_function("motion_blur/first stage"):
+        with scope("motion_blur/first stage"):
             sums = in_chunks(
                 pixels, 25, lambda some, chunk: first_stage(filtered, some, reach[chunk], self.options.depth)
             )
             cover = self._cover(filtered, pixels, sums, estimate, reach)
         accepted = torch.zeros(len(sums), dtype=torch.bool, device=sums.device)
-        with record_function("motion_blur/temporal"):
+        with scope("motion_blur/temporal"):
             if how.history and state is not None:
                 still, history = rows[pixels.index, MOVING] == 0, state.rows(frame.reset, shutter)
                 of_each = shutter[pixels.index // (pixels.size.height * pixels.size.width)]
@@ -150,7 +150,7 @@ class MotionBlur(Filter[MotionBlurOptions]):
 
     def _finish(self, means: Tensor, pixels: PixelList, estimate: MotionStatistics, cover: Cover) -> Tensor:
         """Steps 6 and 7: the colours (K, 3)."""
-        with record_function("motion_blur/second stage"):
+        with scope("motion_blur/second stage"):
             _, height, width = pixels.size
             buffer = means.new_zeros(pixels.size.batch * height * width, MOVING_WEIGHT + 1)
             buffer[pixels.index] = means[:, : MOVING_WEIGHT + 1]
@@ -159,7 +159,7 @@ class MotionBlur(Filter[MotionBlurOptions]):
             if len(where.index):
                 stretch = None if self.options.steps == "fixed" else self.options.stretch
                 buffer = second_stage(buffer, where, estimate.some(moving), reach, stretch)
-        with record_function("motion_blur/composition"):
+        with scope("motion_blur/composition"):
             return compose(torch.cat([buffer[pixels.index], means[:, MOVING_WEIGHT + 1 :]], 1), cover)
 
 

@@ -9,9 +9,9 @@ from typing import NamedTuple
 
 import torch
 from torch import Tensor
-from torch.profiler import record_function
 
 from nte.denoiser import Filter, Result, require_size, sanitised
+from nte.filters.scope import scope
 from nte.filters.trmv.accumulation import Effect, History
 from nte.filters.trmv.cones import EQ_11, WEIGHTS
 from nte.filters.trmv.glossy import denoise_glossy
@@ -62,7 +62,7 @@ class Trmv(Filter[TrmvOptions]):
             require_size(frame, state.gbuffer.depth)
         inputs = prepare(frame, state.gbuffer if state else None)
         effects = self._run(inputs, state.histories if state else {})
-        with record_function("trmv/compose"):
+        with scope("trmv/compose"):
             image = effects[self.target].image if self.target != "color" else _sum(frame, effects)
         own = image if self.target == "color" else image.clone()  # a light's history is the same image
         result = Result(own, self._shown(extras, effects, inputs))

@@ -4,11 +4,11 @@ from typing import NamedTuple
 
 import torch
 from torch import Tensor
-from torch.profiler import record_function
 
 from nte.filters.bilateral import clean_up
 from nte.filters.blocks import Moments, clamp_history, neighbourhood_moments
 from nte.filters.moments import brightness
+from nte.filters.scope import scope
 from nte.filters.trmv.fetch import Fetcher, fetch_from_anything
 from nte.filters.trmv.inputs import FrameInputs
 from nte.filters.trmv.options import TrmvOptions
@@ -67,7 +67,7 @@ def accumulate(
     """
     if vectors is None or history is None:
         return finish(name, start(current, options, known), vectors, inputs, options)
-    with record_function(f"trmv/{name}/temporal"):
+    with scope(f"trmv/{name}/temporal"):
         fetcher = fetcher or fetch_from_anything(vectors)
         past, (variance, valid) = fetcher(history.values), fetch_convergence(history, fetcher, inputs.frame.reset)
         surface = inputs.gbuffer.depth > 0
@@ -190,7 +190,7 @@ def finish(
     name: str, blended: Blended, vectors: Reprojection | None, inputs: FrameInputs, options: TrmvOptions
 ) -> Effect:
     """Clean up, and choose what is remembered; without vectors the image is that of the spatial filter."""
-    with record_function(f"trmv/{name}/clean-up"):
+    with scope(f"trmv/{name}/clean-up"):
         wanted = options.cleanup and vectors is not None
         image, spent = blended.image, options.history == "cleaned"
         cleaned = clean_up(image, inputs.edges, blended.deviation, in_place=spent) if wanted else image

@@ -9,10 +9,10 @@ from typing import NamedTuple
 
 import torch
 from torch import Tensor
-from torch.profiler import record_function
 
 from nte.filters.bilateral import ROUGHNESS, Edges, joint_bilateral
 from nte.filters.noise import gaussian_noise
+from nte.filters.scope import scope
 from nte.filters.trmv.accumulation import Effect, History, accumulate
 from nte.filters.trmv.inputs import RADIUS, FrameInputs
 from nte.filters.trmv.options import TrmvOptions
@@ -46,12 +46,12 @@ def denoise_glossy(
     its place, which is the same on a mirror. trust (N, 1, H, W): of the history, in [0, 1].
     """
     frame = inputs.frame
-    with record_function("trmv/glossy/filter"):
+    with scope("trmv/glossy/filter"):
         covariance = limit_spread(frame["reflection_covariance"])
         spread = spread_of(covariance, inputs.edges)
         usable = frame.get(mask_of("glossy"))
         current, known = of_usable(partial(filter_glossy, spread=spread, edges=inputs.edges), frame["glossy"], usable)
-    with record_function("trmv/glossy/vectors"):
+    with scope("trmv/glossy/vectors"):
         reprojection = inputs.traditional
         if vectors in ("reliable", "specular"):
             lobes = gather_lobes(frame["reflection_motion"], covariance, inputs.edges)

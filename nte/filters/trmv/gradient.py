@@ -1,11 +1,11 @@
 """The temporal component of A-SVGF in place of reliable vectors: the paper's «temporal gradient» comparison."""
 
 from torch import Tensor
-from torch.profiler import record_function
 
 from nte.filters.asvgf import change_of, stratify
 from nte.filters.moments import brightness
 from nte.filters.reproject import geometry_of
+from nte.filters.scope import scope
 from nte.frames.frame import Frame
 
 
@@ -15,7 +15,7 @@ def unchanged(frame: Frame, component: str, light: Tensor) -> Tensor:
     The gradients come from `gradient_<component>` (N, 2, H, W) where the frame has it, else from `gradient`, which
     covers all light. light (N, C, H, W): the component's noisy samples.
     """
-    with record_function(f"trmv/{component}/gradient"):
+    with scope(f"trmv/{component}/gradient"):
         own = frame.get(f"gradient_{component}")
         geometry = geometry_of(frame["depth"], frame["normal"])
         change = change_of(stratify(frame["gradient"] if own is None else own, brightness(light), geometry))

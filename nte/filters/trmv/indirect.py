@@ -8,11 +8,11 @@ from functools import partial
 import torch
 import torch.nn.functional as F
 from torch import Tensor
-from torch.profiler import record_function
 
 from nte.color import demodulate, remodulate
 from nte.filters.bilateral import Edges, atrous_bilateral
 from nte.filters.blocks import texture_of
+from nte.filters.scope import scope
 from nte.filters.threads import side_by_side, threads_for
 from nte.filters.trmv import accumulation
 from nte.filters.trmv import cones as hemisphere
@@ -70,7 +70,7 @@ class Cones:
         horizon are dropped.
         """
         assert inputs.before is not None
-        with record_function("trmv/indirect/temporal"):
+        with scope("trmv/indirect/temporal"):
             before = inputs.before.normal
             variance, may = accumulation.fetch_convergence(history, fetcher, inputs.frame.reset)
             weight = accumulation.weigh(variance, may, options, trust)
@@ -158,14 +158,14 @@ def denoise_indirect(
         anything = cones is None and vectors == "traditional"
         fetcher = fetch_from_anything(reprojection) if anything else fetch_from_surface(reprojection, inputs)
     if cones is None:
-        with record_function("trmv/indirect/filter"):
+        with scope("trmv/indirect/filter"):
             light, usable = demodulate(frame["indirect"], reflectance), frame.get(mask_of("indirect"))
             current, known = of_usable(partial(filter_indirect, edges=inputs.edges), light, usable)
         effect = accumulation.accumulate(
             "indirect", current, history, reprojection, inputs, options, REACH, trust, fetcher, known
         )
         return effect._replace(image=remodulate(effect.image, reflectance))
-    with record_function("trmv/indirect/filter"):
+    with scope("trmv/indirect/filter"):
         light, direction = frame["indirect_radiance"], frame["indirect_direction"]
         usable = frame.get(mask_of("indirect_radiance"))
         direction = direction if usable is None else direction * usable  # a zero direction marks no sample
@@ -174,5 +174,5 @@ def denoise_indirect(
     if fetcher is not None and history is not None:
         blended = cones.blend(current, history, fetcher, trust, inputs, options)
     effect = accumulation.finish("indirect", blended, reprojection, inputs, options)
-    with record_function("trmv/indirect/shade"):
+    with scope("trmv/indirect/shade"):
         return effect._replace(image=cones.shade(effect.image, reflectance))

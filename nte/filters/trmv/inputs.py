@@ -4,9 +4,9 @@ from typing import NamedTuple
 
 import torch.nn.functional as F
 from torch import Tensor
-from torch.profiler import record_function
 
 from nte.filters.bilateral import Edges, Guide, make_edges, make_guide
+from nte.filters.scope import scope
 from nte.frames.frame import Frame
 from nte.motion.geometric import Reprojection, frame_vectors, traditional_motion
 
@@ -37,7 +37,7 @@ class FrameInputs(NamedTuple):
 
 def prepare(frame: Frame, before: GBuffer | None) -> FrameInputs:
     """Compute the inputs that the effects share from a sanitised PyTorch frame and the previous frame's G-buffer."""
-    with record_function("trmv/guide"):
+    with scope("trmv/guide"):
         gbuffer = GBuffer(
             F.normalize(frame["normal"], dim=1),
             # Copies, since a caller may fill its buffers again before the next frame reads this G-buffer.
@@ -47,7 +47,7 @@ def prepare(frame: Frame, before: GBuffer | None) -> FrameInputs:
         )
         guide = make_guide(gbuffer.normal, gbuffer.depth, frame["roughness"])
         edges = make_edges(guide, RADIUS)
-    with record_function("trmv/vectors"):
+    with scope("trmv/vectors"):
         dual = frame_vectors(frame, None if before is None else before.depth)
         traditional = traditional_motion(frame["motion"])._replace(disoccluded=dual.disoccluded)
     return FrameInputs(frame, gbuffer, before, guide, edges, traditional, dual)

@@ -5,9 +5,9 @@ from typing import NamedTuple
 
 import torch
 from torch import Tensor
-from torch.profiler import record_function
 
 from nte.filters.bilateral import Edges, joint_bilateral
+from nte.filters.scope import scope
 from nte.filters.trmv.accumulation import Effect, History, accumulate
 from nte.filters.trmv.inputs import RADIUS, FrameInputs, GBuffer
 from nte.filters.trmv.options import TrmvOptions
@@ -41,11 +41,11 @@ def denoise_shadows(
     Eq. 4 replaces it.
     """
     frame, reliable = inputs.frame, vectors == "reliable"
-    with record_function("trmv/shadow/filter"):
+    with scope("trmv/shadow/filter"):
         usable = frame.get(mask_of("visibility"))
         moved = frame["shadow_motion"] if reliable else None
         splatted = splat(frame["visibility"], frame["direct"], moved, inputs.edges, usable)
-    with record_function("trmv/shadow/vectors"):
+    with scope("trmv/shadow/vectors"):
         reprojection = inputs.traditional
         if reliable:
             reprojection = shadow_reprojection(splatted, inputs.traditional)
