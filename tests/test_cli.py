@@ -111,7 +111,7 @@ def test_a_clip_that_cannot_be_used_is_named(told: Told, command: str, clip: str
         ("train nowhere.yaml", "nowhere.yaml: cannot be read: No such file"),
         ("train bad.yaml", "bad.yaml: not readable as YAML"),
         ("train tiny.yaml nope=1", "command line: 'nope': unknown key, expected one of name, "),
-        ("train tiny.yaml seed=one", "command line: 'seed': Value 'one'"),
+        ("train tiny.yaml seed=one", "command line: 'seed': 'one' is given, expected a whole number"),
         ("train tiny.yaml data.clips=[nowhere]", "nowhere: does not exist"),
         ("train tiny.yaml data.clips=[gap]", "gap/frame_0001.exr: missing"),
         (

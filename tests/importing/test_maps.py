@@ -337,7 +337,7 @@ def test_maps_are_parsed_once_however_many_files_are_looked_at(tmp_path: Path, m
 
 def test_an_unknown_map_lists_what_there_is(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     assert run(tmp_path, "blendr", tmp_path / "clip") == 2
-    assert "expected a path or one of arnold, blender, bmfr, falcor, karma" in capsys.readouterr().err
+    assert "did you mean blender? expected one of arnold, blender, bmfr, falcor, karma" in capsys.readouterr().err
     assert run(tmp_path, "maps/none.yaml", tmp_path / "clip") == 2
     assert "maps/none.yaml: cannot be read" in capsys.readouterr().err
     assert find_map("vray") == MAPS / "vray.yaml"
