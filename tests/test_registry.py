@@ -181,7 +181,7 @@ def test_a_new_filter_is_a_class_and_a_row(monkeypatch: pytest.MonkeyPatch) -> N
         np.testing.assert_allclose(image, factor * frame["color"], rtol=1e-6)
     with pytest.raises(NteError, match=r"dimmer: factor is -1\.0, expected a finite number above 0"):
         load_denoiser("dimmer:factor=-1")
-    with pytest.raises(NteError, match="did you mean dimmer[?] expected one of noisy, .*, dimmer"):
+    with pytest.raises(NteError, match=r"did you mean dimmer[?] expected one of noisy, .*, dimmer"):
         load_denoiser("dimer")
 
 
