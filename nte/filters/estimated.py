@@ -169,8 +169,8 @@ class Estimator:
     def _known(self, frame: Frame) -> Known | None:
         if not self.options.known:
             return None
-        finite = frame["motion"].isfinite().all(1, keepdim=True)
-        return Known(torch.where(finite, frame["motion"], 0.0), finite)
+        motion = frame["motion"]
+        return Known(motion, torch.ones_like(motion[:, :1], dtype=torch.bool))  # what is not finite is searched
 
 
 class EstimatedMotion(Filter[EstimateOptions]):

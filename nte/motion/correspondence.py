@@ -5,6 +5,7 @@ colours and does not claim true motion; it also follows shadows, reflections, wa
 computed from geometry.
 """
 
+import sys
 import warnings
 from collections.abc import Sequence
 from typing import NamedTuple
@@ -198,8 +199,19 @@ def _tell_of_missing_levels(image: Tensor, unit: int, wanted: int) -> None:
             f"what moves by more than {reach} pixels against the image as a whole: if anything does, give larger "
             "images, or motion vectors",
             FewerLevelsWarning,
-            stacklevel=3,
+            stacklevel=_frames_to_the_caller(),
         )
+
+
+def _frames_to_the_caller() -> int:
+    """The `stacklevel` at which a warning of the calling function shows the first line outside nte and PyTorch.
+
+    It differs with the functions that lie between, and PyTorch's decorators are among them.
+    """
+    frame, level = sys._getframe(1), 1
+    while frame.f_back and frame.f_globals.get("__name__", "").startswith(("nte.", "torch.")):
+        frame, level = frame.f_back, level + 1
+    return level
 
 
 def _scaled(image: Tensor, search: Search) -> Tensor:

@@ -502,8 +502,9 @@ def test_small_frames_are_told_about() -> None:
     session = Session(AlignAccumulate())
     tiny = Frame({"color": np.ones((1, 3, 8, 8), np.float32)})
     session.denoise(tiny)
-    with pytest.warns(FewerLevelsWarning):
+    with pytest.warns(FewerLevelsWarning) as told:
         np.testing.assert_allclose(session.denoise(tiny), 1, rtol=1e-5)
+    assert told[0].filename == __file__
 
 
 def test_what_is_compared_is_displayed_luminance() -> None:

@@ -1,6 +1,7 @@
 """The hierarchical search: discs whose motion is known, and images in which there is nothing to find."""
 
 import warnings
+from collections.abc import Callable
 from itertools import pairwise
 
 import numpy as np
@@ -119,6 +120,13 @@ def test_bad_pixels_count_as_black_and_nothing_bad_comes_out(bad: float) -> None
     assert torch.equal(found.motion, expected.motion)
     all_bad = find_correspondence(torch.full_like(current, bad), previous)
     assert all_bad.motion.isfinite().all()
+
+
+@pytest.mark.parametrize("find", [find_motion, find_correspondence, find_both_ways])
+def test_the_warning_about_small_images_shows_the_line_that_called(find: Callable[[Tensor, Tensor], object]) -> None:
+    with pytest.warns(FewerLevelsWarning) as told:
+        find(torch.zeros(1, 1, 8, 9), torch.zeros(1, 1, 8, 9))
+    assert {one.filename for one in told} == {__file__}
 
 
 @pytest.mark.parametrize(("size", "levels", "reach"), [((1, 1), 1, 2), ((15, 300), 1, 2), ((16, 17), 2, 10)])
