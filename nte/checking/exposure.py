@@ -47,6 +47,7 @@ class ExposureTally:
     def __init__(self) -> None:
         self._color: Tensor | None = None
         self._reference: Tensor | None = None
+        self._lit = False, False  # color and reference show light in some frame
         self._same = True  # so far colour and reference are one image
         self._scales: list[_Scale] = []  # of frames that are lit
 
@@ -63,6 +64,10 @@ class ExposureTally:
         # The blocks of a picture that is turned over are the same, turned over.
         sums = F.adaptive_avg_pool2d(torch.where(good, both, 0.0), (height, width)).double()
         color, reference = sums[:, :3].mean(1), sums[:, 3:].mean(1)
+        lit = bool(color.any()), bool(reference.any())
+        self._lit = self._lit[0] or lit[0], self._lit[1] or lit[1]
+        if lit[0] != lit[1]:  # a frame without one of them says nothing of their scale
+            return
         if scale := _scale(color, reference):
             self._scales.append(scale)
         self._color = color if self._color is None else self._color + color
@@ -75,6 +80,10 @@ class ExposureTally:
         much between frames, if only one of the two is black, and if the two are each other's mirror image. A reference
         that is the colour itself is only noted.
         """
+        if self._lit[0] != self._lit[1]:
+            dark = "reference" if self._lit[0] else "color"
+            yield Finding(dark, "black everywhere", "the same light in color and reference")
+            return
         if self._color is None or self._reference is None:
             return
         if self._same and float(self._color.sum()) > 0:
@@ -86,11 +95,7 @@ class ExposureTally:
         if as_it_is > UNLIKE and flipped[how] < FLIPPED * as_it_is:
             yield Finding("reference", f"shows the picture of color {how}", ORIENTATION)
             return
-        lit = [float(light.sum()) > 0 for light in (self._color, self._reference)]
-        if lit[0] != lit[1]:
-            dark = "reference" if lit[0] else "color"
-            yield Finding(dark, "black everywhere", "the same light in color and reference")
-        elif scale := _scale(self._color, self._reference):
+        if scale := _scale(self._color, self._reference):
             yield from self._judge_scale(scale)
 
     def _judge_scale(self, whole: _Scale) -> Iterator[Finding]:
@@ -105,6 +110,7 @@ class ExposureTally:
             yield Finding("reference", found, "one exposure and scale for color and reference in all frames", many)
             if many:
                 return
+            whole = whole._replace(of_blocks=blocks, of_means=means)  # of the other frames
         factor = whole.without(0, 0)
         if abs(factor) >= log(TOLD):
             agree = f"median of blocks; {whole.agree:.0%} of them agree"
