@@ -20,6 +20,7 @@ ENOUGH = 12  # least number of blocks that tell an orientation
 LIT = 4  # least number of blocks that tell a scale
 UNLIKE = 0.05  # median difference of the logarithms from which on the blocks are not those of one picture
 FLIPPED = 0.25  # the picture was turned over if that leaves at most this share of the difference
+BENT, TOGETHER = 1.5, 0.95  # least exponent between the two that is told (or its inverse), and least correlation
 SAME = 1e-3  # relative difference of one image in half floats and in float32
 AGREE = 0.7  # share of blocks that must agree; with fewer it is noise or another light, not another scale
 FRAMES = 0.1  # share of the frames with a scale of their own from which on it is a fault; a few are only told
@@ -97,6 +98,9 @@ class ExposureTally:
             return
         if scale := _scale(self._color, self._reference):
             yield from self._judge_scale(scale)
+        if exponent := _exponent(self._color, self._reference):
+            found = f"rises as color to the power of {exponent:.2g}"
+            yield Finding("reference", found, "linear light in both, not encoded for display", False)
 
     def _judge_scale(self, whole: _Scale) -> Iterator[Finding]:
         scales = self._scales or [whole]
@@ -127,6 +131,18 @@ def _scale(color: Tensor, reference: Tensor) -> _Scale | None:
     ratios = (color[lit] / reference[lit]).log()
     typical, of_means = float(ratios.median()), float((color.sum() / reference.sum()).log())
     return _Scale(typical, of_means, float(((ratios - typical).abs() < log(ALIKE)).double().mean()))
+
+
+def _exponent(color: Tensor, reference: Tensor) -> float:
+    """Find the power of colour that the reference is, block by block (1, h, w); 0 if it is about 1, or unknown."""
+    lit = (color > 0) & (reference > 0)
+    if int(lit.sum()) < ENOUGH:
+        return 0.0
+    logs = torch.stack([color[lit], reference[lit]]).log()
+    spread = logs.std(1)
+    exponent = float(spread[1] / spread[0].clamp(min=1e-30))
+    bent = not 1 / BENT < exponent < BENT
+    return exponent if bent and float(torch.corrcoef(logs)[0, 1]) > TOGETHER else 0.0
 
 
 def _unlike(color: Tensor, reference: Tensor) -> float:

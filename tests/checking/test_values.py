@@ -122,6 +122,24 @@ def test_a_frame_with_an_exposure_of_its_own_says_nothing_of_the_others(
     assert report.verdict == ("implausible" if fault else "plausible")
 
 
+@pytest.mark.parametrize(
+    ("change", "power"),
+    [
+        (lambda f: {"reference": f["reference"] ** (1 / 2.2)}, 0.45),
+        (lambda f: {"color": f["color"] ** (1 / 2.2)}, 2.2),
+        (lambda f: {"reference": f["reference"] + 0.3}, None),
+        (lambda f: {"color": 3 * f["color"] ** 1.1}, None),
+    ],
+)
+def test_light_that_is_encoded_for_display_is_noted(
+    tmp_path: Path, change: Callable[..., dict[str, Pixels]], power: float | None
+) -> None:
+    report = checked(tmp_path, lambda f, i: change(f))
+    told = [finding for finding in report.findings if "to the power" in finding.found]
+    assert [f.fault for f in told] == ([False] if power else [])
+    assert not power or float(told[0].found.split()[-1]) == pytest.approx(power, rel=0.15)
+
+
 @pytest.mark.parametrize("name", ["albedo", "normal", "depth", "instance", "color", "reference"])
 def test_a_channel_that_is_lost_in_one_frame_is_named(tmp_path: Path, name: str) -> None:
     report = checked(tmp_path, lambda f, i: {name: f[name] * (i != 1)})
