@@ -34,9 +34,12 @@ class BlankTally:
                     self._blank[name].append(frame.index)
 
     def judge(self) -> Iterator[Finding]:
-        """Yield a note for each channel that is 0 in some frames; what is 0 in all of them is told elsewhere."""
+        """Yield a note for each channel that is 0 in some frames; other checks tell what is 0 in all of them.
+
+        Except positions, and instances: these may be 0 where nothing has an id.
+        """
         for name, frames in self._blank.items():
-            if name in self._seen:
+            if name in self._seen or name == "position":
                 others = "surfaces" if name in SURFACES else "light"
                 where = f"in {len(frames)} of {self._frames} frames, the first is {frames[0]}"
                 found = f"0 everywhere {where}, though other channels show {others}"

@@ -1,4 +1,4 @@
-"""A check that the reference has the scale and orientation of the colour: ratios of block means, over all frames."""
+"""A check that the reference has the scale and orientation of the colour, and is as linear: means of blocks."""
 
 from collections.abc import Iterator
 from math import exp, log
@@ -79,7 +79,7 @@ class ExposureTally:
 
         It is a fault if the factor exceeds 1.5 and over 70 % of the blocks agree; also if that factor differs by as
         much between frames, if only one of the two is black, and if the two are each other's mirror image. A reference
-        that is the colour itself is only noted.
+        that is the colour itself, or a power of it, is only noted.
         """
         if self._lit[0] != self._lit[1]:
             dark = "reference" if self._lit[0] else "color"

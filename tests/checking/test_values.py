@@ -148,6 +148,12 @@ def test_a_channel_that_is_lost_in_one_frame_is_named(tmp_path: Path, name: str)
     assert (told.channel, told.fault) == (name, False)
 
 
+def test_positions_that_are_all_zero_are_noted(tmp_path: Path) -> None:
+    report = checked(tmp_path, lambda f, i: {"position": 0 * f["normal"]})
+    assert [f.fault for f in report.findings if f.found.startswith("0 everywhere in 3 of 3 frames")] == [False]
+    assert [f.channel for f in report.findings if "0 everywhere" in f.found] == ["position"]
+
+
 def test_a_frame_without_surfaces_or_light_has_lost_none(tmp_path: Path) -> None:
     """The camera looks into the dark sky for a frame."""
     shown = ("color", "reference", "albedo", "normal", "depth", "instance")
