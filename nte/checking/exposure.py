@@ -1,4 +1,4 @@
-"""A check that the reference has the scale and orientation of the colour: ratios of block means, over all frames."""
+"""A check that the reference has the scale and orientation of the colour, and is as linear: means of blocks."""
 
 from collections.abc import Iterator
 from math import exp, log
@@ -20,6 +20,7 @@ ENOUGH = 12  # least number of blocks that tell an orientation
 LIT = 4  # least number of blocks that tell a scale
 UNLIKE = 0.05  # median difference of the logarithms from which on the blocks are not those of one picture
 FLIPPED = 0.25  # the picture was turned over if that leaves at most this share of the difference
+BENT, TOGETHER = 1.5, 0.95  # least exponent between the two that is told (or its inverse), and least correlation
 SAME = 1e-3  # relative difference of one image in half floats and in float32
 AGREE = 0.7  # share of blocks that must agree; with fewer it is noise or another light, not another scale
 FRAMES = 0.1  # share of the frames with a scale of their own from which on it is a fault; a few are only told
@@ -47,6 +48,7 @@ class ExposureTally:
     def __init__(self) -> None:
         self._color: Tensor | None = None
         self._reference: Tensor | None = None
+        self._lit = False, False  # color and reference show light in some frame
         self._same = True  # so far colour and reference are one image
         self._scales: list[_Scale] = []  # of frames that are lit
 
@@ -63,6 +65,10 @@ class ExposureTally:
         # The blocks of a picture that is turned over are the same, turned over.
         sums = F.adaptive_avg_pool2d(torch.where(good, both, 0.0), (height, width)).double()
         color, reference = sums[:, :3].mean(1), sums[:, 3:].mean(1)
+        lit = bool(color.any()), bool(reference.any())
+        self._lit = self._lit[0] or lit[0], self._lit[1] or lit[1]
+        if lit[0] != lit[1]:  # a frame without one of them says nothing of their scale
+            return
         if scale := _scale(color, reference):
             self._scales.append(scale)
         self._color = color if self._color is None else self._color + color
@@ -73,8 +79,12 @@ class ExposureTally:
 
         It is a fault if the factor exceeds 1.5 and over 70 % of the blocks agree; also if that factor differs by as
         much between frames, if only one of the two is black, and if the two are each other's mirror image. A reference
-        that is the colour itself is only noted.
+        that is the colour itself, or a power of it, is only noted.
         """
+        if self._lit[0] != self._lit[1]:
+            dark = "reference" if self._lit[0] else "color"
+            yield Finding(dark, "black everywhere", "the same light in color and reference")
+            return
         if self._color is None or self._reference is None:
             return
         if self._same and float(self._color.sum()) > 0:
@@ -86,12 +96,11 @@ class ExposureTally:
         if as_it_is > UNLIKE and flipped[how] < FLIPPED * as_it_is:
             yield Finding("reference", f"shows the picture of color {how}", ORIENTATION)
             return
-        lit = [float(light.sum()) > 0 for light in (self._color, self._reference)]
-        if lit[0] != lit[1]:
-            dark = "reference" if lit[0] else "color"
-            yield Finding(dark, "black everywhere", "the same light in color and reference")
-        elif scale := _scale(self._color, self._reference):
+        if scale := _scale(self._color, self._reference):
             yield from self._judge_scale(scale)
+        if exponent := _exponent(self._color, self._reference):
+            found = f"rises as color to the power of {exponent:.2g}"
+            yield Finding("reference", found, "linear light in both, not encoded for display", False)
 
     def _judge_scale(self, whole: _Scale) -> Iterator[Finding]:
         scales = self._scales or [whole]
@@ -105,6 +114,7 @@ class ExposureTally:
             yield Finding("reference", found, "one exposure and scale for color and reference in all frames", many)
             if many:
                 return
+            whole = whole._replace(of_blocks=blocks, of_means=means)  # of the other frames
         factor = whole.without(0, 0)
         if abs(factor) >= log(TOLD):
             agree = f"median of blocks; {whole.agree:.0%} of them agree"
@@ -121,6 +131,18 @@ def _scale(color: Tensor, reference: Tensor) -> _Scale | None:
     ratios = (color[lit] / reference[lit]).log()
     typical, of_means = float(ratios.median()), float((color.sum() / reference.sum()).log())
     return _Scale(typical, of_means, float(((ratios - typical).abs() < log(ALIKE)).double().mean()))
+
+
+def _exponent(color: Tensor, reference: Tensor) -> float:
+    """Find the power of colour that the reference is, block by block (1, h, w); 0 if it is about 1, or unknown."""
+    lit = (color > 0) & (reference > 0)
+    if int(lit.sum()) < ENOUGH:
+        return 0.0
+    logs = torch.stack([color[lit], reference[lit]]).log()
+    spread = logs.std(1)
+    exponent = float(spread[1] / spread[0].clamp(min=1e-30))
+    bent = not 1 / BENT < exponent < BENT
+    return exponent if bent and float(torch.corrcoef(logs)[0, 1]) > TOGETHER else 0.0
 
 
 def _unlike(color: Tensor, reference: Tensor) -> float:

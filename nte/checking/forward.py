@@ -21,6 +21,7 @@ NEAR_PX, SHARE = 0.5, 0.1  # a vector leads back if it misses by at most so many
 SAME_SURFACE = 1.1  # greatest ratio of the depths at both ends of a vector
 ENOUGH = 200  # least number of pixels that can tell
 MOST = 0.5  # the forward vectors are wrong if a smaller share of them leads back
+SOME = 0.1  # a greater share of zeros where something moves is told
 NAMED = 0.8  # least share that leads back in a convention that is named
 
 OURS = Convention()
@@ -60,18 +61,22 @@ def returns(previous: Frame, current: Frame) -> Returns | None:
 
 
 def judge_returns(pairs: Sequence[Returns]) -> Iterator[Finding]:
-    """Yield a fault if most forward vectors do not lead back. pairs: of frames whose vectors are plausible."""
-    moving = sum(pair.moving for pair in pairs)
+    """Yield a fault if most forward vectors do not lead back, and a note if some are 0 that should not be.
+
+    pairs: of frames whose vectors are plausible.
+    """
+    moving, still = sum(pair.moving for pair in pairs), sum(pair.still for pair in pairs)
     back: Counter[Convention] = sum((pair.back for pair in pairs), Counter())
-    if moving < ENOUGH or back[OURS] >= MOST * moving:
+    wrong = back[OURS] < MOST * moving
+    if moving < ENOUGH or not (wrong or still > SOME * moving):
         return
     fits = max(ABLE, key=lambda convention: back[convention])
     found = f"leads back from where motion leads in {back[OURS] / moving:.0%} of the moving pixels"
-    if 2 * sum(pair.still for pair in pairs) > moving:
-        found = f"0 where motion is not, in {sum(pair.still for pair in pairs) / moving:.0%} of the moving pixels"
+    if not wrong or still > 0.5 * moving:
+        found = f"0 where motion is not, in {still / moving:.0%} of the moving pixels"
     elif back[fits] >= NAMED * moving:
         found = f"has another convention: {fits}"
-    yield Finding("forward_motion", found, "px, to the next frame; no such channel where it is unknown")
+    yield Finding("forward_motion", found, "px, to the next frame; no such channel where it is unknown", wrong)
 
 
 def _leads_back(forward: Tensor, motion: Tensor) -> Tensor:

@@ -29,7 +29,7 @@ def without_jitter(pairs: Sequence[Votes]) -> list[Votes]:
         return list(pairs)
     if sum(map(bool, small)) >= min(2, len(pairs)) and _follow_vectors(pieces):
         return list(pairs)
-    return [_without_small(pair) for pair in pairs]
+    return [without_small(pair) for pair in pairs]
 
 
 def _within_reach(piece: Against) -> bool:
@@ -46,6 +46,7 @@ def _follow_vectors(pieces: Sequence[Against]) -> bool:
     return float(left.norm()) <= LEFT * float(lacking.norm())
 
 
-def _without_small(pair: Votes) -> Votes:
+def without_small(pair: Votes) -> Votes:
+    """Leave out the votes of a pair of frames against the vectors that are within reach of jitter."""
     kept = [piece for piece in pair.against if not _within_reach(piece)]
     return replace(pair, against=kept, weight_against=pair.weight_against * len(kept) / max(1, len(pair.against)))

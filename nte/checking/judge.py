@@ -1,12 +1,13 @@
 """The verdict about motion vectors from votes: weak evidence names no convention."""
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from math import hypot
 from statistics import median
 from typing import Literal
 
-from nte.checking.jitter import without_jitter
+from nte.checking.jitter import without_jitter, without_small
+from nte.checking.values import Finding
 from nte.checking.votes import RIVALS, Votes
 from nte.motion.conventions import Convention
 
@@ -32,12 +33,22 @@ def judge_votes(pairs: Sequence[Votes]) -> Judgement:
 
     Votes against the vectors count only if they come from at least half of the pairs that vote: one bad frame, or a
     cut, does not condemn the clip. Fewer than six votes, or votes that disagree, are undecidable, and so are votes
-    against the vectors that camera jitter explains. More than a tenth of votes against the vectors are never plausible.
+    against the vectors that camera jitter explains. If those that count are more than a tenth of all votes, the vectors
+    are never plausible.
     """
     judgement = _weigh(pairs)
     if judgement.verdict != "implausible" or _weigh(without_jitter(pairs)).verdict == "implausible":
         return judgement
     return Judgement("undecidable", f"{_counts(_total(pairs))}, by no more than camera jitter, which vectors leave out")
+
+
+def judge_frames(votes: Mapping[int, Votes]) -> Iterator[Finding]:
+    """Yield a note if in some frames most votes are against the vectors. votes: frame → votes, of plausible vectors."""
+    large = {frame: without_small(pair) for frame, pair in votes.items()}
+    bad = [frame for frame, pair in large.items() if len(pair.against) >= ENOUGH and pair.weight_against > pair.good]
+    if bad:
+        found = f"contradicts the picture in {len(bad)} of {len(votes)} frames that were judged, the first is {bad[0]}"
+        yield Finding("motion", found, "vectors to the frame before; after a cut another clip", False)
 
 
 def _weigh(pairs: Sequence[Votes]) -> Judgement:

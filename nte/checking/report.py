@@ -8,13 +8,14 @@ from pathlib import Path
 import torch
 from torch import Tensor
 
+from nte.checking.blank import BlankTally
 from nte.checking.cells import cell_votes
 from nte.checking.exposure import ExposureTally
 from nte.checking.flips import ORIENTATION, FlipTally
 from nte.checking.forward import Returns, judge_returns, returns
 from nte.checking.geometry import GeometryTally
 from nte.checking.guides import GuideTally
-from nte.checking.judge import Judgement, Verdict, judge_votes
+from nte.checking.judge import Judgement, Verdict, judge_frames, judge_votes
 from nte.checking.late import LateTally
 from nte.checking.objects import object_votes
 from nte.checking.order import Order, depth_order, judge_order
@@ -84,7 +85,7 @@ class CheckReport:
 class _Vectors:
     """Results collected from pairs of frames."""
 
-    votes: list[Votes] = field(default_factory=list)
+    votes: dict[int, Votes] = field(default_factory=dict)  # of each frame
     still: list[Stillness] = field(default_factory=list)
     orders: list[Order] = field(default_factory=list)
     spaces: list[Spaces] = field(default_factory=list)
@@ -116,10 +117,11 @@ class _Vectors:
             votes.add(cell_votes(previous, current))
         if "instance" in current:
             votes.add(object_votes(previous, current))
-        self.votes.append(votes)
+        self.votes[current.index] = votes
 
     def judge(self) -> Iterator[Finding]:
         """Yield what right vectors say of other channels."""
+        yield from judge_frames(self.votes)
         yield from judge_order(self.orders)
         yield from judge_spaces(self.spaces)
         yield from judge_returns(self.returns)
@@ -138,13 +140,14 @@ def check(clip: Clip | Path | str) -> CheckReport:
     """
     clip = clip if isinstance(clip, Clip) else Clip(clip)
     tallies: dict[str, Tally] = defaultdict(Tally)
-    exposure, flips, guides, geometry, late = ExposureTally(), FlipTally(), GuideTally(), GeometryTally(), LateTally()
-    vectors = _Vectors()
+    exposure, flips, guides, geometry = ExposureTally(), FlipTally(), GuideTally(), GeometryTally()
+    blank, late, vectors = BlankTally(), LateTally(), _Vectors()
     voting = {round(1 + i * (len(clip) - 2) / max(PAIRS - 1, 1)) for i in range(PAIRS)}
     previous: Frame | None = None
     for frame in clip:
         current = frame.torch()
         tally_values(tallies, current)
+        blank.add(current)
         exposure.add(current)
         flips.add(current)
         guides.add(current)
@@ -158,10 +161,11 @@ def check(clip: Clip | Path | str) -> CheckReport:
     along = list(vectors.judge()) if judgement.verdict == "plausible" else []
     light = list(exposure.judge())
     turned = () if ORIENTATION in (f.expected for f in light) else flips.judge()  # the reference is turned over itself
-    findings = [*judge_values(tallies), *light, *turned, *late.judge(), *geometry.judge(), *along, *guides.judge()]
+    values = [*judge_values(tallies), *blank.judge()]
+    findings = [*values, *light, *turned, *late.judge(), *geometry.judge(), *along, *guides.judge()]
     judgement = _judge(judgement, findings)
     total = Votes()
-    for votes in vectors.votes:
+    for votes in vectors.votes.values():
         total.add(votes)
     return CheckReport(
         clip.name, len(clip), judgement.verdict, judgement.reason, findings, dict(tallies), total, dict(vectors.errors),
@@ -184,7 +188,7 @@ def _judge_vectors(clip: Clip, vectors: _Vectors) -> Judgement:
         return Judgement("undecidable", f"vectors not checked: that needs albedo and motion, without {missing[0]}")
     if len(clip) < 2:
         return Judgement("undecidable", "vectors not checked: that needs two frames")
-    judgement = judge_votes(vectors.votes)
+    judgement = judge_votes(list(vectors.votes.values()))
     if judgement.verdict != "implausible" and (stuck := without_motion(vectors.still)):
         return Judgement("implausible", stuck)
     return judgement

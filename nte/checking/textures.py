@@ -2,7 +2,8 @@
 
 A pixel finds its albedo in the previous frame, up to a pixel, if the value lies between the smallest and the largest
 of the pixels around the place that its vector leads to. Only pixels inside one surface take part, and only if what they
-fetch may be the same surface, as far as instance and depth can tell.
+fetch may be the same surface, as far as instance and depth can tell. Without both, the vectors themselves tell where
+surfaces end.
 """
 
 from typing import NamedTuple
@@ -15,6 +16,7 @@ from nte.frames.frame import Frame
 from nte.motion.warp import pixel_centres
 
 ONE_SURFACE = 1.1  # greatest ratio of the depths in 3×3 pixels of one surface
+ONE_MOTION = 1.0, 0.25  # greatest range of the vectors in 3×3 pixels of one surface: pixels, share of the longest one
 SAME_SURFACE = 1.5  # greatest ratio between the depth of a pixel and the depth that it fetches
 
 
@@ -28,7 +30,7 @@ class Range(NamedTuple):
 class Textures:
     """Two consecutive frames as flat lists of pixels.
 
-    previous, current: PyTorch frames of batch 1 with albedo; instance and depth are optional.
+    previous, current: PyTorch frames of batch 1 with albedo and motion; instance and depth are optional.
     """
 
     def __init__(self, previous: Frame, current: Frame) -> None:
@@ -97,8 +99,14 @@ def _largest(image: Tensor) -> Tensor:
 
 
 def _inside_surfaces(frame: Frame) -> Tensor:
-    """Bool mask (1, 1, H, W): the 3×3 pixels around show one surface, as far as instance and depth can tell."""
+    """Bool mask (1, 1, H, W): the 3×3 pixels around show one surface, as far as instance and depth, or motion, tell."""
     inside: Tensor = frame["albedo"].isfinite().all(1, keepdim=True)
+    if "instance" not in frame and "depth" not in frame:
+        motion = frame["motion"].nan_to_num()
+        low, high = -_largest(-motion), _largest(motion)
+        least, share = ONE_MOTION
+        longest = torch.maximum(low.abs(), high.abs()).amax(1, keepdim=True)
+        inside = inside & ((high - low).amax(1, keepdim=True) <= (share * longest).clamp(min=least))
     if (instance := frame.get("instance")) is not None:
         inside = inside & (_largest(instance) == -_largest(-instance))
     if (depth := frame.get("depth")) is not None:

@@ -38,7 +38,7 @@ class Tally:
     high: float = -float("inf")
     total: float = 0.0
     finite: int = 0  # number of finite values
-    bad: int = 0  # not finite; for light, reflectance, and all but vectors where NaN has a meaning, as nte.frames.bad
+    bad: int = 0  # unusable (nte.frames.bad) for light, reflectance, gradients and covariances; not finite for others
     first_bad: int | None = None  # first frame with bad pixels
     far: int = 0  # vectors longer than four images, or, if noisy, than 64
     first_far: int | None = None  # first frame with such vectors

@@ -127,6 +127,8 @@ def test_one_bad_frame_does_not_condemn_the_clip(tmp_path: Path) -> None:
     report = check(Clip(write_clip(tmp_path / "clip", frames)))
     assert report.votes.against
     assert report.verdict == "plausible"
+    told = [finding.found for finding in report.findings if finding.channel == "motion"]
+    assert told == ["contradicts the picture in 1 of 7 frames that were judged, the first is 4"]
 
 
 def test_without_instances_and_depth(tmp_path: Path) -> None:

@@ -49,3 +49,17 @@ def test_nothing_is_said_of_forward_vectors_that_are_right(tmp_path: Path) -> No
     for name, shown in (("moving", frames), ("still", [frame | {"motion": 0 * frame["motion"]} for frame in FRAMES])):
         report = check(Clip(write_clip(tmp_path / name, shown)))
         assert not [finding for finding in report.findings if finding.channel == "forward_motion"]
+
+
+@pytest.mark.parametrize(("lost", "frames"), [(slice(0, 32), [0, 1, 2, 3]), (slice(None), [1])])
+def test_some_forward_vectors_that_are_zero_are_noted(tmp_path: Path, lost: slice, frames: list[int]) -> None:
+    """A third of the picture, or a frame."""
+    shown = [frame | {"forward_motion": frame["forward_motion"].copy()} for frame in FRAMES]
+    for i in frames:
+        shown[i]["forward_motion"][:, :, lost] = 0
+    report = check(Clip(write_clip(tmp_path / "clip", shown)))
+    told = [finding for finding in report.findings if finding.channel == "forward_motion"]
+    assert len(told) == 1
+    assert told[0].found.startswith("0 where motion is not, in 3")
+    assert not told[0].fault
+    assert report.verdict == "plausible"

@@ -36,3 +36,11 @@ def test_thin_parts_that_move_without_vectors(tmp_path: Path) -> None:
     report = check(Clip(write_clip(tmp_path / "clip", frames)))
     assert report.verdict == "implausible"
     assert "the picture changes and the vectors do not" in report.reason
+
+
+@pytest.mark.parametrize("travel", [0.4, 1.0, 8.0])
+def test_right_vectors_of_thin_parts_in_albedo_alone_never_fail(tmp_path: Path, travel: float) -> None:
+    """Without instances and depth, the vectors themselves tell where parts end before the sky."""
+    frames = [{n: f[n] for n in ("color", "albedo", "motion")} for f in thin_frames(3, (120, 160), travel=travel)]
+    report = check(Clip(write_clip(tmp_path / "clip", frames)))
+    assert report.verdict != "implausible", report.reason

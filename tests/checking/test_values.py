@@ -110,6 +110,57 @@ def test_a_reference_with_an_exposure_of_its_own_in_every_frame(
     assert report.verdict == ("implausible" if fault else "plausible")
 
 
+@pytest.mark.parametrize(("usual", "other", "fault"), [(1.0, 4.0, False), (5.0, 1.0, True)])
+def test_a_frame_with_an_exposure_of_its_own_says_nothing_of_the_others(
+    tmp_path: Path, usual: float, other: float, fault: bool
+) -> None:
+    report = checked(tmp_path, lambda f, i: {"color": f["color"] * (other if i == 1 else usual)})
+    assert [f.fault for f in report.findings if "as frames differ (1 of 3 do)" in f.found] == [False]
+    whole = [f for f in report.findings if "median of blocks" in f.found]
+    assert [f.fault for f in whole] == [True] * fault
+    assert all(f.found.startswith("color is 5 times as bright") for f in whole)
+    assert report.verdict == ("implausible" if fault else "plausible")
+
+
+@pytest.mark.parametrize(
+    ("change", "power"),
+    [
+        (lambda f: {"reference": f["reference"] ** (1 / 2.2)}, 0.45),
+        (lambda f: {"color": f["color"] ** (1 / 2.2)}, 2.2),
+        (lambda f: {"reference": f["reference"] + 0.3}, None),
+        (lambda f: {"color": 3 * f["color"] ** 1.1}, None),
+    ],
+)
+def test_light_that_is_encoded_for_display_is_noted(
+    tmp_path: Path, change: Callable[..., dict[str, Pixels]], power: float | None
+) -> None:
+    report = checked(tmp_path, lambda f, i: change(f))
+    told = [finding for finding in report.findings if "to the power" in finding.found]
+    assert [f.fault for f in told] == ([False] if power else [])
+    assert not power or float(told[0].found.split()[-1]) == pytest.approx(power, rel=0.15)
+
+
+@pytest.mark.parametrize("name", ["albedo", "normal", "depth", "instance", "color", "reference"])
+def test_a_channel_that_is_lost_in_one_frame_is_named(tmp_path: Path, name: str) -> None:
+    report = checked(tmp_path, lambda f, i: {name: f[name] * (i != 1)})
+    [told] = [f for f in report.findings if f.channel == name or f.channel == "reference"]
+    assert told.found.startswith("0 everywhere in 1 of 3 frames, the first is 1, though other channels show ")
+    assert (told.channel, told.fault) == (name, False)
+
+
+def test_positions_that_are_all_zero_are_noted(tmp_path: Path) -> None:
+    report = checked(tmp_path, lambda f, i: {"position": 0 * f["normal"]})
+    assert [f.fault for f in report.findings if f.found.startswith("0 everywhere in 3 of 3 frames")] == [False]
+    assert [f.channel for f in report.findings if "0 everywhere" in f.found] == ["position"]
+
+
+def test_a_frame_without_surfaces_or_light_has_lost_none(tmp_path: Path) -> None:
+    """The camera looks into the dark sky for a frame."""
+    shown = ("color", "reference", "albedo", "normal", "depth", "instance")
+    report = checked(tmp_path, lambda f, i: {name: f[name] * (i != 1) for name in shown})
+    assert not [f for f in report.findings if "0 everywhere" in f.found]
+
+
 def test_a_small_reference_that_is_upside_down_is_blamed_itself(tmp_path: Path) -> None:
     rng = np.random.default_rng(0)
     frames = [disc_frame(i, size=(40, 40), start=(10, 12), rng=rng) for i in range(3)]
