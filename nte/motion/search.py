@@ -58,7 +58,7 @@ class Search:
 # are not in the paper; with them, smaller patches than the paper's are better. Chosen on training clips.
 SEARCHES = {
     "clean": Search(smoothing=(2, 1, 1), agreement=(1, 1), half=True),
-    "moderate": Search(smoothing=(2, 1, 1), agreement=(0, 4), error_level=1),
+    "moderate": Search(smoothing=(2, 1, 1), agreement=(4, 4), error_level=1),
     "noisy": Search((3, 3, 3, 2), smoothing=(2, 2, 1, 1), agreement=(4, 4), half=True, error_level=1),
     "strong": Search(RADII["strong"], smoothing=(8, 4, 2, 1), agreement=(8, 8), half=True, error_level=1),
 }
