@@ -116,4 +116,4 @@ def grouped(frames: Sequence[Spent]) -> dict[str, float]:
             scopes = name.split("/")
             step = scopes[1] if scopes[0] == "" and len(scopes) > 2 else step
             spent[step] = spent.get(step, 0.0) + milliseconds / len(frames)
-    return spent
+    return {name: milliseconds for name, milliseconds in spent.items() if milliseconds}  # inputs are operators of 0 ms
