@@ -4,7 +4,7 @@ The table of channels says how a channel is shown. Needs NumPy and Pillow only.
 """
 
 import io
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -19,6 +19,7 @@ from nte.frames.srgb import encode_srgb
 
 RGB = npt.NDArray[np.uint8]  # (H, W, 3)
 Pixels = npt.NDArray[np.floating]  # (C, H, W)
+View = Callable[[Pixels, float], Pixels]  # radiance (3, H, W) and its linear factor → sRGB in [0, 1]
 
 BAD = (255, 0, 255)  # magenta: NaN and infinite pixels
 _MARGIN, _LINE = 8, 15  # margins and line height of a grid, in pixels
@@ -34,11 +35,15 @@ class Picture:
     note: str = ""
 
 
-def show(name: str, values: npt.NDArray[np.generic], exposure: float = 1.0, scale: float | None = None) -> Picture:
+def show(
+    name: str, values: npt.NDArray[np.generic], exposure: float = 1.0, scale: float | None = None,
+    view: View | None = None,
+) -> Picture:  # fmt: skip
     """Draw channel `name`, values (C, H, W), as the table of channels says.
 
     exposure: linear factor for radiance. scale: the value that gets the full colour, for motion (px), depth
-    and other unbounded numbers; None takes it from the picture. Bad pixels (NaN, inf) are magenta.
+    and other unbounded numbers; None takes it from the picture. view: how radiance is shown; None takes `display`.
+    Bad pixels (NaN, inf) are magenta.
     Raises NteError for a channel that is not in the table, or with a wrong number of components.
     """
     row = CHANNELS.get(name)
@@ -51,11 +56,11 @@ def show(name: str, values: npt.NDArray[np.generic], exposure: float = 1.0, scal
     usable: Pixels = np.where(bad, 0, values)
     unit = "" if row.unit.startswith("1") else f" {row.unit.split(',')[0]}"
     if scale is None:
-        scale = scale_of(name, values)
+        scale = scale_of(name, values) if row.shown in ("direction", "heat", "motion") else 1.0
     note = ""
     match row.shown:
         case "radiance":
-            drawn, note = display(usable, exposure), f"exposure {exposure:.3g}"
+            drawn, note = (view or display)(usable, exposure), f"exposure {exposure:.3g}"
         case "reflectance":
             drawn = usable
         case "direction":

@@ -1,15 +1,12 @@
 """View transforms: from linear radiance to the colours of a picture."""
 
 import os
-from collections.abc import Callable
 
 import numpy as np
 
 from nte.errors import NteError, needs_extra
-from nte.frames.show import Pixels, display
+from nte.frames.show import Pixels, View, display
 from nte.frames.srgb import encode_srgb
-
-View = Callable[[Pixels, float], Pixels]  # radiance (3, H, W) and its linear factor → sRGB in [0, 1]
 
 # Linear light with the primaries of Rec. 709 by its names in OpenColorIO's built-in configurations and in Blender's.
 _LINEAR = ("Linear Rec.709 (sRGB)", "lin_rec709", "Linear Rec.709")

@@ -10,7 +10,7 @@ from nte.errors import NteError
 from nte.files import make_folder
 from nte.frames.channels import CHANNELS
 from nte.frames.clip import Pixels
-from nte.frames.show import BAD, RGB, quantise, show, write_png
+from nte.frames.show import RGB, show, write_png
 from nte.frames.views import find_view
 from nte.sequences.video import require_video
 
@@ -87,15 +87,10 @@ class Pictures:
         """Draw light with the view transform, and anything else as the table of channels says.
 
         An exposure that is only estimated would make pictures brighter or darker than the renderer's own: the view
-        transform `nte` alone uses it. Bad pixels are magenta.
+        transform `nte` alone uses it.
         """
         exposure = image.exposure if image.stated or self.name == "nte" else 1.0
-        if CHANNELS[self._target].kind != "radiance":
-            return show(self._target, pixels, exposure).pixels
-        bad = ~np.isfinite(pixels).all(0)
-        drawn = quantise(self._view(np.where(bad, 0, pixels), exposure))
-        drawn[bad] = BAD
-        return drawn
+        return show(self._target, pixels, exposure, view=self._view).pixels
 
 
 def _halves(before: RGB, after: RGB) -> RGB:
