@@ -4,7 +4,8 @@ import gc
 import os
 import subprocess
 import sys
-from collections.abc import Iterator
+from collections import Counter
+from collections.abc import Callable, Iterator
 from pathlib import Path
 
 os.environ.setdefault("OMP_NUM_THREADS", "1")  # small tensors: more threads only wait for each other
@@ -23,6 +24,52 @@ torch.set_num_threads(1)
 settings.register_profile("nte", derandomize=True, deadline=None)
 settings.register_profile("explore", deadline=None, max_examples=1000)
 settings.load_profile("nte")
+
+
+Rounds = Callable[[str, int, int], int]
+
+
+def pytest_addoption(parser: pytest.Parser) -> None:
+    parser.addoption("--torture", action="store_true", help="only tests that torture, with long rounds; for make torture")
+
+
+def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item]) -> None:
+    """Every day's tests are all but those marked `torture`; with --torture only those, and all that have rounds."""
+    long = config.getoption("torture")
+    marked = {item: item.get_closest_marker("torture") is not None for item in items}
+    left = [item for item in items if not (marked[item] or has_rounds(item) if long else not marked[item])]
+    if left:
+        config.hook.pytest_deselected(items=left)
+        items[:] = [item for item in items if item not in set(left)]
+
+
+def has_rounds(item: pytest.Item) -> bool:
+    return "rounds" in getattr(item, "fixturenames", ())
+
+
+@pytest.fixture
+def rounds(pytestconfig: pytest.Config, record_property: Callable[[str, object], None]) -> Rounds:
+    """Tell how often a test does something, and count it for the summary: `rounds("kills", 2, 50)`, short and long."""
+
+    def of(what: str, short: int, long: int) -> int:
+        count = long if pytestconfig.getoption("torture") else short
+        record_property(what, count)
+        return count
+
+    return of
+
+
+def pytest_terminal_summary(terminalreporter: pytest.TerminalReporter, config: pytest.Config) -> None:
+    """Print what was done to nte, and how often."""
+    if config.getoption("torture"):
+        done, failed = Counter[str](), Counter[str]()
+        for outcome, counter in (("passed", done), ("failed", failed)):
+            for report in terminalreporter.getreports(outcome):
+                for what, count in report.user_properties:
+                    counter[what] += count
+        terminalreporter.section("torture")
+        for what in sorted({*done, *failed}):
+            terminalreporter.line(f"{what}: {done[what]:,} withstood, {failed[what]:,} in tests that failed")
 
 
 @pytest.fixture(autouse=True)

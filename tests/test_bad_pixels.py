@@ -18,6 +18,7 @@ from nte.frames.channels import CHANNELS
 from nte.models.registry import KINDS
 from nte.registry import parts_of
 from nte.runtime.export import export_onnx
+from tests.conftest import Rounds
 from tests.everything import floor_frame
 from tests.models.lights import NETWORKS, light_network
 from tests.networks import small_network
@@ -147,7 +148,6 @@ OFTEN = (*NAMES, "taa:clamp=none", "estimate+taa", MIXED)
 COMPONENTWISE = ("taa:target=components", "svgf:target=components", "asvgf:target=components")
 NEURAL = ("network", "network.onnx", *NETWORKS)
 NEURAL_OFTEN = ("network", "network.onnx", "mixing", "on top", "rae", "separated")
-NEURAL_SELDOM = tuple(name for name in NEURAL if name not in NEURAL_OFTEN)
 FILLED = ("taa", "svgf", "asvgf", "align_taa", "align_accumulate")  # history stands in for a frame without light
 
 
@@ -249,22 +249,29 @@ def network_memory(denoiser: Denoiser) -> Memory:
 
 @pytest.mark.filterwarnings("ignore::UserWarning", "ignore::nte.motion.correspondence.FewerLevelsWarning")
 @pytest.mark.parametrize(
-    ("spec", "start"),
+    ("spec", "start", "among"),
     [
-        *((spec, BEFORE[1]) for spec in (*OFTEN, *NEURAL_OFTEN)),
-        *(pytest.param(spec, BEFORE[0], marks=pytest.mark.slow) for spec in (*OFTEN, *COMPONENTWISE, *NEURAL)),
-        *(pytest.param(spec, BEFORE[1], marks=pytest.mark.slow) for spec in (*COMPONENTWISE, *NEURAL_SELDOM)),
-        *(pytest.param(spec, BEFORE[1], marks=pytest.mark.slow) for spec in with_every_choice()),
+        *((spec, BEFORE[1], TELLING) for spec in (*OFTEN, *NEURAL_OFTEN)),
+        *(
+            pytest.param(spec, start, tuple(CASES), marks=pytest.mark.slow)
+            for spec in (*OFTEN, *COMPONENTWISE, *NEURAL)
+            for start in BEFORE
+        ),
+        *(pytest.param(spec, BEFORE[1], TELLING, marks=pytest.mark.torture) for spec in with_every_choice()),
     ],
+    ids=lambda value: {TELLING: "telling", tuple(CASES): "all"}[value] if isinstance(value, tuple) else None,
 )
-def test_light_stays_finite_and_the_damage_does_not_last(spec: str, start: int, network_file: Path) -> None:
+def test_light_stays_finite_and_the_damage_does_not_last(
+    spec: str, start: int, among: tuple[str, ...], network_file: Path, rounds: Rounds
+) -> None:
     denoiser = make(spec, network_file)
     memories = [network_memory(denoiser)] if spec in NEURAL else memories_of(spec)
     filled = spec.replace("estimate+", "").partition(":")[0] in FILLED
     last = start + AFTER
     # What remembers nothing need not see the rest.
     seen = range(last + 1) if memories else (start, last)
-    cases = concerned(denoiser, CASES if spec in (*OFTEN, *COMPONENTWISE, *NEURAL) else TELLING)
+    cases = concerned(denoiser, among)
+    rounds("bad frames", len(cases) - 1, len(cases) - 1)
     images = run(denoiser, start, cases, seen)
     for i, image in images.items():
         assert np.isfinite(image).all(), f"frame {i}"

@@ -11,7 +11,7 @@ from tests.checking.thin import thin_frames
 from tests.synthetic import write_clip
 
 
-@pytest.mark.parametrize("size", [(120, 160), (480, 640)])
+@pytest.mark.parametrize("size", [(120, 160), pytest.param((480, 640), marks=pytest.mark.slow)])
 @pytest.mark.parametrize("travel", [0.0, 0.8])
 def test_right_vectors_of_thin_parts_never_fail(tmp_path: Path, size: tuple[int, int], travel: float) -> None:
     report = check(Clip(write_clip(tmp_path / "clip", thin_frames(3, size, travel=travel))))

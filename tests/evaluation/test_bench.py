@@ -28,13 +28,18 @@ from nte.runtime.providers import OnnxOptions, installed
 from nte.runtime.session import OnnxDenoiser
 from tests.evaluation.test_bench_results import require_schema
 from tests.models.lights import light_network
+from tests.shared import made_once
 from tests.synthetic import disc_clip, disc_frame, write_clip
 
 
-def export_light(folder: Path) -> Path:
-    """An exported network with few weights."""
-    export_onnx(light_network("color"), folder / "model.onnx", progress=lambda line: None)
-    return folder / "model.onnx"
+@pytest.fixture(scope="session")
+def light_model(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """An exported network with few weights. Only to be read."""
+
+    def export(folder: Path) -> None:
+        export_onnx(light_network("color"), folder / "model.onnx", progress=lambda line: None)
+
+    return made_once(tmp_path_factory, "bench", export) / "model.onnx"
 
 
 def test_synthetic_frames_have_every_channel_and_any_size() -> None:
@@ -106,10 +111,10 @@ def test_the_denoiser_below_a_network_is_its_first_step() -> None:
 
 @pytest.mark.slow
 @pytest.mark.parametrize("provider", ["cpu", "openvino"])
-def test_the_steps_of_an_exported_graph_are_those_of_its_network(tmp_path: Path, provider: str) -> None:
+def test_the_steps_of_an_exported_graph_are_those_of_its_network(light_model: Path, provider: str) -> None:
     if provider not in installed():
         pytest.skip("it is not installed")
-    denoiser = OnnxDenoiser(export_light(tmp_path), OnnxOptions(provider=provider))
+    denoiser = OnnxDenoiser(light_model, OnnxOptions(provider=provider))
     steps = named_steps(denoiser, synthetic_frames((64, 64), [*denoiser.needs, *denoiser.optional]))
     known = {"scatter", "reading", "carrying", "reprojection", "prediction", "kernels", "blending"}
     assert steps.keys() - {"before the first step"} == known
@@ -186,9 +191,11 @@ def test_wrong_input_is_named(tmp_path: Path, capsys: pytest.CaptureFixture[str]
 
 
 @pytest.mark.slow
-def test_bench_measures_each_denoiser_at_each_size(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_bench_measures_each_denoiser_at_each_size(
+    tmp_path: Path, light_model: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
     clip = disc_clip(tmp_path / "clip", frames=3, seed=0)
-    model = export_light(tmp_path)
+    model = light_model
     paths = ["--json", str(tmp_path / "rows.json"), "--plot", str(tmp_path / "rows.svg")]
     arguments = f"noisy taa {model} --size 64x48 320x256 --frames 3 --clip {clip} --threads 1 --steps".split()
     assert main(["bench", *arguments, *paths]) == 0
@@ -221,7 +228,7 @@ def test_bench_measures_each_denoiser_at_each_size(tmp_path: Path, capsys: pytes
 @pytest.mark.slow
 @pytest.mark.skipif((os.cpu_count() or 1) < 2, reason="needs two cores")
 @pytest.mark.skipif(not Path("/proc/self/task").is_dir(), reason="counts threads as Linux lists them")
-def test_a_denoiser_has_the_threads_that_it_is_given(tmp_path: Path) -> None:
+def test_a_denoiser_has_the_threads_that_it_is_given(light_model: Path) -> None:
     pytest.importorskip("pyoidn", reason="the extra `compare` is not installed")
 
     def running(spec: str, threads: int) -> int:
@@ -235,7 +242,7 @@ def test_a_denoiser_has_the_threads_that_it_is_given(tmp_path: Path) -> None:
 
     of_pytorch = running("noisy", 2) - running("noisy", 1)
     assert of_pytorch == 1
-    for spec in ("oidn:quality=fast", str(export_light(tmp_path))):  # these have threads of their own
+    for spec in ("oidn:quality=fast", str(light_model)):  # these have threads of their own
         assert running(spec, 2) - running(spec, 1) - of_pytorch == 1, spec
 
 

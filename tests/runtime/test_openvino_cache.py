@@ -17,6 +17,7 @@ from nte.runtime.session import OnnxDenoiser
 from tests.synthetic import random_frames
 
 openvino = pytest.importorskip("openvino")
+pytestmark = pytest.mark.slow
 
 
 @pytest.fixture

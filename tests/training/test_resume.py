@@ -12,6 +12,7 @@ import pytest
 from nte.errors import NteError
 from nte.training.config import load_train_config
 from nte.training.loop import train
+from tests.conftest import Rounds
 from tests.training.runs import Forked, assert_same_run, checkpoint, config_file, metrics, start, tiny_config
 
 pytestmark = pytest.mark.slow
@@ -44,25 +45,30 @@ def finish(path: Path, *overrides: str) -> None:
     train(load_train_config(path, [LONG, "resume=true", *overrides]), device="cpu")
 
 
-def test_killed_at_random_moments_and_again_while_resuming(undisturbed: Path, tmp_path: Path, noisy_disc: Path) -> None:
-    path, run = config_file(tmp_path, noisy_disc), tmp_path / "runs" / "tiny"
-    process = Forked(path, LONG)
-    wait_for_step(process, 1)  # before the first checkpoint
-    stop(process, signal.SIGKILL)
-    assert process.returncode == -signal.SIGKILL
-    reached = 0
-    rng = random.Random()  # another moment in every run of this test: each must do
-    for _ in range(2):
-        process = Forked(path, LONG, "resume=true")
-        # A step takes about 20 ms: the kill falls between steps, inside one, into a checkpoint or a validation.
-        wait_for_step(process, reached + rng.randint(1, 8))
-        time.sleep(rng.uniform(0, 0.05))
+def test_killed_at_random_moments_and_again_while_resuming(
+    undisturbed: Path, tmp_path: Path, noisy_disc: Path, rounds: Rounds
+) -> None:
+    for number in range(rounds("killed trainings", 3, 51) // 3):
+        folder = tmp_path / str(number)
+        folder.mkdir()
+        path, run = config_file(folder, noisy_disc), folder / "runs" / "tiny"
+        process = Forked(path, LONG)
+        wait_for_step(process, 1)  # before the first checkpoint
         stop(process, signal.SIGKILL)
-        reached = int(str(checkpoint(run)["step"])) if (run / "checkpoint.safetensors").exists() else 0
-        assert reached % 2 == 0
-    finish(path)
-    assert_same_run(run, undisturbed)
-    assert not list(run.glob(".*"))
+        assert process.returncode == -signal.SIGKILL
+        reached = 0
+        rng = random.Random()  # another moment in every run of this test: each must do
+        for _ in range(2):
+            process = Forked(path, LONG, "resume=true")
+            # A step takes about 20 ms: the kill falls between steps, inside one, into a checkpoint or a validation.
+            wait_for_step(process, reached + rng.randint(1, 8))
+            time.sleep(rng.uniform(0, 0.05))
+            stop(process, signal.SIGKILL)
+            reached = int(str(checkpoint(run)["step"])) if (run / "checkpoint.safetensors").exists() else 0
+            assert reached % 2 == 0
+        finish(path)
+        assert_same_run(run, undisturbed)
+        assert not list(run.glob(".*"))
 
 
 @pytest.mark.parametrize("loading", ["data.workers=0", "data.workers=2"])
