@@ -1,8 +1,8 @@
 # make demo   everything once, from a bare machine: install, render, train, export, denoise, evaluate
-# make test   every test, the notebooks included
+# make test   the tests of every change           make slow   those that render, train, start processes; the notebooks
 # make lint   style and types
 # make docs   the documentation as a site: site/index.html
-# make coverage   the lines of nte/ that the fast tests leave out      make slow   the tests that make coverage left out
+# make coverage   the lines of nte/ that make test leaves out      make torture   long rounds of faults and bad input
 # make viewer the script and style sheet of the viewer, after a change of its sources; needs Node 20 or newer
 # make paper  the published comparisons, with their data: a night or two       make bench   times, as ratios in one run
 PYTHON ?= python3
@@ -10,7 +10,7 @@ VENV := .venv
 BIN := $(VENV)/bin
 INSTALLED := $(VENV)/installed
 
-.PHONY: demo test fast slow coverage lint docs viewer viewer-check viewer-fresh acceptance paper bench clean
+.PHONY: demo test slow torture coverage lint docs viewer viewer-check viewer-fresh acceptance paper bench clean
 
 demo: $(INSTALLED)
 	$(BIN)/nte render datasets/quickstart.yaml --out data/quickstart
@@ -21,13 +21,13 @@ demo: $(INSTALLED)
 		--denoisers noisy taa:clamp=none taa taa:clamp=clip oidn:quality=fast oidn demo/quickstart.onnx
 
 test: $(INSTALLED)
-	$(BIN)/pytest -n auto --maxprocesses 8 --dist worksteal
-
-fast: $(INSTALLED)
 	$(BIN)/pytest -n auto --maxprocesses 8 --dist worksteal -m "not slow"
 
 slow: $(INSTALLED)
 	$(BIN)/pytest -n auto --maxprocesses 8 --dist worksteal -m slow
+
+torture: $(INSTALLED)
+	$(BIN)/pytest -n auto --maxprocesses 8 --dist worksteal --torture
 
 # Over the fast tests alone: counting lines makes tests of small functions half as slow again (Python 3.11).
 coverage: $(INSTALLED)

@@ -30,7 +30,9 @@ Rounds = Callable[[str, int, int], int]
 
 
 def pytest_addoption(parser: pytest.Parser) -> None:
-    parser.addoption("--torture", action="store_true", help="only tests that torture, with long rounds; for make torture")
+    parser.addoption(
+        "--torture", action="store_true", help="only tests that torture, with long rounds; for make torture"
+    )
 
 
 def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item]) -> None:

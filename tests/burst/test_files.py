@@ -43,6 +43,7 @@ def raw_burst(folder: Path, name: str, size: tuple[int, int] = SIZE, frames: int
     return paths, clean[0][0].numpy()
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", PATTERNS)
 def test_raw_photographs_are_merged_before_demosaicing(
     name: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]

@@ -24,6 +24,7 @@ def shorten(frame: dict[str, Pixels]) -> None:
     frame["motion"], frame["forward_motion"] = frame["motion"] / 64, frame["forward_motion"] / 64
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("harm", "told"),
     [

@@ -30,6 +30,7 @@ def fewer_resamples(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("nte.evaluation.bootstrap.RESAMPLES", 1000)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("seeds", "sds"),
     [

@@ -11,6 +11,7 @@ ROOT = Path(__file__).parents[2]
 COMPARISONS = sorted(ROOT.glob("configs/compare_*.yaml"))
 
 
+@pytest.mark.slow
 @pytest.mark.skipif(not (ROOT / "configs" / "neural").is_dir(), reason="the networks' configurations are not there yet")
 @pytest.mark.parametrize("path", COMPARISONS, ids=lambda path: path.name)
 def test_shipped_comparisons_name_networks_that_fit_their_tables(path: Path, tmp_path: Path) -> None:

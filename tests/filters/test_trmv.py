@@ -90,6 +90,7 @@ def errors(frames: list[Frame], **options: Any) -> dict[str, list[float]]:
 FLOOR = (0.1 / 1.9) ** 0.5
 
 
+@pytest.mark.slow
 def test_at_rest_errors_fall_like_those_of_a_running_mean_to_the_floor_of_alpha() -> None:
     # Sixteen sequences: the filters leave so few independent pixels in one that its own error is a matter of luck.
     frames = [plane(index, batch=16) for index in range(40)]
@@ -100,6 +101,7 @@ def test_at_rest_errors_fall_like_those_of_a_running_mean_to_the_floor_of_alpha(
         assert np.mean(by_frame[30:]) == pytest.approx(FLOOR * by_frame[0], rel=0.2), name
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("lobe", [0.0, 36.0])
 def test_at_rest_the_whole_system_converges_too(lobe: float) -> None:
     """Clamp and clean-up do not stand in the way: neither of a mirror nor where filters are wide."""

@@ -113,6 +113,7 @@ def turning(degrees: float, about: tuple[float, float, float]) -> Callable[[int]
     return normal
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("clamp", [3.0, float("inf")])
 @pytest.mark.parametrize("about", [(1, 0, 0), (0, 1, 0.3)])
 def test_a_wall_that_turns_slowly_lags_less_than_with_colours(about: tuple[float, float, float], clamp: float) -> None:

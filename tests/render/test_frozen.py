@@ -28,6 +28,7 @@ def staged(family: str) -> MeshStage:
     return MeshStage(FAMILIES[family](derive_generator("frozen")), SIZE, SIZE, 4)
 
 
+@pytest.mark.slow
 # Of rigid objects, many parts, a wave, curved reflectors under a moving camera, and of a lens, which is not frozen.
 @pytest.mark.parametrize("family", ["fence", "robot", "ocean", "temple", "spheres"])
 def test_a_frame_does_not_depend_on_what_was_recorded_before_it(family):

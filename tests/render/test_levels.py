@@ -56,6 +56,7 @@ def pixels(made: XmlStage, points: np.ndarray) -> np.ndarray:
     return clip[:, :2] / clip[:, 3:] * (WIDTH, HEIGHT)
 
 
+@pytest.mark.slow
 def test_motion_and_shadows_of_a_part_that_moves_by_itself(tmp_path: Path):
     """By hand, frame after frame and back again: no frame depends on those before."""
     made = staged(tmp_path)
@@ -87,6 +88,7 @@ def test_motion_and_shadows_of_a_part_that_moves_by_itself(tmp_path: Path):
         assert np.abs(expected).max() > 0.2
 
 
+@pytest.mark.slow
 def test_a_frame_is_one_rebuild(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
     made, rebuilt = staged(tmp_path), []
     move = Levels.move

@@ -131,6 +131,7 @@ def test_a_sphere_bends_reflections_as_its_mesh_does(tmp_path: Path):
         assert np.quantile(error, 0.8) < least
 
 
+@pytest.mark.slow
 def test_components_of_a_scene_of_all_kinds_sum_to_a_plain_path_trace(every_kind: XmlStage):
     """Two-sided and textured paint, gold, glass, instances, a panel, a bulb that moves, and a sky."""
     with every_kind.at(3) as moment:
@@ -174,6 +175,7 @@ LIGHTS = {  # the light in the XML, its keyframe of frame 10, plate over floor p
 }
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("kind", LIGHTS)
 def test_shadow_of_a_light_that_is_no_shape(tmp_path: Path, kind: str):
     """Its vectors follow the light's own keyframes. By hand: a plate over a parallel floor; plate and light move."""
@@ -233,6 +235,7 @@ def test_gradients_are_over_the_albedo_that_the_guides_show(tmp_path: Path, name
     np.testing.assert_array_equal(*sample["gradient"][:, shown])
 
 
+@pytest.mark.slow
 def test_a_recipe_with_components_renders_a_scene_of_ones_own(tmp_path: Path):
     own(tmp_path)
     (tmp_path / "recipe.yaml").write_text(

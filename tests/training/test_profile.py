@@ -11,6 +11,7 @@ from nte.training.profile import Profile, profile_training
 from tests.training.runs import config_file, tiny_config
 
 
+@pytest.mark.slow
 def test_a_profile_has_every_stage_and_no_run(tmp_path: Path, noisy_disc: Path, capsys: pytest.CaptureFixture) -> None:
     path = config_file(tmp_path, noisy_disc)
     assert main(["train", str(path), "--profile", "--device", "cpu"]) == 0
@@ -22,6 +23,7 @@ def test_a_profile_has_every_stage_and_no_run(tmp_path: Path, noisy_disc: Path, 
     assert not (tmp_path / "runs").exists()
 
 
+@pytest.mark.slow
 def test_operations_grow_with_the_batches_of_a_step(
     tmp_path: Path, noisy_disc: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

@@ -71,7 +71,7 @@ def test_killed_at_random_moments_and_again_while_resuming(
         assert not list(run.glob(".*"))
 
 
-@pytest.mark.parametrize("loading", ["data.workers=0", "data.workers=2"])
+@pytest.mark.parametrize("loading", [pytest.param("data.workers=0", marks=pytest.mark.torture), "data.workers=2"])
 def test_ctrl_c_stops_after_the_step_and_can_be_resumed(
     undisturbed: Path, tmp_path: Path, noisy_disc: Path, loading: str
 ) -> None:

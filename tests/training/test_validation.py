@@ -125,6 +125,7 @@ def test_the_best_checkpoint_is_that_of_the_best_validation(tmp_path: Path, nois
     assert torch.equal(typed.state_dict()[name], loaded.state_dict()[name])  # type: ignore[attr-defined]
 
 
+@pytest.mark.slow
 def test_the_best_checkpoint_outlives_resuming(tmp_path: Path, noisy_disc: Path) -> None:
     choices = "validate_every=1", "optimiser.schedule=constant", "optimiser.learning_rate=0.3"
     whole = train(tiny_config(tmp_path, noisy_disc, *choices), device="cpu")
