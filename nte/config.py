@@ -74,8 +74,26 @@ def load_config(
         where = f"'{key}': " if key else ""
         raise NteError(f"{source}: {where}{problem_with(error)}") from error
     with _naming(path):
+        _refuse_nested(made, type(made))
         check(made)
     return made
+
+
+def _refuse_nested(value: object, hint: Any, key: str = "") -> None:
+    """Raise NteError for a list or a dictionary in the place of a single value: OmegaConf lets it pass within a list.
+
+    hint: the type that the value should have. key: where it is.
+    """
+    hint = next((one for one in get_args(hint) if type(None) in get_args(hint) and one is not type(None)), hint)
+    if is_dataclass(value):
+        for name, of_field in get_type_hints(type(value)).items():
+            _refuse_nested(getattr(value, name), of_field, f"{key}.{name}" if key else name)
+    elif isinstance(value, list | dict):
+        if hint in (int, float, bool, str):
+            raise NteError(f"'{key}': {value!r:.60} is given, expected {_KINDS[hint]}")
+        of_entry = get_args(hint)[-1] if get_args(hint) else Any
+        for place, entry in enumerate(value) if isinstance(value, list) else value.items():
+            _refuse_nested(entry, of_entry, f"{key}[{place}]" if isinstance(value, list) else f"{key}.{place}")
 
 
 @contextmanager

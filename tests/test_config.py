@@ -203,6 +203,7 @@ def test_phases_in_epochs_or_steps(tmp_path: Path) -> None:
         ("data.frames=[1", "command line: not readable as YAML: did not find expected"),
         ("name=a: b: c", "command line: not readable as YAML: mapping values"),
         ("name=\0", "command line: not readable as YAML: unacceptable character"),
+        ("network.channels=[[4],4]", r"'network.channels\[0\]': \[4\] is given, expected a whole number"),
         ("loss.space=${oc.env:HOME}", "command line: 'loss.space': .* calls a resolver"),
         ("loss.space=${${name}:LANG}", "command line: 'loss.space': .* calls a resolver"),
         ("loss.space=${nope}", "c.yaml: 'loss.space': .*'nope' not found"),

@@ -82,10 +82,15 @@ class RecurrentAutoencoder(TrainableDenoiser):
         return self.reading.image(self._light(predicted), seen), *hidden
 
     def _light(self, predicted: Tensor) -> Tensor:
-        """Light (N, C, H, W) out of what the decoder predicts: the compressed light before a smooth clamp at 0."""
+        """Light (N, C, H, W) out of what the decoder predicts: the compressed light, which may leave its range.
+
+        The gradient passes the clamp as it is. Most light is dark: behind a clamp that lets none through below 0, or
+        little (softplus), every seed ended as a black image.
+        """
         if not self.reading.is_radiance:
             return predicted.sigmoid()
-        return F.softplus(predicted).clamp(max=math.log1p(BRIGHTEST)).exp() - 1
+        clamped = predicted.clamp(0, math.log1p(BRIGHTEST))
+        return (predicted + (clamped - predicted).detach()).exp() - 1
 
 
 class RecurrentBlock(nn.Module):

@@ -68,6 +68,20 @@ def test_light_of_another_unit_gives_the_same_image_in_that_unit(name: str) -> N
             np.testing.assert_allclose(other / factor, image, rtol=1e-3, atol=1e-4)
 
 
+def test_an_image_that_was_predicted_black_can_still_learn() -> None:
+    network = light_network("rae").requires_grad_(True)
+    last = network.decoder.last
+    assert last.bias is not None
+    with torch.no_grad():
+        last.weight *= 0.1
+        last.bias[:] = -20.0
+    result, _ = network.step(frames_of_all(1)[0].torch(), None)
+    assert not result.image.any()
+    result.image.mean().backward()
+    assert last.bias.grad is not None
+    assert (last.bias.grad > 0.1).all()
+
+
 @pytest.mark.parametrize("name", OF_KERNELS)
 def test_kernels_keep_a_constant(name: str) -> None:
     network, frames = light_network(name), frames_of_all(3)

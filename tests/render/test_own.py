@@ -235,6 +235,10 @@ def test_clips_follow_each_other_and_pass_the_check(folder: Path, tmp_path: Path
         (MOVES.replace("target: [0, 1, 0]}", "target: [0, 2, -6]}", 1), "camera.0.: origin, target and up lie on one"),
         (MOVES.replace("{frame: 8, translate: [-4, 0, 0]}", "{frame: 0}"), "lights.bulb.1..frame is 0 after 0"),
         (MOVES.replace("rotate: [0, 20, 0]", "rotate: [0, 20]"), "objects.floor.1..rotate is .*expected three numbers"),
+        (
+            MOVES.replace("rotate: [0, 20, 0]", "rotate: [0, [20], 0]"),
+            "'objects.floor.1..rotate.1.': .20. is given, exp",
+        ),
         (MOVES.replace("room.xml", "attic.xml"), "attic.xml is no file"),
         (MOVES + "interpolation: wobbly\n", "interpolation is 'wobbly'"),
         (MOVES + "lamps: {}\n", "lamps"),

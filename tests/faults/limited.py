@@ -1,0 +1,88 @@
+"""Reading of damaged files in processes that may die: with limits of memory and time, and born again."""
+
+import multiprocessing
+import random
+import resource
+import signal
+import traceback
+from collections.abc import Iterator
+from contextlib import suppress
+from multiprocessing.connection import Connection
+from pathlib import Path
+
+from nte.errors import NteError
+from tests.faults.corpus import FORMATS
+from tests.faults.mutations import damage
+
+MEMORY = 1 << 30  # bytes that a process may ask for, beyond what it has when it begins
+SECONDS = 60  # for one small file, on a machine that has other work to do
+WARM = multiprocessing.get_context("forkserver")
+WARM.set_forkserver_preload(["tests.faults.corpus", "cv2", "rawpy", "tifffile", "onnxruntime", "zarr", __name__])
+
+
+def faults(name: str, corpus: Path, seeds: range) -> Iterator[tuple[int, str]]:
+    """Damage a file of a format with each seed, and read it: the seeds that were neither read nor refused in a line.
+
+    The corpus is left damaged by the last seed.
+    """
+    while seeds:
+        reader, writer = WARM.Pipe(duplex=False)
+        process = WARM.Process(target=_read_all, args=(writer, name, str(corpus), seeds))
+        process.start()
+        writer.close()
+        told, wrong = _listen(reader, seeds)
+        yield from wrong
+        if told < len(seeds):  # it did not come to the end
+            process.kill()
+            process.join()
+            yield seeds[told], f"process ended with {process.exitcode}, or took more than {SECONDS} s"
+            told += 1
+        process.join()
+        seeds = seeds[told:]
+
+
+def _listen(reader: Connection, seeds: range) -> tuple[int, list[tuple[int, str]]]:
+    """How many seeds were told of until the process fell silent, and what was wrong."""
+    told, wrong = 0, []
+    with reader:
+        while told < len(seeds) and reader.poll(SECONDS):
+            try:
+                outcome = reader.recv()
+            except EOFError:
+                break
+            if outcome:
+                wrong.append((seeds[told], outcome))
+            told += 1
+    return told, wrong
+
+
+def damaged_file(name: str, corpus: Path, seed: int) -> tuple[Path, bytes]:
+    """The file of the corpus that a seed damages, and what it then holds."""
+    rng = random.Random(seed)
+    path = rng.choice(sorted(corpus.glob(FORMATS[name].files)))
+    return path, damage(path.read_bytes(), rng, FORMATS[name].text)
+
+
+def _read_all(writer: Connection, name: str, corpus: str, seeds: range) -> None:
+    """In the process: tell "" for each seed that was read or refused, or what happened instead."""
+    folder = Path(corpus)
+    size = int(Path("/proc/self/statm").read_text().split()[0]) * resource.getpagesize()
+    resource.setrlimit(resource.RLIMIT_AS, (size + MEMORY, size + MEMORY))
+    signal.signal(signal.SIGINT, signal.SIG_DFL)
+    for seed in seeds:
+        path, content = damaged_file(name, folder, seed)
+        whole = path.read_bytes()
+        path.write_bytes(content)
+        if FORMATS[name].seal:
+            with suppress(ValueError, IndexError):
+                FORMATS[name].seal(path)
+        try:
+            FORMATS[name].read(folder)
+            outcome = ""
+        except NteError as error:
+            outcome = f"several lines: {error}" if len(str(error).splitlines()) != 1 else ""
+        except BaseException:
+            outcome = traceback.format_exc()
+        finally:
+            path.write_bytes(whole)
+        writer.send(outcome)
