@@ -3,6 +3,7 @@
 Afra, «Intel Open Image Denoise», 2019–; used through the package pyoidn. It works on NumPy arrays, without PyTorch.
 """
 
+import threading
 import weakref
 from collections.abc import Iterator
 from dataclasses import dataclass
@@ -96,18 +97,25 @@ class Oidn(Filter[OidnOptions]):
 class _Prefilters:
     """OIDN's networks that denoise a guide alone: filters that get an albedo or a normal and nothing else.
 
-    pyoidn's `denoise` requires a colour, so this class uses its low-level filters, which are made on first use.
+    pyoidn's `denoise` requires a colour, so this class uses its low-level filters, which are made on first use. A filter
+    holds its images between calls: threads take turns.
     """
 
     def __init__(self, quality: str) -> None:
         self.quality = quality
         self._device: _Handle = None
         self._filters: dict[str, _Handle] = {}
+        self._turn = threading.Lock()
 
     def __call__(self, guides: list[Pixels | None]) -> Iterator[Pixels | None]:
         """Denoise albedo and normal (H, W, 3), in this order; None stays None. Raises NteError where OIDN fails."""
         for name, guide in zip(GUIDES, guides, strict=True):
-            yield None if guide is None else self._run(name, guide)
+            if guide is None:
+                yield None
+            else:
+                with self._turn:
+                    denoised = self._run(name, guide)
+                yield denoised
 
     def _run(self, name: str, guide: Pixels) -> Pixels:
         import pyoidn

@@ -7,27 +7,11 @@ import numpy as np
 import pytest
 import torch
 
-from nte import Denoiser, Frame, load_denoiser
+from nte import Denoiser, Frame
 from nte.denoiser import Result, Session
-from nte.filters.named import NAMES
-from nte.filters.prior import complete
 from tests.everything import floor_frame
-from tests.models.lights import NETWORKS, light_network
 
-FILTERS = (
-    *NAMES, "taa:clamp=none", "trmv:target=visibility", "svgf:target=components", "estimate+taa",
-    "align_accumulate:motion=geometric",
-)  # fmt: skip
 pytestmark = pytest.mark.filterwarnings("ignore::nte.motion.correspondence.FewerLevelsWarning")
-
-
-@pytest.fixture(params=[*FILTERS, *NETWORKS])
-def denoiser(request: pytest.FixtureRequest) -> Denoiser:
-    if request.param in NETWORKS:
-        return complete(light_network(request.param))
-    if "oidn" in request.param:
-        pytest.importorskip("pyoidn")
-    return load_denoiser(request.param)
 
 
 def whole_frame(index: int) -> Frame:
