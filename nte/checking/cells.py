@@ -32,6 +32,7 @@ AROUND = 3.0  # pixels: equally good displacements this close count as one, and 
 NEIGHBOURS = 3  # nearest contradicting cells, one of which must move alike; measured: fine aliased textures, lenses
 COMPANY = 1 / 3  # least share of the contradicting cells with such a neighbour; fewer have one by chance
 SIMILAR = 0.15  # greatest distance between two displacements of one motion, as a share of their length
+STILL_PX = 0.5  # pixels: a shorter mean vector of a cell is no motion
 SEARCHED = 48  # largest number of a frame's cells that are searched
 LARGE = 200  # pixels: images whose shorter side exceeds this have cells of 16×16 pixels, others of 8×8
 
@@ -46,7 +47,7 @@ def cell_votes(previous: Frame, current: Frame) -> Votes:
     pair = _Pair(previous, current)
     motion = current["motion"]
     given, still, opposite = (pair.errors(vectors) for vectors in (motion, torch.zeros_like(motion), -motion))
-    good = (given <= EXPLAINED) & ~(still <= EXPLAINED) & ~(opposite <= EXPLAINED)
+    good = (given <= EXPLAINED) & ~(still <= EXPLAINED) & ~(opposite <= EXPLAINED) & pair.moves(motion)
     suspect = given > EXPLAINED
     if pair.share_outside(motion) > 0.5:  # vectors of another unit: nothing can be fetched, so nothing contradicts
         suspect |= given.isnan()
@@ -55,7 +56,10 @@ def cell_votes(previous: Frame, current: Frame) -> Votes:
     if not found:
         return votes
     votes.compared, votes.weight_against = votes.good, len(found) / share
-    errors = {rival: pair.errors(vectors) for rival, vectors in rival_vectors(previous, current)}
+    errors = {
+        rival: pair.errors(vectors).where(pair.moves(vectors), torch.nan)
+        for rival, vectors in rival_vectors(previous, current)
+    }
     votes.good_by.update({rival: int((good & (error <= EXPLAINED)).sum()) for rival, error in errors.items()})
     for piece in found:
         limit = max(EXPLAINED, 2 * piece.error, BETTER * float(given[piece.cell].nan_to_num(0.0)))
@@ -88,9 +92,20 @@ class _Pair(Textures):
 
     def errors(self, motion: Tensor) -> Tensor:
         """Mean albedo error (cells,) of vectors (1, 2, H, W) in each cell; NaN if too few pixels can tell."""
-        everywhere = self.usable.nonzero()[:, 0]
-        error, tells = self.compare(everywhere, motion[0].flatten(1)[:, everywhere], self.near)
+        vectors = motion[0].flatten(1)
+        everywhere = (self.usable & ~self.uncovered(vectors)).nonzero()[:, 0]
+        error, tells = self.compare(everywhere, vectors[:, everywhere], self.near)
         return self._means(self.cell[everywhere], error, tells, self.least)
+
+    def moves(self, motion: Tensor) -> Tensor:
+        """Tell which cells (cells,) have vectors (1, 2, H, W) of more than no length.
+
+        The four pixels around a place that is hardly beside its own are those on one side of it: vectors of another
+        unit, which are tiny, would explain a slow motion to that side.
+        """
+        length = motion[0].flatten(1).norm(dim=0)
+        known = self.usable & length.isfinite()
+        return self._means(self.cell[known], length[known], torch.ones_like(known[known]), 1) >= STILL_PX
 
     def share_outside(self, motion: Tensor) -> float:
         """Share of the pixels inside surfaces whose vectors (1, 2, H, W) end outside the image."""

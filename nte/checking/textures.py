@@ -18,6 +18,7 @@ from nte.motion.warp import pixel_centres
 ONE_SURFACE = 1.1  # greatest ratio of the depths in 3×3 pixels of one surface
 ONE_MOTION = 1.0, 0.25  # greatest range of the vectors in 3×3 pixels of one surface: pixels, share of the longest one
 SAME_SURFACE = 1.5  # greatest ratio between the depth of a pixel and the depth that it fetches
+BEHIND = 1.02  # least ratio of the depths of two pixels that fetch the same one, the farther of which was hidden there
 
 
 class Range(NamedTuple):
@@ -71,6 +72,21 @@ class Textures:
         for albedo, low, high in zip(self.albedo[:, pixels], found.low, found.high, strict=True):
             error += torch.maximum(_take(low, index) - albedo, albedo - _take(high, index)).clamp(min=0)
         return error / len(self.albedo), tells
+
+    def uncovered(self, vectors: Tensor) -> Tensor:
+        """Tell which pixels (H·W,) vectors (2, H·W) declare uncovered: a nearer one comes from the same place.
+
+        Instances and depth tell what a pixel fetches from what it shows, but often there are none, and things stand
+        close before their background. False everywhere without depth.
+        """
+        if "depth" not in self.surface:
+            return torch.zeros_like(self.usable)
+        depth = self.surface["depth"][0]
+        target, _, within = self.target(self.centres + vectors)
+        comes = within & (depth > 0) & vectors.isfinite().all(0)
+        nearest = torch.full_like(depth, torch.inf)
+        nearest.scatter_reduce_(0, target[comes], depth[comes], "amin")
+        return comes & (depth > BEHIND * _take(nearest, target))
 
     def target(self, position: Tensor) -> tuple[Tensor, Tensor, Tensor]:
         """Locate positions (2, P) in the image.
