@@ -81,6 +81,6 @@ def judge_turns(turns: Sequence[Turn], shown_by: str) -> Iterator[Finding]:
         found = f"not perpendicular to the surfaces of {shown_by}, but one rotation of all makes them so"
         expected = "world space for both (for normals in camera space normal.space=camera, with cameras)"
         if shown_by != "position":  # which of the three is wrong cannot be told: depth was not compared with anything
-            found = f"normal, depth and cameras do not agree: normals are {found}"
+            found += ": or depth or cameras are of another kind"
             expected += ", depth along the view axis and no z-buffer, cameras with y downwards in the picture"
         yield Finding("normal", found, expected)

@@ -83,10 +83,11 @@ class Textures:
             return torch.zeros_like(self.usable)
         depth = self.surface["depth"][0]
         target, _, within = self.target(self.centres + vectors)
-        comes = within & (depth > 0) & vectors.isfinite().all(0)
+        comes: Tensor = within & (depth > 0) & vectors.isfinite().all(0)
         nearest = torch.full_like(depth, torch.inf)
         nearest.scatter_reduce_(0, target[comes], depth[comes], "amin")
-        return comes & (depth > BEHIND * _take(nearest, target))
+        hidden = depth > BEHIND * _take(nearest, target)
+        return comes & hidden
 
     def target(self, position: Tensor) -> tuple[Tensor, Tensor, Tensor]:
         """Locate positions (2, P) in the image.

@@ -97,8 +97,8 @@ class Oidn(Filter[OidnOptions]):
 class _Prefilters:
     """OIDN's networks that denoise a guide alone: filters that get an albedo or a normal and nothing else.
 
-    pyoidn's `denoise` requires a colour, so this class uses its low-level filters, which are made on first use. A filter
-    holds its images between calls: threads take turns.
+    pyoidn's `denoise` requires a colour, so this class uses its low-level filters, which are made on first use. A
+    filter holds its images between calls: threads take turns.
     """
 
     def __init__(self, quality: str) -> None:
