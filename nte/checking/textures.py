@@ -83,11 +83,11 @@ class Textures:
             return torch.zeros_like(self.usable)
         depth = self.surface["depth"][0]
         target, _, within = self.target(self.centres + vectors)
-        comes: Tensor = within & (depth > 0) & vectors.isfinite().all(0)
+        comes = within & (depth > 0) & vectors.isfinite().all(0)
         nearest = torch.full_like(depth, torch.inf)
         nearest.scatter_reduce_(0, target[comes], depth[comes], "amin")
-        hidden = depth > BEHIND * _take(nearest, target)
-        return comes & hidden
+        uncovered: Tensor = comes & (depth > BEHIND * _take(nearest, target))
+        return uncovered
 
     def target(self, position: Tensor) -> tuple[Tensor, Tensor, Tensor]:
         """Locate positions (2, P) in the image.
