@@ -79,7 +79,7 @@ def load_config(
     return made
 
 
-def _refuse_nested(value: object, hint: Any, key: str = "") -> None:
+def _refuse_nested(value: object, hint: object, key: str = "") -> None:
     """Raise NteError for a list or a dictionary in the place of a single value: OmegaConf lets it pass within a list.
 
     hint: the type that the value should have. key: where it is.
@@ -91,7 +91,7 @@ def _refuse_nested(value: object, hint: Any, key: str = "") -> None:
     elif isinstance(value, list | dict):
         if hint in (int, float, bool, str):
             raise NteError(f"'{key}': {value!r:.60} is given, expected {_KINDS[hint]}")
-        of_entry = get_args(hint)[-1] if get_args(hint) else Any
+        of_entry = get_args(hint)[-1] if get_args(hint) else object
         for place, entry in enumerate(value) if isinstance(value, list) else value.items():
             _refuse_nested(entry, of_entry, f"{key}[{place}]" if isinstance(value, list) else f"{key}.{place}")
 

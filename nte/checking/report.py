@@ -19,6 +19,7 @@ from nte.checking.judge import Judgement, Verdict, judge_frames, judge_votes
 from nte.checking.late import LateTally
 from nte.checking.objects import object_votes
 from nte.checking.order import Order, depth_order, judge_order
+from nte.checking.sky import SkyMotion, judge_sky, sky_motion
 from nte.checking.spaces import Spaces, changed_alike, judge_spaces
 from nte.checking.still import Stillness, stillness, without_motion
 from nte.checking.values import Finding, Tally, judge_values, tally_values
@@ -88,6 +89,7 @@ class _Vectors:
     votes: dict[int, Votes] = field(default_factory=dict)  # of each frame
     still: list[Stillness] = field(default_factory=list)
     orders: list[Order] = field(default_factory=list)
+    skies: list[SkyMotion] = field(default_factory=list)
     spaces: list[Spaces] = field(default_factory=list)
     returns: list[Returns] = field(default_factory=list)
     errors: dict[tuple[str, str, str], Mean] = field(default_factory=lambda: defaultdict(Mean))
@@ -108,6 +110,8 @@ class _Vectors:
             return
         self.still.append(stillness(previous, current))
         self.spaces.append(changed_alike(previous, current, visible_in_both(previous, current, dual)))
+        if (of_sky := sky_motion(previous, current)) is not None:
+            self.skies.append(of_sky)
         if found := returns(previous, current):
             self.returns.append(found)
         if "depth" in current and "depth" in previous:
@@ -123,6 +127,7 @@ class _Vectors:
         """Yield what right vectors say of other channels."""
         yield from judge_frames(self.votes)
         yield from judge_order(self.orders)
+        yield from judge_sky(self.skies)
         yield from judge_spaces(self.spaces)
         yield from judge_returns(self.returns)
 

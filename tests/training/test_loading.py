@@ -28,7 +28,9 @@ class Numbered:
 
     def __getitem__(self, number: int) -> object:
         self.threads.add(threading.current_thread())
-        self.begun.append(number)
+        with self.news:
+            self.begun.append(number)
+            self.news.notify_all()
         made = self.meets(number)
         with self.news:
             self.loaded.append(number)
@@ -39,6 +41,11 @@ class Numbered:
         """Wait until so many have been loaded."""
         with self.news:
             return self.news.wait_for(lambda: len(self.loaded) >= count, SOON)
+
+    def has_begun(self, number: int) -> bool:
+        """Wait until this one is being loaded."""
+        with self.news:
+            return self.news.wait_for(lambda: number in self.begun, SOON)
 
 
 def fails_at(number: int, error: BaseException) -> Callable[[int], None]:
@@ -110,6 +117,7 @@ def test_closing_waits_for_the_batch_that_is_being_loaded_and_begins_no_other(ga
     data = Numbered(lambda number: None if number != 1 or gate.wait(SOON) else "too late")
     loader = training_loader(data, 0, 9)
     assert next(loader) == 0
+    assert data.has_begun(1)
     closer = threading.Thread(target=loader.close)
     closer.start()
     closer.join(0.05)
