@@ -15,7 +15,7 @@ from tests.faults.corpus import FORMATS
 from tests.faults.mutations import damage
 
 MEMORY = 1 << 30  # bytes that a process may ask for, beyond what it has when it begins
-SECONDS = 60  # for one small file, on a machine that has other work to do
+SECONDS = 120  # for one small file, on a machine that has other work to do
 WARM = multiprocessing.get_context("forkserver")
 WARM.set_forkserver_preload(["tests.faults.corpus", "cv2", "rawpy", "tifffile", "onnxruntime", "zarr", __name__])
 
