@@ -19,7 +19,7 @@ import torch
 from torch import Tensor
 
 from nte.checking.textures import Textures
-from nte.checking.votes import Against, Vector, Votes, rival_vectors
+from nte.checking.votes import STILL_PX, Against, Vector, Votes, rival_vectors
 from nte.frames.frame import Frame
 
 EXPLAINED = 0.01  # largest albedo error of a cell that vectors explain
@@ -32,7 +32,6 @@ AROUND = 3.0  # pixels: equally good displacements this close count as one, and 
 NEIGHBOURS = 3  # nearest contradicting cells, one of which must move alike; measured: fine aliased textures, lenses
 COMPANY = 1 / 3  # least share of the contradicting cells with such a neighbour; fewer have one by chance
 SIMILAR = 0.15  # greatest distance between two displacements of one motion, as a share of their length
-STILL_PX = 0.5  # pixels: a shorter mean vector of a cell is no motion
 SEARCHED = 48  # largest number of a frame's cells that are searched
 LARGE = 200  # pixels: images whose shorter side exceeds this have cells of 16×16 pixels, others of 8×8
 

@@ -8,7 +8,7 @@ from typing import Literal
 
 from nte.checking.jitter import without_jitter, without_small
 from nte.checking.values import Finding
-from nte.checking.votes import RIVALS, Votes
+from nte.checking.votes import RIVALS, STILL_PX, Votes
 from nte.motion.conventions import Convention
 
 Verdict = Literal["plausible", "undecidable", "implausible"]
@@ -16,7 +16,6 @@ Verdict = Literal["plausible", "undecidable", "implausible"]
 ENOUGH = 6  # least number of votes for a verdict
 WITHOUT_WORD = 0.1  # share of votes against the vectors up to which they are ignored
 EXPLAINS_BAD, EXPLAINS_GOOD = 0.7, 0.8  # shares of votes against and for that a convention must explain to be named
-STILL_PX = 0.5  # pixels: shorter vectors count as no motion
 
 
 @dataclass(frozen=True)

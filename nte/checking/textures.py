@@ -83,7 +83,7 @@ class Textures:
             return torch.zeros_like(self.usable)
         depth = self.surface["depth"][0]
         target, _, within = self.target(self.centres + vectors)
-        comes = within & (depth > 0) & vectors.isfinite().all(0)
+        comes = within & (depth > 0)
         nearest = torch.full_like(depth, torch.inf)
         nearest.scatter_reduce_(0, target[comes], depth[comes], "amin")
         uncovered: Tensor = comes & (depth > BEHIND * _take(nearest, target))

@@ -12,6 +12,7 @@ from nte.motion.conventions import CONVENTIONS, Convention
 
 RIVALS = tuple(convention for convention in CONVENTIONS if convention != Convention())
 Vector = tuple[float, float]  # (x, y) in pixels
+STILL_PX = 0.5  # pixels: shorter vectors count as no motion
 
 
 class Against(NamedTuple):

@@ -110,31 +110,27 @@ class _Prefilters:
     def __call__(self, guides: list[Pixels | None]) -> Iterator[Pixels | None]:
         """Denoise albedo and normal (H, W, 3), in this order; None stays None. Raises NteError where OIDN fails."""
         for name, guide in zip(GUIDES, guides, strict=True):
-            if guide is None:
-                yield None
-            else:
-                with self._turn:
-                    denoised = self._run(name, guide)
-                yield denoised
+            yield None if guide is None else self._run(name, guide)
 
     def _run(self, name: str, guide: Pixels) -> Pixels:
         import pyoidn
 
-        if self._device is None:
-            self._device = pyoidn.Device()
-            self._device.commit()
-            weakref.finalize(self, _release, self._device, self._filters)
-        if name not in self._filters:
-            self._filters[name] = pyoidn.Filter(self._device, pyoidn.OIDN_FILTER_TYPE_RT)
-        chosen, output = self._filters[name], np.empty_like(guide)
-        chosen.set_image(name, guide, pyoidn.OIDN_FORMAT_FLOAT3)
-        chosen.set_image(pyoidn.OIDN_IMAGE_OUTPUT, output, pyoidn.OIDN_FORMAT_FLOAT3)
-        chosen.set_quality(getattr(pyoidn, f"OIDN_QUALITY_{self.quality.upper()}"))
-        chosen.commit()
-        chosen.execute()
-        if message := self._device.get_error():
-            raise NteError(f"oidn: {name} cannot be prefiltered: {message}")
-        return output
+        with self._turn:
+            if self._device is None:
+                self._device = pyoidn.Device()
+                self._device.commit()
+                weakref.finalize(self, _release, self._device, self._filters)
+            if name not in self._filters:
+                self._filters[name] = pyoidn.Filter(self._device, pyoidn.OIDN_FILTER_TYPE_RT)
+            chosen, output = self._filters[name], np.empty_like(guide)
+            chosen.set_image(name, guide, pyoidn.OIDN_FORMAT_FLOAT3)
+            chosen.set_image(pyoidn.OIDN_IMAGE_OUTPUT, output, pyoidn.OIDN_FORMAT_FLOAT3)
+            chosen.set_quality(getattr(pyoidn, f"OIDN_QUALITY_{self.quality.upper()}"))
+            chosen.commit()
+            chosen.execute()
+            if message := self._device.get_error():
+                raise NteError(f"oidn: {name} cannot be prefiltered: {message}")
+            return output
 
 
 def _release(device: _Handle, filters: dict[str, _Handle]) -> None:

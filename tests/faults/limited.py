@@ -3,6 +3,7 @@
 import multiprocessing
 import random
 import resource
+import shutil
 import signal
 import traceback
 from collections.abc import Iterator
@@ -20,24 +21,25 @@ WARM = multiprocessing.get_context("forkserver")
 WARM.set_forkserver_preload(["tests.faults.corpus", "cv2", "rawpy", "tifffile", "onnxruntime", "zarr", __name__])
 
 
-def faults(name: str, corpus: Path, seeds: range) -> Iterator[tuple[int, str]]:
+def faults(name: str, whole: Path, folder: Path, seeds: range) -> Iterator[tuple[int, str]]:
     """Damage a file of a format with each seed, and read it: the seeds that were neither read nor refused in a line.
 
-    The corpus is left damaged by the last seed.
+    whole: the corpus, only to be read. folder: where it is copied to and damaged, again after each process that died.
     """
     while seeds:
+        shutil.copytree(whole, folder, dirs_exist_ok=True)
         reader, writer = WARM.Pipe(duplex=False)
-        process = WARM.Process(target=_read_all, args=(writer, name, str(corpus), seeds))
+        process = WARM.Process(target=_read_all, args=(writer, name, str(folder), seeds))
         process.start()
         writer.close()
         told, wrong = _listen(reader, seeds)
         yield from wrong
         if told < len(seeds):  # it did not come to the end
             process.kill()
-            process.join()
+        process.join()
+        if told < len(seeds):
             yield seeds[told], f"process ended with {process.exitcode}, or took more than {SECONDS} s"
             told += 1
-        process.join()
         seeds = seeds[told:]
 
 

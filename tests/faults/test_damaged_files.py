@@ -26,7 +26,7 @@ def test_it_is_read_or_refused_in_a_line(name: str, corpus: Path, tmp_path: Path
     FORMATS[name].read(folder)  # as long as it is whole
     what, short, long = ("damaged files for a command", 2, 40) if name.startswith("nte ") else ("damaged files", 8, 700)
     count = rounds(what, short, long)
-    found = dict(faults(name, folder, range(count)))
+    found = dict(faults(name, corpus, folder, range(count)))
     for seed in found:  # to look at
         path, content = damaged_file(name, corpus, seed)
         (tmp_path / f"{seed}{path.suffix}").write_bytes(content)
