@@ -1,6 +1,7 @@
 """The subcommand `nte compare`."""
 
 import argparse
+from functools import partial
 from pathlib import Path
 
 from nte.cli.parsing import Commands, add_device, add_force, add_jobs, command
@@ -23,6 +24,7 @@ def add(commands: Commands) -> None:
 
 
 def _compare(options: argparse.Namespace) -> int:
+    from nte.evaluation.comparison.clips import is_used
     from nte.evaluation.comparison.read import read_comparison
     from nte.evaluation.comparison.run import check_networks, run_comparison
     from nte.evaluation.comparison.text import failure_lines, plain
@@ -32,7 +34,8 @@ def _compare(options: argparse.Namespace) -> int:
     runs = options.runs / options.comparison.stem
     check_networks(comparison, options.data, runs, options.device)  # before an hour of rendering
     for folder, recipe in comparison.recipes.items():
-        render_recipe(recipe, options.data / folder, options.jobs, scheduler=options.scheduler)
+        wanted = partial(is_used, comparison, folder)
+        render_recipe(recipe, options.data / folder, options.jobs, scheduler=options.scheduler, wanted=wanted)
     summary = run_comparison(
         comparison, options.data, options.out, runs, options.force, options.device, options.jobs, options.scheduler
     )

@@ -12,8 +12,10 @@ from PIL import Image
 from nte import NteError
 from nte.cli import main
 from nte.denoiser import Noisy
+from nte.evaluation.comparison.clips import is_used
 from nte.evaluation.comparison.read import read_comparison
 from nte.evaluation.comparison.run import run_comparison
+from nte.evaluation.comparison.schema import Comparison, Network, Situation
 from nte.evaluation.comparison.text import markdown, plain
 from nte.evaluation.evaluate import evaluate
 from nte.evaluation.report.strips import most_different, strip
@@ -314,6 +316,48 @@ def test_a_faulty_comparison_is_named(config: Path, text: str, message: str) -> 
     with pytest.raises(NteError, match=message) as caught:
         read_comparison(config)
     assert "\n" not in str(caught.value)
+
+
+@pytest.mark.parametrize(
+    "pattern",
+    ["mine/test/*", "mine/test/disc_00?", "*/test/disc_0[0-4]1", "mine/*", "mine/**", "**/disc_*", "nobody/test/*"],
+)
+def test_what_is_used_of_a_recipe_is_what_its_patterns_name(tmp_path: Path, pattern: str) -> None:
+    """Agrees with the search among rendered clips, so that nothing is missing then; ** may name more."""
+    folders = [f"mine/{split}/{name}" for split in ("train", "test") for name in ("disc_000", "disc_011", "other_001")]
+    for folder in folders:
+        (tmp_path / folder).mkdir(parents=True)
+    named = {path.relative_to(tmp_path).as_posix() for path in tmp_path.glob(pattern)}
+    comparison = Comparison(situations=[Situation("one", [pattern]), Situation("two", ["mine/test/other_001"])])
+    used = {folder for folder in folders if is_used(comparison, "mine", folder.removeprefix("mine/"))}
+    assert used >= (named & {*folders}) | {"mine/test/other_001"}
+    assert "**" in pattern or used == (named & {*folders}) | {"mine/test/other_001"}
+
+
+def test_what_networks_are_trained_on_is_used() -> None:
+    one = [Situation("one", ["mine/test/disc_*"])]
+    networks = {"small": Network("small.yaml")}
+    known, unknown = (
+        Comparison(train=["mine/train"], networks=networks, situations=one),
+        Comparison(networks=networks, situations=one),
+    )
+    assert is_used(known, "mine", "train/disc_000")
+    assert not is_used(known, "mine", "test/other_000")
+    assert not is_used(known, "mine", "sharp/train/disc_000")
+    assert is_used(unknown, "mine", "test/other_000")  # may be what a configuration names
+
+
+def test_patterns_that_have_a_name_are_changed_in_one_place(config: Path, data: Path, tmp_path: Path) -> None:
+    named = TEXT.replace('"test/disc_*"', '"${clips.discs}"')
+    config.write_text("clips: {discs: 'test/disc_*'}\n" + named + TABLES)
+    some = config.with_name("some.yaml")
+    some.write_text("base: small.yaml\nclips: {discs: 'test/*_001'}\n")
+    assert len(lines_of(compare(config, data, tmp_path / "all"))) == 2
+    comparison = read_comparison(some)
+    assert comparison.situations[0].clips == ["test/*_001"]
+    comparison.tables[0].columns[0].clips = ["test/disc_00?"]  # of which the situation has one
+    summary = run_comparison(comparison, data, tmp_path / "some", progress=False)
+    assert summary["tables"][0]["columns"][0]["clips"] == 1
 
 
 @pytest.mark.parametrize(

@@ -67,6 +67,21 @@ def test_nothing_is_touched_when_all_is_done(rendered: Path, recipe: Path):
     assert {p: p.stat().st_mtime_ns for p in rendered.rglob("*")} == before
 
 
+def test_only_the_wanted_clips_are_rendered_and_others_can_follow(rendered: Path, recipe: Path, tmp_path: Path):
+    out, asked = tmp_path / "out", []
+
+    def wanted(folder: str) -> bool:
+        asked.append(folder)
+        return folder.startswith("test/")
+
+    folders = render_recipe(recipe, out, progress=False, wanted=wanted)
+    assert CLIP in asked
+    assert {folder.parent for folder in folders} == {out / "test"}
+    assert not (out / "train").exists()
+    render_recipe(recipe, out, progress=False)
+    assert contents(out) == contents(rendered)
+
+
 @pytest.mark.slow
 def test_jobs_give_the_same_bytes(rendered: Path, recipe: Path, tmp_path: Path):
     render_recipe(recipe, tmp_path / "out", jobs=2, progress=False)

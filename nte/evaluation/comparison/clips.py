@@ -1,10 +1,37 @@
-"""The clips of a comparison: those that its patterns name among the rendered ones."""
+"""The clips of a comparison: those that its patterns name, before they are rendered and after."""
 
 from collections.abc import Sequence
-from pathlib import Path
+from fnmatch import fnmatchcase
+from pathlib import Path, PurePath
 
 from nte.errors import NteError
+from nte.evaluation.comparison.schema import Comparison
 from nte.frames.clip import Clip
+
+
+def is_used(comparison: Comparison, recipe: str, clip: str) -> bool:
+    """Say whether a comparison trains on or evaluates a clip, rendered or not.
+
+    recipe: the folder of its recipe below the data's; clip: its own folder below that, such as test/apples_000.
+    """
+    folder = PurePath(recipe, clip)
+    if comparison.networks and not comparison.train:
+        return True  # the configurations name their clips by paths of their own
+    patterns = [pattern for situation in comparison.situations for pattern in situation.clips]
+    return any(_matches(folder, pattern, above=False) for pattern in patterns) or any(
+        _matches(folder, train, above=True) for train in comparison.train
+    )
+
+
+def _matches(folder: PurePath, pattern: str, above: bool) -> bool:
+    """Say whether a pattern names a folder, or may name it with **; above: or one that the folder lies in."""
+    parts, wanted = folder.parts, PurePath(pattern).parts
+    for part, name in zip(parts, wanted, strict=False):
+        if "**" in name:
+            return True
+        if not fnmatchcase(part, name):
+            return False
+    return len(wanted) < len(parts) if above else len(wanted) == len(parts)
 
 
 def matching_clips(patterns: Sequence[str], data: Path, where: str) -> list[Path]:

@@ -57,9 +57,12 @@ def plan_situation(comparison: Comparison, situation: Situation, data: Path) -> 
 
 
 def require_clips(patterns: Sequence[str], data: Path, name: str, plan: Planned) -> list[Path]:
-    """Find the clips of a table or plot. Raises NteError for a pattern that names none, or one of another situation."""
-    clips = matching_clips(patterns, data, f"'{name}'")
-    for clip in clips:
-        if clip not in plan.clips.values():
-            raise NteError(f"'{name}': {clip} is not a clip of its situation '{plan.situation.name}'")
-    return clips
+    """Find the clips of a table or plot among those of its situation. Raises NteError for a pattern without any."""
+    found: list[Path] = []
+    for pattern in patterns:
+        clips = matching_clips([pattern], data, f"'{name}'")
+        own = [clip for clip in clips if clip in plan.clips.values()]
+        if not own:
+            raise NteError(f"'{name}': {clips[0]} is not a clip of its situation '{plan.situation.name}'")
+        found += own
+    return list(dict.fromkeys(found))

@@ -47,6 +47,7 @@ def render_recipe(
     force: bool = False,
     progress: bool = True,
     scheduler: str | None = None,
+    wanted: Callable[[str], bool] = lambda folder: True,
 ) -> list[Path]:
     """Render every clip of a recipe below `out` and return the clips' folders.
 
@@ -55,13 +56,14 @@ def render_recipe(
 
     jobs: number of processes; a single process already uses all cores. force: see output.claim. progress: show progress
     on stderr. scheduler: address of a Dask scheduler, whose workers render instead; they must see `out` under the same
-    path (nte.jobs.on_cluster). Raises NteError for a faulty recipe, a folder that is not ours, or a full disk.
+    path (nte.jobs.on_cluster). wanted: says of a clip's folder, such as test/apples_000, whether to render it; others
+    can follow later. Raises NteError for a faulty recipe, a folder that is not ours, or a full disk.
     """
     require_jobs(jobs)
     out, path = Path(out), shipped(Path(recipe_path))
     load_mitsuba()  # before anything is read or written, because it may be missing
     recipe = read_recipe(path)
-    plans = plan(recipe, path.parent)
+    plans = [unit for unit in plan(recipe, path.parent) if wanted(unit.folder)]
     for key in ("components", "shutter", "unshadowed"):
         if any(getattr(unit.group, key) for unit in plans):
             require_arrays(key)
