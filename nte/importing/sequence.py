@@ -1,7 +1,7 @@
 """Sequences of another renderer's EXR files, read by a channel map as frames in nte's conventions."""
 
-from collections.abc import Iterable, Iterator, Sequence
-from dataclasses import dataclass
+from collections.abc import Callable, Iterable, Iterator, Sequence
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
@@ -50,8 +50,8 @@ class ForeignSequence:
     """Numbered EXR frames of another renderer, read by a channel map; all frames must have the first one's channels.
 
     source: a folder, a file, a glob pattern, or a list of files. reference: the same, without a list. map_name: a
-    channel map, or the name of one that ships; overrides: `key=value` for it. Raises NteError for a faulty map and
-    for sequences that do not match.
+    channel map, or the name of one that ships; overrides: `key=value` for it. choose_frames: the frame numbers of the
+    whole sequence → the slice of it that is read. Raises NteError for a faulty map and for sequences that do not match.
     """
 
     def __init__(
@@ -60,11 +60,15 @@ class ForeignSequence:
         map_name: Path | str,
         reference: Path | None = None,
         overrides: Sequence[str] = (),
+        choose_frames: Callable[[Sequence[int]], slice] = lambda numbers: slice(None),
     ) -> None:
         self.map = find_map(map_name)
         self.how = how = load_channel_map(self.map, overrides)
-        self.inputs = plan(source, reference, how)
+        numbers, self.inputs = plan(source, reference, how)
         self.cameras: list[Camera] = load_cameras(_beside(self.map, how.cameras), len(self)) if how.cameras else []
+        part = choose_frames(numbers)
+        self.inputs = [replace(channel, files=channel.files[part]) for channel in self.inputs]
+        self.cameras = self.cameras[part]
         self.ids = Ids()
         self.first: dict[str, tuple[Path, Found | None]] = {}
         self.subsampled: set[str] = set()
@@ -228,8 +232,8 @@ class ForeignSequence:
             yield f"averaged: {where}, so they show no object: store ids without a pixel filter"
 
 
-def plan(source: Path | Sequence[Path], reference: Path | None, how: ChannelMap) -> list[Input]:
-    """List the channels to read, color first, with their files.
+def plan(source: Path | Sequence[Path], reference: Path | None, how: ChannelMap) -> tuple[list[int], list[Input]]:
+    """List the frame numbers, and the channels to read, color first, with their files.
 
     Channels that lack a camera are left out; so are those whose pattern fits no file, if the map is optional. Raises
     NteError if the frame numbers of two channels differ, and if a channel that is needed has no file.
@@ -261,7 +265,8 @@ def plan(source: Path | Sequence[Path], reference: Path | None, how: ChannelMap)
                 f"{where}: '{name}' has {len(files)} frames ({first}), 'color' has {len(expected)} ({second}): "
                 "expected the same frame numbers"
             )
-    return [Input(name, s, list(files.values()), name in needed) for name, (s, files) in inputs.items()]
+    channels = [Input(name, s, list(files.values()), name in needed) for name, (s, files) in inputs.items()]
+    return list(expected), channels
 
 
 def _files(where: Path, pattern: str) -> dict[int, Path]:

@@ -27,6 +27,7 @@ def denoise_files(
     sources: Sequence[Path], denoiser: Denoiser, out: Path, exposure: float | None = None,
     pictures: PictureSettings | None = None, force: bool = False, map_name: str | None = None,
     overrides: Sequence[str] = (), say: Callable[[str], None] = print, spec: str | None = None,
+    wanted: range | None = None,
 ) -> list[Path]:  # fmt: skip
     """Denoise a clip, or frames in the order of their numbers, into the folder `out`; return the frames' new files.
 
@@ -36,18 +37,22 @@ def denoise_files(
     clip. exposure: linear factor for the sequence; None takes the clip's own, or estimates it from the first frame.
     pictures: what else is written, to look at; None for nothing. say: called with each note on how foreign files were
     read. spec: what the denoiser was loaded from; where the same call was killed, it begins again and replaces the
-    files that it had written. The next frame is read and the last one written while one is denoised. Raises NteError
-    for input that does not fit the denoiser, and for all other files that exist without `force`.
+    files that it had written. wanted: numbers of the frames to denoise, in their names (of a clip: their indices), and
+    then no clip.json is written or touched; up to WARM_UP frames before them are denoised too, for their history, and
+    not written. The next frame is read and the last one written while one is denoised. Raises NteError for input that
+    does not fit the denoiser, and for all other files that exist without `force`.
     """
     if exposure is not None and not 0 < exposure < float("inf"):
         raise NteError(f"exposure is {exposure}, expected a positive number")
-    source = open_source(sources, denoiser.target, map_name, overrides)
-    written = [out / path.name for path in source.files]
+    source = open_source(sources, denoiser.target, map_name, overrides, wanted)
+    files = source.files[source.warm_up :]
+    written = [out / path.name for path in files]
     pictures = pictures or PictureSettings()
     drawn = Pictures(pictures, denoiser.target, written, source.view)
     command = {
         "denoise": sources, "spec": spec, "exposure": exposure, "map": map_name, "set": list(overrides),
         "pictures": list(drawn.files), "view": drawn.name, "fps": pictures.fps,
+        "frames": repr(wanted),
     }  # fmt: skip
     if source.clip:
         require_channels(denoiser, source.clip.channels, source.clip.folder)
@@ -55,19 +60,23 @@ def denoise_files(
     done: Denoised | None = None
     with only_writer(out), Progress("denoise", len(written), "frame") as progress:
         force = force or (spec is not None and is_unfinished(out, command))
-        _refuse_to_overwrite(out, [*written, *drawn.files], source.files, force)
+        info = [] if wanted else [out / "clip.json"]  # some frames of a denoised clip may be replaced, and it stays one
+        _refuse_to_overwrite(out, [*written, *drawn.files], files, force, info)
 
         def write(image: Denoised) -> Denoised:
             number = image.number
             if number == 0:
                 begin(out, command)
-                remove(out / "clip.json")  # until its frames are all there
-            copy_exr(source.files[number], written[number], source.layers(number, image.pixels), dark_counts)
+                for path in info:
+                    remove(path)  # until its frames are all there
+            planes = source.layers(source.warm_up + number, image.pixels)
+            copy_exr(files[number], written[number], planes, dark_counts)
             return replace(image, picture=drawn.write(image))
 
         def finished() -> Iterator[Denoised]:
             nonlocal done
-            for done in behind(write, _denoised(ahead(source.frames), Session(denoiser), exposure)):
+            images = _denoised(ahead(source.frames), Session(denoiser), exposure, source.warm_up)
+            for done in behind(write, images):
                 progress.advance(1)
                 progress.say(written[done.number].name)
                 yield done
@@ -78,7 +87,7 @@ def denoise_files(
         else:
             for _ in finished():
                 pass
-        if source.clip and done:
+        if source.clip and done and info:
             write_clip_info(out, {**source.clip.info, "seeds": 1, "exposure": done.exposure})
         finish(out)
     for note in source.notes():
@@ -86,22 +95,28 @@ def denoise_files(
     return written
 
 
-def _denoised(frames: Iterable[Frame], session: Session, exposure: float | None) -> Iterator[Denoised]:
-    """Denoise the frames of a sequence in their order, all with one exposure: the given one, or that of the first."""
+def _denoised(frames: Iterable[Frame], session: Session, exposure: float | None, warm_up: int) -> Iterator[Denoised]:
+    """Denoise the frames of a sequence in their order, all with one exposure: the given one, or that of the first.
+
+    warm_up: how many are denoised for the history of those after them alone.
+    """
     scale = None if exposure is None else np.array([exposure], np.float32)
     stated = scale is not None
-    for number, frame in enumerate(frames):
+    for number, frame in enumerate(frames, -warm_up):
         if scale is None:
             stated, scale = given_exposure(frame) is not None, sequence_scalars(frame)[0]
         image = session.denoise(replace(frame, exposure=scale))[0]
-        yield Denoised(number, frame[session.denoiser.target][0], image, float(scale[0]), stated)
+        if number >= 0:
+            yield Denoised(number, frame[session.denoiser.target][0], image, float(scale[0]), stated)
 
 
-def _refuse_to_overwrite(out: Path, written: Sequence[Path], sources: Sequence[Path], force: bool) -> None:
+def _refuse_to_overwrite(
+    out: Path, written: Sequence[Path], sources: Sequence[Path], force: bool, info: Sequence[Path]
+) -> None:
     """Raise NteError if a file would be lost: one that exists, a noisy frame itself, or one of two with one name."""
     if out.resolve() in {source.parent.resolve() for source in sources}:
         raise NteError(f"{out}: holds the noisy frames themselves: choose another folder")
     twice = [path for path, count in Counter(written).items() if count > 1]
     if twice:
         raise NteError(f"{twice[0].name}: two frames have this name: denoise them one after the other")
-    refuse_to_replace((*written, out / "clip.json"), force)
+    refuse_to_replace((*written, *info), force)

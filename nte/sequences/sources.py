@@ -16,6 +16,8 @@ from nte.frames.exr_copy import Planes
 from nte.frames.frame import About, Frame
 from nte.frames.numbering import by_number
 
+WARM_UP = 32  # frames before a range, from which its first frame has nearly the history that it has in the whole
+
 
 class Source(NamedTuple):
     """The frames to denoise, the file of each, and the layers that a denoised image replaces there."""
@@ -26,10 +28,35 @@ class Source(NamedTuple):
     clip: Clip | None = None
     view: str = "nte"  # the view transform of pictures, if none is chosen
     notes: Callable[[], Iterable[str]] = tuple  # notes for the user, complete when all frames have been read
+    warm_up: int = 0  # how many of the first frames are there for the history of the others alone
 
 
-def open_source(sources: Sequence[Path], target: str, map_name: str | None, overrides: Sequence[str]) -> Source:
-    """Find out what the sources are: a clip, frames with nte's channels, or frames of another renderer."""
+Part = Callable[[Sequence[int]], slice]  # the frame numbers of a sequence → the frames of it that are read
+
+
+def open_source(
+    sources: Sequence[Path], target: str, map_name: str | None, overrides: Sequence[str], wanted: range | None = None
+) -> Source:
+    """Find out what the sources are: a clip, frames with nte's channels, or frames of another renderer.
+
+    wanted: numbers of the frames to denoise, in their names, or indices of a clip's; None for all. Raises NteError for
+    a range that is not wholly there.
+    """
+    if wanted is None:
+        return _open(sources, target, map_name, overrides, lambda numbers: slice(None))
+
+    def part(numbers: Sequence[int]) -> slice:
+        first, end = wanted.start - numbers[0], wanted.stop - numbers[0]
+        if not 0 <= first < end <= len(numbers):
+            asked = f"frames {wanted.start} to {wanted.stop - 1}"
+            raise NteError(f"{asked}: the sequence has {numbers[0]} to {numbers[-1]}: expected a range in it")
+        return slice(max(first - WARM_UP, 0), end)
+
+    source = _open(sources, target, map_name, overrides, part)
+    return source._replace(warm_up=len(source.files) - len(wanted))
+
+
+def _open(sources: Sequence[Path], target: str, map_name: str | None, overrides: Sequence[str], part: Part) -> Source:
 
     def ours(index: int, image: Pixels) -> Planes:
         return {f"{target}.{c}": plane for c, plane in zip(CHANNELS[target].components, image, strict=True)}
@@ -38,22 +65,27 @@ def open_source(sources: Sequence[Path], target: str, map_name: str | None, over
     mapped = map_name is not None or bool(overrides)
     if folder and not mapped and ((folder / "clip.json").exists() or _has(frame_path(folder, 0), target)):
         clip = Clip(folder)
-        return Source([frame_path(folder, i) for i in range(len(clip))], clip, ours, clip)
+        indices = range(len(clip))[part(range(len(clip)))]
+        return Source([frame_path(folder, i) for i in indices], map(clip.frame, indices), ours, clip)
     files = _frames_in(folder) if folder else list(sources)
     if not files:
         raise NteError(f"{folder}: has no clip.json and no .exr frames: expected a clip or a folder of frames")
     if not mapped:
-        files = _in_order(files)
+        numbered = _in_order(files)
+        files = list(numbered.values())
         if not files[0].exists() or _has(files[0], target):
+            files = files[part(list(numbered))]
             return Source(files, _with_forward(map(read_frame, files), files), ours)
     if target != "color":
         raise NteError(
             f"{files[0]}: has no '{target}', which this denoiser gives; in others' frames it has to be color"
         )
-    return _foreign(folder or files, files[0], map_name, overrides)
+    return _foreign(folder or files, files[0], map_name, overrides, part)
 
 
-def _foreign(source: Path | Sequence[Path], first: Path, map_name: str | None, overrides: Sequence[str]) -> Source:
+def _foreign(
+    source: Path | Sequence[Path], first: Path, map_name: str | None, overrides: Sequence[str], part: Part
+) -> Source:
     """Open frames of another renderer. first: one of the files, to recognise the renderer by.
 
     A channel map may name several files for a frame, if `source` is a folder.
@@ -63,7 +95,7 @@ def _foreign(source: Path | Sequence[Path], first: Path, map_name: str | None, o
         from nte.importing.sequence import ForeignSequence
     except ImportError as error:
         raise needs_extra("import", "reading frames of another renderer", error) from error
-    sequence = ForeignSequence(source, map_name or recognise(first), overrides=overrides)
+    sequence = ForeignSequence(source, map_name or recognise(first), overrides=overrides, choose_frames=part)
 
     def notes() -> Iterable[str]:
         left_out = [f"{name} is left out: {lacks}" for name, lacks in sequence.left_out.items()]
@@ -110,7 +142,7 @@ def _with_forward(
         yield Frame(channels, index, **about(index))
 
 
-def _in_order(sources: Sequence[Path]) -> list[Path]:
-    """Sort files by the numbers in their names, without gaps; keep the given order if no name has a number."""
+def _in_order(sources: Sequence[Path]) -> dict[int, Path]:
+    """Sort files by the numbers in their names, without gaps; keep and count the given order if none has a number."""
     numbered = any(re.search(r"\d", path.stem) for path in sources)
-    return list(by_number(sources).values()) if numbered else list(sources)
+    return by_number(sources) if numbered else dict(enumerate(sources))
