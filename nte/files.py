@@ -24,6 +24,15 @@ def temporary_name(path: Path) -> Path:
     return path.with_name(f".{path.name}.{_HERE}_{os.getpid()}_{secrets.token_hex(4)}.tmp")
 
 
+@contextmanager
+def writing(path: Path) -> Iterator[None]:
+    """Raise NteError, naming `path`, if a file cannot be written in this block (no space left, no permission)."""
+    try:
+        yield
+    except OSError as error:
+        raise NteError(f"{path}: cannot be written: {error.strerror or error}") from error
+
+
 def write_whole(path: Path, write: Callable[[Path], object]) -> None:
     """Call `write` with a temporary name beside `path`, then rename the result, so that the file is whole or absent.
 

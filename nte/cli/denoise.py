@@ -1,10 +1,9 @@
 """The subcommand `nte denoise`."""
 
 import argparse
-import re
 from pathlib import Path
 
-from nte.cli.parsing import DENOISER, Commands, add_device, add_force, add_provider, command
+from nte.cli.parsing import DENOISER, Commands, add_device, add_force, add_provider, command, parse_frames
 from nte.errors import NteError
 
 
@@ -23,7 +22,7 @@ def add(commands: Commands) -> None:
     text = (
         "these frames only, by the numbers in their names, such as 10-20, with their history from up to 32 before them"
     )
-    parser.add_argument("--frames", type=_frames, metavar="FIRST-LAST", help=text)
+    parser.add_argument("--frames", type=parse_frames, metavar="FIRST-LAST", help=text)
     parser.add_argument("--exposure", type=float, help="linear factor of the sequence (default: estimated once)")
     parser.add_argument("--png", action="store_true", help="a picture beside each frame")
     parser.add_argument("--video", type=Path, metavar="FILE.mp4", help="a video of all pictures")
@@ -57,12 +56,3 @@ def _denoise(options: argparse.Namespace) -> None:
         spec=spec, wanted=options.frames,
     )  # fmt: skip
     print(f"{len(written)} frames in {options.out}")
-
-
-def _frames(text: str) -> range:
-    """Parse FIRST-LAST, or one number; raises argparse's error for anything else."""
-    match = re.fullmatch(r"(-?\d{1,9})(?:-(-?\d{1,9}))?", text)
-    first, last = (int(match[1]), int(match[2] or match[1])) if match else (1, 0)
-    if last < first:
-        raise argparse.ArgumentTypeError(f"{text!r:.40}: expected the first and the last frame, such as 10-20")
-    return range(first, last + 1)

@@ -81,3 +81,12 @@ def _count(text: str) -> int:
     if not text.isdecimal() or int(text) < 1:
         raise argparse.ArgumentTypeError(f"{text!r:.40}: expected a number of processes, 1 or more")
     return int(text)
+
+
+def parse_frames(text: str) -> range:
+    """Parse FIRST-LAST, or one number; raises argparse's error for anything else."""
+    match = re.fullmatch(r"(-?\d{1,9})(?:-(-?\d{1,9}))?", text)
+    first, last = (int(match[1]), int(match[2] or match[1])) if match else (1, 0)
+    if last < first:
+        raise argparse.ArgumentTypeError(f"{text!r:.40}: expected the first and the last frame, such as 10-20")
+    return range(first, last + 1)

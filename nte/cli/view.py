@@ -1,10 +1,9 @@
 """The subcommand `nte view`."""
 
 import argparse
-import re
 from pathlib import Path
 
-from nte.cli.parsing import DENOISER, Commands, add_device, add_force, command
+from nte.cli.parsing import DENOISER, Commands, add_device, add_force, command, parse_frames
 from nte.errors import NteError, expected_one_of
 
 
@@ -15,7 +14,9 @@ def add(commands: Commands) -> None:
     parser.add_argument("clips", type=Path, nargs="+", metavar="CLIP", help="clips, or folders of clips")
     parser.add_argument("--denoiser", nargs="+", action="extend", default=[], metavar="SPEC", help=DENOISER)
     parser.add_argument("--out", type=Path, help="folder for the page (default: a temporary one)")
-    parser.add_argument("--frames", metavar="A-B", help="the frames to show, such as 100-160 (default: all)")
+    parser.add_argument(
+        "--frames", type=parse_frames, metavar="FIRST-LAST", help="the frames to show, such as 100-160 (default: all)"
+    )
     text = "channels to show besides what is compared (default: all that the clip has)"
     parser.add_argument("--channels", nargs="+", metavar="NAME", help=text)
     parser.add_argument("--no-open", action="store_true", help="only write the page, do not open it")
@@ -37,14 +38,13 @@ def _view(options: argparse.Namespace) -> int:
     for name in options.channels or ():
         if name not in CHANNELS:
             raise NteError(f"--channels {name}: no such channel{expected_one_of(name, CHANNELS)}")
-    frames = _frames(options.frames)
     denoisers = {spec: load_denoiser(spec, options.device) for spec in dict.fromkeys(options.denoiser)}
     out = options.out or Path(tempfile.mkdtemp(prefix="nte_view_"))
     channels = None if options.channels is None else tuple(options.channels)
     failed: list[str] = []
     with Progress("view", 0, "frame") as progress:
         page = view(
-            options.clips, denoisers, out, frames, channels, options.force, options.device, progress.reach,
+            options.clips, denoisers, out, options.frames, channels, options.force, options.device, progress.reach,
             failed.append,
         )  # fmt: skip
     print(f"page: {page} ({size_of(out) / 1e6:.0f} MB in {out})")
@@ -53,13 +53,3 @@ def _view(options: argparse.Namespace) -> int:
     for line in failed:
         print(f"nte: {line}", file=sys.stderr)
     return 2 if failed else 0
-
-
-def _frames(text: str | None) -> tuple[int, int] | None:
-    """Parse A-B, or A alone. Raises NteError for anything else."""
-    if text is None:
-        return None
-    match = re.fullmatch(r"(\d+)(?:-(\d+))?", text)
-    if not match:
-        raise NteError(f"--frames {text}: expected a range such as 100-160")
-    return int(match[1]), int(match[2] or match[1])

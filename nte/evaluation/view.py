@@ -14,6 +14,7 @@ from nte.evaluation.record import record_extras, record_frame, record_output
 from nte.files import already_there, only_writer
 from nte.frames.channels import reference_of
 from nte.frames.clip import Clip, clip_labels, find_clips
+from nte.unfinished import begin, finish, is_unfinished
 from nte.viewer.page import PAGE, clear, write_page
 from nte.viewer.recorder import FOLDER, Recorder, Recording, recorder_of
 
@@ -32,7 +33,7 @@ def view(
     clips: Iterable[Path | str],
     denoisers: Mapping[str, Denoiser],
     out: Path,
-    frames: tuple[int, int] | None = None,
+    frames: range | None = None,
     channels: tuple[str, ...] | None = None,
     force: bool = False,
     device: str = "cpu",
@@ -41,28 +42,33 @@ def view(
 ) -> Path:
     """Write a page that shows clips, and every denoiser's output for them, to the folder `out`; return its path.
 
-    clips: clip folders, or folders that hold clips. denoisers: name → denoiser; each starts at frame 0. frames: the
-    first and the last frame to show; None shows all. channels: those to show besides what is compared; None shows all.
-    Outputs are scored where a clip has a reference and the packages for scores are installed. A denoiser that fails on
-    a clip, or lacks a channel of it, is left out there, and the page says why; at the end `say` is called with a line
-    for each such denoiser. Warns (CutShortWarning) if clips end before the last frame to show. Raises NteError for
-    missing clips, for a first frame that no clip has, and for an `out` that exists without `force`.
+    clips: clip folders, or folders that hold clips. denoisers: name → denoiser; each starts at frame 0. frames: those
+    to show; None shows all. channels: those to show besides what is compared; None shows all. Outputs are scored where
+    a clip has a reference and the packages for scores are installed. A denoiser that fails on a clip, or lacks a
+    channel of it, is left out there, and the page says why; at the end `say` is called with a line for each such
+    denoiser. What was stopped begins again with the same call. Warns (CutShortWarning) if clips end before the last
+    frame to show. Raises NteError for missing clips, for a first frame that no clip has, and for an `out` that exists
+    without `force`.
     """
     folders = find_clips(map(Path, clips))
     opened = dict(zip(clip_labels(folders), map(Clip, folders), strict=True))
-    first, last = frames or (0, max(map(len, opened.values())) - 1)
+    shown = frames or range(max(map(len, opened.values())))
+    first, last = shown.start, shown.stop - 1
     if not 0 <= first <= last or all(first >= len(clip) for clip in opened.values()):
         longest = max(map(len, opened.values()))
         raise NteError(f"--frames {first}-{last}: expected a range from 0 to {longest - 1}, which the clips have")
     if frames:
         _tell_of_short_clips(opened, first, last)
-    if not force and (out.exists() and (not out.is_dir() or any(out.iterdir()))):
+    command = {"view": folders, "denoisers": [*denoisers], "frames": (first, last), "channels": channels}
+    taken = out.exists() and (not out.is_dir() or any(out.iterdir()))
+    if taken and not (force or is_unfinished(out, command)):
         raise already_there(out, "folder", f"replace its {PAGE} and {FOLDER}")
     total = sum(min(last + 1, len(clip)) for clip in opened.values())
     done = 0
     entries, rows = [], []
     failed: dict[str, dict[str, str]] = {}  # denoiser → clip → why
     with only_writer(out):
+        begin(out, command)
         clear(out)
         recording = Recording(out / FOLDER, None, channels, True, first, last)
         for label, clip in opened.items():
@@ -78,6 +84,7 @@ def view(
             for name, why in recorder.failed.items():
                 failed.setdefault(name, {})[label] = why.removeprefix(f"{label}: ")
         page = write_page(out, _data(entries, rows), "")
+        finish(out)
     for name, reasons in failed.items():
         label, why = next(iter(reasons.items()))
         others = f" and {len(reasons) - 1} more of {len(opened)} clips" if len(reasons) > 1 else ""

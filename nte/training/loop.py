@@ -3,10 +3,9 @@
 from collections.abc import Sequence
 from contextlib import closing, nullcontext
 from pathlib import Path
-from typing import TYPE_CHECKING, NoReturn, cast
+from typing import TYPE_CHECKING, cast
 
 from torch.optim.swa_utils import AveragedModel, get_ema_multi_avg_fn
-from torch.utils.tensorboard import SummaryWriter
 from tqdm import tqdm
 
 from nte.errors import NteError
@@ -17,6 +16,7 @@ from nte.models.trainable import TrainableDenoiser
 from nte.training.config import TrainConfig, load_train_config
 from nte.training.data import training_loader
 from nte.training.initial import begin_with, read_weights
+from nte.training.log import RunLog
 from nte.training.material import Material, launch, open_material
 from nte.training.meter import Meter
 from nte.training.plan import Plan, digests
@@ -86,11 +86,11 @@ def _run(
         if said and not first:
             print(said, flush=True)
 
-    writer = SummaryWriter(str(run.folder), purge_step=first) if fabric.is_global_zero else None
     meter = Meter(config.data.batch * config.data.frames * accumulate * fabric.world_size)
     stepper = Stepper(fabric, model, optimiser, config, meter)
     shown = None if fabric.is_global_zero else True  # None: on a terminal
     bar = tqdm(total=last, initial=first, desc=f"train {config.name}", unit="step", disable=shown)
+    log = RunLog(run.folder, first, bar) if fabric.is_global_zero else None
     done = saved = first
     loader = training_loader(data, first * accumulate, last * accumulate, fabric.device.type != "cpu")
     with InterruptFlag() as interrupted, closing(loader):
@@ -110,10 +110,10 @@ def _run(
                 if stop:
                     break
                 continue
-            assert writer is not None
+            assert log is not None
             if done % config.log_every == 0 or stop:
                 values = {"loss": loss.item()} | {name: part.item() for name, part in parts.items()} | meter.read()
-                _log(run, writer, done, values, settings.learning_rate, bar)
+                log.values(done, values | {"learning_rate": settings.learning_rate})
             kept = stop or done % config.checkpoint_every == 0 or done % config.validate_every == 0
             if kept and (bad := state.not_finite()):  # a finite gradient can still give such weights
                 fault = DivergedError(f"'{bad}' is not finite")
@@ -121,8 +121,8 @@ def _run(
             if done % config.validate_every == 0 or done == last:
                 trained = cast(TrainableDenoiser, average.module) if config.optimiser.ema else denoiser
                 found = validate(trained, material.validation)
-                _log(run, writer, done, found.scores, None, bar)
-                writer.add_image("validation/noisy, denoised, reference", found.picture, done)
+                log.values(done, found.scores)
+                log.picture(done, "validation/noisy, denoised, reference", found.picture)
                 run.save_best(done, found.psnr, state.trained())
             if done % config.checkpoint_every == 0 or stop:
                 run.save(done, state.tensors())
@@ -130,8 +130,8 @@ def _run(
             if stop:
                 break
     bar.close()
-    if writer is not None:
-        writer.close()
+    if log is not None:
+        log.close()
     if done < last:
         if fabric.is_global_zero:
             print(f"stopped after step {done} of {last}; continue with resume=true", flush=True)
@@ -149,22 +149,3 @@ def _diverged(error: NteError, step: int, saved: int, seen: str) -> NteError:
     if saved:
         remedy = f"the checkpoint keeps the state after step {saved}: resume it with phases of a lower learning rate"
     return NteError(f"step {step}: {error}: {remedy}, or look at the data: {seen}")
-
-
-def _log(
-    run: RunFolder,
-    writer: SummaryWriter,
-    step: int,
-    values: dict[str, float],
-    rate: float | None,
-    bar: "tqdm[NoReturn]",
-) -> None:
-    values = values if rate is None else values | {"learning_rate": rate}
-    run.log({"step": step, **values})
-    for name, value in values.items():
-        writer.add_scalar(name, value, step)
-    line = f"step {step}: " + ", ".join(f"{name} {value:.4g}" for name, value in values.items())
-    if bar.disable:
-        print(line, flush=True)
-    else:
-        bar.set_postfix_str(f"loss {values['loss']:.4f}" if "loss" in values else "")

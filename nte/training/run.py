@@ -74,11 +74,6 @@ class RunFolder:
         run._write_config(config)
         return run
 
-    def log(self, values: Mapping[str, object]) -> None:
-        """Append a line to metrics.jsonl."""
-        with (self.folder / "metrics.jsonl").open("a", encoding="utf-8") as file:
-            file.write(json.dumps(dict(values)) + "\n")
-
     def save(self, step: int, state: Mapping[str, Tensor]) -> None:
         """Replace the checkpoint by the state after `step` steps. Raises NteError if it cannot be written."""
         write_checkpoint(self.folder, step, state)

@@ -13,7 +13,7 @@ from pathlib import Path
 import numpy as np
 import numpy.typing as npt
 
-from nte.errors import NteError
+from nte.files import writing
 from nte.frames.channels import CHANNELS
 from nte.frames.clip import half_keeps
 
@@ -50,8 +50,6 @@ def write_layer(path: Path, name: str, values: Values, kind: str) -> None:
 
     No page refers to the file before all are there, so it needs no temporary name.
     """
-    try:
+    with writing(path):
         path.parent.mkdir(parents=True, exist_ok=True)
         path.write_text(layer_script(name, values, kind), encoding="ascii")
-    except OSError as error:
-        raise NteError(f"{path}: cannot be written: {error.strerror}") from error

@@ -4,7 +4,6 @@ What a killed process leaves in a folder changes only when it opens, renames or 
 before such an operation: the first, and some later ones.
 """
 
-import json
 import multiprocessing
 import os
 import signal
@@ -17,8 +16,7 @@ import pytest
 from nte.cli import main
 from nte.runtime import export
 from nte.training.run import load_run
-from tests.shared import made_once
-from tests.training.runs import tiny_config
+from tests.faults.commands import command, contents, make_run
 
 pytestmark = [pytest.mark.slow, pytest.mark.filterwarnings("ignore::nte.motion.correspondence.FewerLevelsWarning")]
 OPERATIONS = ("open", "os.rename", "os.remove", "os.rmdir", "os.mkdir", "os.scandir")
@@ -58,52 +56,26 @@ def killed(arguments: Sequence[str], folder: Path, moment: int) -> bool:
     return process.exitcode != 0
 
 
-def contents(folder: Path) -> dict[str, bytes]:
-    """All files below a folder; the times in an evaluation's results, which no two runs share, are left out."""
-    found = {str(path.relative_to(folder)): path.read_bytes() for path in folder.rglob("*") if path.is_file()}
-    if "metrics.json" in found:
-        rows = json.loads(found["metrics.json"])["rows"]
-        kept = [{key: value for key, value in row.items() if "ms_per_frame" not in key} for row in rows]
-        found |= {"metrics.json": json.dumps(kept).encode(), "index.html": b""}
-    return found
+MOMENTS = {
+    "denoise": (1, 14, 27), "loose frames": (9, 17), "estimate": (4, 12, 23), "evaluate": (4, 8, 12), "export": (9,),
+}  # fmt: skip
 
 
 @pytest.fixture(scope="session")
 def run(noisy_disc: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """A run folder with a network of a few hundred weights."""
-
-    def train_two_steps(folder: Path) -> None:
-        from nte.training.loop import train
-
-        train(tiny_config(folder, noisy_disc, "phases=[{steps: 2}]"), device="cpu")
-
-    folder = made_once(tmp_path_factory, "killed_run", train_two_steps) / "runs" / "tiny"
+    folder = make_run(noisy_disc, tmp_path_factory)
     load_run(folder)
     return folder
 
 
-COMMANDS = {
-    "denoise": (["denoise", "CLIP", "--denoiser", "taa", "--png", "--out", "OUT"], (1, 14, 27)),
-    "loose frames": (["denoise", "FRAMES", "--denoiser", "noisy", "--out", "OUT"], (9, 17)),
-    "estimate": (["estimate", "CLIP", "--noise", "clean", "--out", "OUT"], (4, 12, 23)),
-    "evaluate": (["evaluate", "--clips", "CLIP", "--denoisers", "noisy", "taa", "--out", "OUT"], (4, 8, 12)),
-    "export": (["export", "RUN", "--out", "OUT/model.onnx"], (9,)),
-}
-
-
-@pytest.mark.parametrize("name", COMMANDS)
+@pytest.mark.parametrize("name", MOMENTS)
 def test_it_is_started_again_and_ends_as_undisturbed(name: str, noisy_disc: Path, run: Path, tmp_path: Path) -> None:
-    command, moments = COMMANDS[name]
-    places = {"CLIP": noisy_disc, "RUN": run}
-    frames = [str(path) for path in sorted(noisy_disc.glob("*.exr"))]
-
     def arguments(out: Path) -> list[str]:
-        typed = [frames if word == "FRAMES" else [str(places.get(word, word))] for word in command]
-        return [word.replace("OUT", str(out)) for words in typed for word in words]
+        return command(name, out, noisy_disc, run, tmp_path)
 
     assert main(arguments(tmp_path / "undisturbed")) == 0
     expected = contents(tmp_path / "undisturbed")
-    for moment in moments:
+    for moment in MOMENTS[name]:
         out = tmp_path / f"killed at {moment}"
         assert killed(arguments(out), out, moment)
         assert contents(out) != expected  # otherwise it was killed too late: choose another moment

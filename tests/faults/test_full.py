@@ -1,0 +1,90 @@
+"""Commands whose disk becomes full: one line, nothing half-written; with space again they end as if undisturbed."""
+
+import subprocess
+from collections.abc import Iterator
+from pathlib import Path
+
+import pytest
+
+from nte.cli import main
+from nte.unfinished import MARK
+from nte.viewer.page import PAGE
+from nte.viewer.recorder import FOLDER as LAYERS
+from tests.conftest import Rounds
+from tests.faults.commands import COMMANDS, command, contents, make_run
+
+pytestmark = [pytest.mark.slow, pytest.mark.filterwarnings("ignore::nte.motion.correspondence.FewerLevelsWarning")]
+BLOCK = 4096
+
+
+class Disk:
+    """A folder that is a file system of its own."""
+
+    def __init__(self, folder: Path) -> None:
+        self.folder = folder
+        folder.mkdir()
+
+    def empty(self, size: int) -> Path:
+        """Begin anew, with so many bytes."""
+        self.close()
+        self._mount(f"size={size}")
+        return self.folder
+
+    def enlarge(self) -> None:
+        """Make space for everything."""
+        self._mount(f"remount,size={64 << 20}")
+
+    def close(self) -> None:
+        if self.folder.is_mount():
+            subprocess.run(["umount", str(self.folder)], check=True)
+
+    def _mount(self, options: str) -> None:
+        command = ["mount", "-t", "tmpfs", "-o", options, "tmpfs", str(self.folder)]
+        if subprocess.run(command, capture_output=True, check=False).returncode:
+            pytest.skip("this machine lets us mount nothing")
+
+
+@pytest.fixture
+def disk(tmp_path: Path) -> Iterator[Disk]:
+    made = Disk(tmp_path / "disk")
+    yield made
+    made.close()
+
+
+@pytest.fixture(scope="session")
+def run(noisy_disc: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
+    return make_run(noisy_disc, tmp_path_factory)
+
+
+@pytest.mark.parametrize("name", COMMANDS)
+def test_it_says_so_and_goes_on_when_there_is_space(
+    name: str, noisy_disc: Path, run: Path, disk: Disk, tmp_path: Path, rounds: Rounds,
+    capfd: pytest.CaptureFixture[str],
+) -> None:  # fmt: skip
+    if name == "render":
+        load_mitsuba = pytest.importorskip("nte.render.engine.backend").load_mitsuba
+        load_mitsuba()
+    undisturbed = tmp_path / "undisturbed"
+    assert main(command(name, undisturbed, noisy_disc, run, tmp_path)) == 0
+    expected = contents(undisturbed)
+    blocks = sum(-(-path.stat().st_size // BLOCK) for path in undisturbed.rglob("*") if path.is_file())
+    count = rounds("disks that became full", 1, 12)
+    for number in range(count):
+        place = disk.empty(max(1, int(blocks * (number + 0.5) / count)) * BLOCK)
+        out = place / f"out {number}"
+        words = command(name, out, noisy_disc, run, tmp_path)
+        capfd.readouterr()
+        assert main(words) == 2, number
+        lines = [line for line in capfd.readouterr().err.splitlines() if line.startswith("nte: ")]
+        (line,) = [line for line in lines if not line.startswith("nte: warning")]
+        assert str(out) in line
+        assert "No space left on device" in line
+        left = contents(out)
+        left.pop(MARK, None)
+        if not (out / PAGE).exists():  # nothing reads the layers of a page that is not there
+            left = {file: data for file, data in left.items() if not file.startswith(f"{LAYERS}/")}
+        earlier = {file for file in left if file.endswith(".safetensors")}  # a checkpoint is that of an earlier step
+        assert {file for file in left if left[file] != expected.get(file)} <= earlier, number
+        disk.enlarge()
+        assert main(words) == 0, number
+        assert contents(out) == expected, number
