@@ -9,7 +9,6 @@ from pathlib import Path
 
 import pytest
 
-from nte.errors import NteError
 from nte.training.config import load_train_config
 from nte.training.loop import train
 from tests.conftest import Rounds
@@ -100,21 +99,3 @@ def test_no_space_for_the_checkpoint_is_one_line(tmp_path: Path, noisy_disc: Pat
     assert "Traceback" not in errors
     run = tmp_path / "runs" / "tiny"
     assert not [file for file in run.iterdir() if file.name.endswith(".tmp") or file.name.startswith("checkpoint")]
-
-
-def test_two_processes_train_one_network_and_one_of_them_writes(tmp_path: Path, noisy_disc: Path) -> None:
-    torchrun = ("-m", "torch.distributed.run", "--standalone", "--nproc_per_node=2", "train.py")
-    process = start(config_file(tmp_path, noisy_disc), "data.batch=1", launcher=torchrun)
-    output, errors = process.communicate(timeout=300)
-    assert process.returncode == 0, errors
-    run = tmp_path / "runs" / "tiny"
-    assert [line["step"] for line in metrics(run) if "loss" in line] == list(range(1, 9))
-    assert len(list(run.glob("events.*"))) == 1
-    assert output.count("step 8: loss") == 1
-    # Each process contributes a sequence of its own: neither alone would have come here.
-    alone = train(tiny_config(tmp_path, noisy_disc, "data.batch=1", "name=alone"), device="cpu")
-    weight = "denoiser.prediction.trunk.unet.encoders.0.0.weight"
-    assert checkpoint(run)["step"] == "8"
-    assert not (checkpoint(run)[weight] == checkpoint(alone)[weight]).all()
-    with pytest.raises(NteError, match="trained by 2 processes, and here are 1, which changes what a step is"):
-        train(tiny_config(tmp_path, noisy_disc, "data.batch=1", "resume=true"), device="cpu")
