@@ -15,13 +15,18 @@ FILTERS = (
 )  # fmt: skip
 
 
+def maker(name: str) -> Callable[[], Denoiser]:
+    """Make new denoisers of the kind that is called so in FILTERS or NETWORKS."""
+    return lambda: complete(light_network(name)) if name in NETWORKS else load_denoiser(name)
+
+
 @pytest.fixture(params=[*FILTERS, *NETWORKS])
 def make(request: pytest.FixtureRequest) -> Callable[[], Denoiser]:
     """Make a new denoiser of the kind that is this test's turn."""
     name: str = request.param
     if "oidn" in name:
         pytest.importorskip("pyoidn")
-    return lambda: complete(light_network(name)) if name in NETWORKS else load_denoiser(name)
+    return maker(name)
 
 
 @pytest.fixture
