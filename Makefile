@@ -4,13 +4,14 @@
 # make docs   the documentation as a site: site/index.html
 # make coverage   the lines of nte/ that make test leaves out      make torture   long rounds of faults and bad input
 # make viewer the script and style sheet of the viewer, after a change of its sources; needs Node 20 or newer
+# make supply the lock file, an audit and a bill of materials; needs a network
 # make paper  the published comparisons, with their data: a night or two       make bench   times, as ratios in one run
 PYTHON ?= python3
 VENV := .venv
 BIN := $(VENV)/bin
 INSTALLED := $(VENV)/installed
 
-.PHONY: demo test slow torture coverage lint docs viewer viewer-check viewer-fresh acceptance paper bench clean
+.PHONY: demo test slow torture coverage lint docs viewer viewer-check viewer-fresh acceptance paper bench supply clean
 
 demo: $(INSTALLED)
 	$(BIN)/nte render datasets/quickstart.yaml --out data/quickstart
@@ -85,6 +86,17 @@ $(INSTALLED): pyproject.toml constraints.txt
 	$(PYTHON) -m venv $(VENV)
 	$(BIN)/pip install --quiet --disable-pip-version-check -c constraints.txt -e '.[render,train,eval,import,cluster,compare,burst,openvino,video,view,docs,dev]'
 	@touch $@
+
+# Before a release, with a network: the lock file, known vulnerabilities of what is in it, and a bill of materials.
+supply: $(INSTALLED)
+	$(PYTHON) -m venv build/supply
+	build/supply/bin/pip install --quiet --disable-pip-version-check uv pip-audit cyclonedx-bom
+	head -n 2 requirements.lock > build/requirements.lock
+	build/supply/bin/uv pip compile --quiet pyproject.toml --all-extras -c constraints.txt --generate-hashes --universal \
+		--python-version 3.11.9 --no-annotate --no-header >> build/requirements.lock
+	mv build/requirements.lock requirements.lock
+	build/supply/bin/cyclonedx-py environment $(VENV) --pyproject pyproject.toml -o build/sbom.cdx.json
+	build/supply/bin/pip-audit -r requirements.lock --require-hashes --disable-pip
 
 clean:
 	rm -rf $(VENV) build dist site *.egg-info .pytest_cache .mypy_cache .ruff_cache
