@@ -152,6 +152,8 @@ class SequenceLoss(nn.Module):
                         for name, part in parts.items():
                             found.setdefault(name, []).append(part)
             before = compared
+            # Nothing is hidden in a frame without a previous one: it has no mask for later frames to look back to.
+            masks = masks if i else []
         factors = {name: getattr(weights, name, 0.0) for name in found} | lights
         weighted = [factors[name] * torch.stack(values).sum() for name, values in found.items()]
         means = {name: torch.stack(values).mean().detach() for name, values in found.items()}

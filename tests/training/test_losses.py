@@ -68,16 +68,19 @@ def test_warm_up_frames_are_not_counted_but_are_the_past_of_the_first_that_is() 
 
 
 def test_masks_of_three_frames_weigh_the_occlusion_loss() -> None:
-    # Σ w_k M_k with w = 1, 0.8, 0.6. An earlier mask that is missing is the frame's own:
-    # frame 0: 1·(1 + 0.8 + 0.6); frame 1: 0·1 + 1·0.8 + 0·0.6; frame 2: 0 + 0 + 0.6; frame 3: 0.
-    frames = batch([1, 1, 1, 1], [0, 0, 0, 0], masks=[1, 0, 0, 0])
+    # Σ w_k M_k with w = 1, 0.8, 0.6. An earlier mask that is missing is the frame's own, and frame 0 has none:
+    # frame 0: 0; frame 1: 1·(1 + 0.8 + 0.6); frame 2: 0·1 + 1·0.8 + 0·0.6; frame 3: 0 + 0 + 0.6; frame 4: 0.
+    frames = batch([1] * 5, [0] * 5, masks=[0, 1, 0, 0, 0])
     _, parts = loss(LINEAR, frames, occlusion=1.0)
-    assert parts["occlusion"] == pytest.approx((2.4 + 0.8 + 0.6) / 4)
+    assert parts["occlusion"] == pytest.approx((2.4 + 0.8 + 0.6) / 5)
+    # All hidden in every frame but the first: the full weight from frame 1 on.
+    _, parts = loss(LINEAR, batch([1] * 4, [0] * 4, masks=[0, 1, 1, 1]), occlusion=1.0)
+    assert parts["occlusion"] == pytest.approx(3 * 2.4 / 4)
 
 
 def test_masks_of_warm_up_frames_are_remembered() -> None:
-    frames = batch([1, 1], [0, 0], masks=[1, 0])
-    _, parts = loss(LINEAR, frames, occlusion=1.0, warmup=1)
+    frames = batch([1, 1, 1], [0, 0, 0], masks=[0, 1, 0])
+    _, parts = loss(LINEAR, frames, occlusion=1.0, warmup=2)
     assert parts["occlusion"] == pytest.approx(0.8)
 
 
