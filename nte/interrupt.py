@@ -2,12 +2,13 @@
 
 import multiprocessing
 import signal
-import sys
 import threading
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from types import FrameType, TracebackType
-from typing import Any
+from typing import Any, TypeVar
+
+Result = TypeVar("Result")
 
 
 class InterruptFlag:
@@ -65,10 +66,10 @@ def _interrupt(number: int, frame: FrameType | None) -> None:
 
 
 @contextmanager
-def ending_workers() -> Iterator[None]:
-    """Terminate all child processes if the block ends by an error or an interruption, instead of waiting for them.
+def stopping_workers() -> Iterator[None]:
+    """Stop the units of all child processes if the block ends by an error or an interruption.
 
-    They must have called `end_when_told`, so that they clean up.
+    The processes must have called `stop_when_told`.
     """
     try:
         yield
@@ -78,10 +79,47 @@ def ending_workers() -> Iterator[None]:
         raise
 
 
-def end_when_told() -> None:
-    """Make this worker process clean up and end at SIGTERM, and ignore Ctrl-C: its parent then sends SIGTERM."""
+class _Worker:
+    """What a worker process knows of itself."""
+
+    told = False  # to stop
+    working = False
+
+
+class StoppedError(Exception):
+    """A unit of work was stopped, or not begun, as its process was told to stop."""
+
+
+def stop_when_told() -> None:
+    """Let SIGTERM stop the unit that this worker process works on, and ignore Ctrl-C: its parent then sends SIGTERM.
+
+    The process itself does not end, and no signal interrupts it outside of a unit: there it may hold a lock that
+    workers share, and a worker that dies with it, or lets half a result into their pipe, makes all others wait forever.
+    The pool ends the process.
+    """
     signal.signal(signal.SIGINT, signal.SIG_IGN)
-    signal.signal(signal.SIGTERM, lambda number, frame: sys.exit(128 + number))
+    signal.signal(signal.SIGTERM, _stop)
+
+
+def _stop(number: int, frame: FrameType | None) -> None:
+    _Worker.told = True
+    if _Worker.working:
+        raise SystemExit(128 + number)
+
+
+def stoppable(work: Callable[[], Result]) -> Result:
+    """Do a unit of work in a worker process, so that it can be stopped and cleans up; raises StoppedError then."""
+    try:
+        if _Worker.told:
+            raise SystemExit
+        _Worker.working = True
+        try:
+            return work()
+        finally:
+            _Worker.working = False
+    except SystemExit as error:
+        _Worker.working = False  # the signal may have come just before the line above
+        raise StoppedError from error
 
 
 def _gets_signals() -> bool:

@@ -4,13 +4,13 @@ Work is a list of units, such as the clips of a recipe. A unit depends on nothin
 whole or absent, so nothing has to be locked: a unit whose worker dies is done again by another one.
 """
 
-import os
 from collections.abc import Callable, Iterator, Mapping
-from concurrent.futures import CancelledError, ProcessPoolExecutor, as_completed
+from concurrent.futures import FIRST_COMPLETED, CancelledError, Future, ProcessPoolExecutor, wait
 from concurrent.futures.process import BrokenProcessPool
 from contextlib import chdir, contextmanager, nullcontext
 from dataclasses import dataclass
 from importlib.metadata import PackageNotFoundError, version
+from itertools import islice
 from multiprocessing import get_context
 from pathlib import Path
 from types import ModuleType
@@ -18,7 +18,7 @@ from typing import TYPE_CHECKING, TypeVar
 
 from nte.errors import NteError, needs_extra
 from nte.files import temporary_name
-from nte.interrupt import end_when_told, ending_workers
+from nte.interrupt import StoppedError, stop_when_told, stoppable, stopping_workers
 from nte.version import __version__
 
 if TYPE_CHECKING:
@@ -27,6 +27,7 @@ if TYPE_CHECKING:
 Unit = TypeVar("Unit")
 Result = TypeVar("Result")
 
+QUEUED = 500  # units that a scheduler has at a time, more than a cluster has workers
 PATIENCE = 10  # seconds within which a scheduler must answer and have a worker
 
 
@@ -65,11 +66,19 @@ def in_processes(
     context = get_context("spawn")
     pool = ProcessPoolExecutor(jobs, mp_context=context, initializer=_begin_worker, initargs=(kind, jobs))
     try:
-        with ending_workers():
-            futures = {pool.submit(_do_here, work, unit): name for name, unit in units.items()}
-            for future in as_completed(futures):
-                done(futures[future], future.result())
-    except BrokenProcessPool as error:
+        with stopping_workers():
+            left, running = iter(units.items()), dict[Future[Result], str]()
+
+            def begin(count: int) -> None:
+                running.update((pool.submit(_do_here, work, unit), name) for name, unit in islice(left, count))
+
+            begin(2 * jobs)  # not all at once: a result is in memory as long as its future
+            while running:
+                for future in wait(running, return_when=FIRST_COMPLETED).done:
+                    name = running.pop(future)
+                    begin(1)
+                    done(name, future.result())
+    except (BrokenProcessPool, StoppedError) as error:
         raise NteError(
             f"a process that had to {kind.verb} was killed: if memory ran out, give fewer --jobs; what is done is kept"
         ) from error
@@ -78,16 +87,13 @@ def in_processes(
 
 
 def _begin_worker(kind: Kind, jobs: int) -> None:
-    end_when_told()
+    stop_when_told()
     kind.share_cores(jobs)
 
 
 def _do_here(work: Callable[[Unit], Result], unit: Unit) -> Result:
     """Do one unit, in a process of the pool."""
-    try:
-        return work(unit)
-    except SystemExit:  # told to end: the pool would take it for the unit's fault, and go on with the next one
-        os._exit(1)
+    return stoppable(lambda: work(unit))
 
 
 @dataclass(frozen=True)
@@ -127,24 +133,32 @@ def on_cluster(
         for worker, fault in client.run(_fault, terms, on_error="return").items():
             if fault:
                 raise NteError(f"worker {worker}: {fault}")
-        futures = {
-            client.submit(_do_there, work, unit, terms, key=f"{name} {token.name}"): name
-            for name, unit in units.items()
-        }
+        left, running = iter(units.items()), dict[distributed.Future, str]()
+        ended = distributed.as_completed(loop=client.loop)
+
+        def begin(count: int) -> None:
+            for name, unit in islice(left, count):
+                future = client.submit(_do_there, work, unit, terms, key=f"{name} {token.name}")
+                running[future] = name
+                ended.add(future)
+
+        name = ""
         try:
-            for future in distributed.as_completed(futures, loop=client.loop):
-                done(futures[future], future.result())
+            begin(QUEUED)
+            for future in ended:
+                name = running.pop(future)
+                begin(1)
+                done(name, future.result())
         except CancelledError as error:
             raise NteError(
                 f"the scheduler at {address} is gone: start it and {kind.verb} again, what is done is kept"
             ) from error
         except distributed.KilledWorker as error:
-            name = futures[future]
             raise NteError(
                 f"{name}: every worker that tried to {kind.verb} it has died: give them more memory"
             ) from error
         finally:
-            client.cancel(list(futures))
+            client.cancel(list(running))
 
 
 @contextmanager

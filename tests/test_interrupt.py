@@ -3,13 +3,14 @@
 import signal
 import time
 from concurrent.futures import ProcessPoolExecutor, ThreadPoolExecutor
+from functools import partial
 from multiprocessing import get_context
 from pathlib import Path
 
 import pytest
 
 from nte.files import write_whole
-from nte.interrupt import InterruptFlag, end_when_told, ending_workers
+from nte.interrupt import InterruptFlag, stop_when_told, stoppable, stopping_workers
 from nte.jobs import Kind, in_processes
 
 
@@ -47,13 +48,13 @@ def test_another_thread_may_enter_the_block_and_changes_nothing() -> None:
 
 
 @pytest.mark.slow
-def test_workers_end_at_once_and_leave_nothing_half_written(tmp_path: Path) -> None:
+def test_workers_stop_at_once_and_leave_nothing_half_written(tmp_path: Path) -> None:
     start = time.monotonic()
-    pool = ProcessPoolExecutor(1, mp_context=get_context("spawn"), initializer=end_when_told)
+    pool = ProcessPoolExecutor(1, mp_context=get_context("spawn"), initializer=stop_when_told)
 
     def interrupted() -> None:
-        with pool, ending_workers():
-            pool.submit(write_slowly, tmp_path / "a.txt")
+        with pool, stopping_workers():
+            pool.submit(stoppable, partial(write_slowly, tmp_path / "a.txt"))
             while not (tmp_path / "begun").exists():
                 assert time.monotonic() - start < 50
                 time.sleep(0.05)

@@ -9,8 +9,12 @@ import time
 from collections.abc import Callable, Iterator
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
+from weakref import ref
 
+import numpy as np
+import numpy.typing as npt
 import pytest
 
 from nte import jobs
@@ -21,8 +25,10 @@ from nte.render.recipes.clips import render_recipe
 from nte.render.recipes.jobs import RENDERING
 from nte.render.recipes.output import claim
 from nte.render.recipes.recipe import read_recipe
+from tests.conftest import Rounds
 from tests.render.test_clips import CLIP, contents
 from tests.synthetic import disc_clip
+from tests.test_jobs import KIND
 
 distributed = pytest.importorskip("distributed")
 pytestmark = pytest.mark.slow
@@ -130,6 +136,29 @@ def test_a_killed_worker_changes_nothing(address: str, rendered: Path, recipe: P
         assert len(job.result(timeout=120)) == 2
         assert list(client.scheduler_info()["workers"]) == [worker for worker in pids if worker != victim]
     assert contents(out) == contents(rendered)
+
+
+def test_a_scheduler_has_few_units_at_a_time_and_nobody_keeps_results(
+    address: str, tmp_path: Path, rounds: Rounds, monkeypatch: pytest.MonkeyPatch
+):
+    monkeypatch.setattr(jobs, "QUEUED", 20)
+    units = {f"unit {number}": number for number in range(rounds("units of a cluster", 200, 10_000))}
+    given: list[ref[npt.NDArray[np.int64]]] = []
+    seen: dict[str, int] = {}
+    queued = most = 0
+    with distributed.Client(address, set_as_default=False) as client:
+
+        def done(name: str, result: npt.NDArray[np.int64]) -> None:
+            nonlocal queued, most
+            given.append(ref(result))
+            seen[name], most = int(result[-1]), max(most, sum(one() is not None for one in given[-50:]))
+            if len(seen) % 50 == 0:
+                queued = max(queued, client.run_on_scheduler(lambda dask_scheduler: len(dask_scheduler.tasks)))
+
+        jobs.on_cluster(KIND, partial(np.full, 1000), units, tmp_path, address, done)
+    assert seen == units
+    assert most < 5
+    assert queued <= 2 * 20  # those that are forgotten in this moment included
 
 
 def test_without_dask_the_extra_is_named(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
