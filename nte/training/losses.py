@@ -109,7 +109,7 @@ class Unrolled(NamedTuple):
 class SequenceLoss(nn.Module):
     """The loss of a denoiser unrolled over a sequence: the mean of its frames' losses.
 
-    The paper sums them, which makes no difference to Adam. All is one module, so that DistributedDataParallel sees the
+    The paper sums them, which makes no difference to Adam unless gradients are clipped. All is one module, so that DistributedDataParallel sees the
     whole recurrence as one forward pass. precision: 32-true, or bf16-mixed for the denoiser's steps. Raises NteError
     for a configuration that is not valid.
     """

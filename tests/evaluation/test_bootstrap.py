@@ -49,15 +49,24 @@ def test_the_interval_covers_the_truth_as_often_as_it_says(
     assert 0.92 <= covered(seeds, 40, *sds) <= 0.995
 
 
-def test_resampling_three_seeds_would_cover_far_less() -> None:
-    """Why seeds are drawn from Student's distribution: the ground that the module's text gives."""
+@pytest.mark.slow
+@pytest.mark.parametrize("seeds", [(1, 1), (3, 3)])
+@pytest.mark.parametrize("clips", [4, 10])
+def test_so_it_does_with_few_clips(clips: int, seeds: tuple[int, int]) -> None:
+    assert 0.92 <= covered(seeds, clips, 0.3, 1.0, 0.3) <= 0.995
+
+
+@pytest.mark.parametrize(("count", "least", "most"), [(3, 0.7, 0.8), (4, 0.77, 0.85), (10, 0.88, 0.93)])
+def test_resampling_alone_would_cover_less(count: int, least: float, most: float) -> None:
+    """Why there is a factor for clips, and seeds are not resampled: the ground that the module's text gives."""
     rng = np.random.default_rng(7)
     hits = 0
     for _ in range(REPEATS):
-        means = rng.normal(0, 1, 3)
-        low, high = bootstrap_interval(means)
+        values = rng.normal(0, 1, count)
+        means = values[rng.integers(count, size=(1000, count))].mean(1)
+        low, high = np.quantile(means, [0.025, 0.975])
         hits += low <= 0 <= high
-    assert 0.7 < hits / REPEATS < 0.8
+    assert least < hits / REPEATS < most
 
 
 def test_pairs_remove_what_clips_have_in_common() -> None:

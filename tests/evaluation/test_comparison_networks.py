@@ -33,7 +33,7 @@ networks:
   "thin | one": {config: tiny.yaml, overrides: [network.width=1], seeds: [5]}
 situations:
   - {name: discs, clips: ["test/*"], light: indirect, methods: {noisy: "noisy:target=indirect"},
-     networks: [wide, "thin | one"]}
+     networks: [wide, "thin | one (1 seed)"]}
 tables:
   - {name: discs, situation: discs, against: noisy, columns: [{metrics: [psnr], margins: [psnr]}]}
 """

@@ -94,7 +94,7 @@ def train_all(
 
 
 def train_unit(unit: Training) -> str:
-    """Train, or go on where an earlier training stopped; return "" or the reason why it failed.
+    """Train, or go on where an earlier training stopped; return "" or the reason why it failed, in one line.
 
     What the training says goes to the file `config.runs`/NAME.log. Raises KeyboardInterrupt if it was told to stop.
     """
@@ -109,6 +109,8 @@ def train_unit(unit: Training) -> str:
             train(unit.config, device=unit.device)
     except NteError as error:
         return str(error)
+    except (RuntimeError, MemoryError) as error:  # such as too little memory on a device: others may still succeed
+        return f"{type(error).__name__}: {(str(error).splitlines() or ['no reason given'])[0]}"
     finally:
         torch.use_deterministic_algorithms(deterministic)  # the evaluation that follows may be in this process
     return ""

@@ -97,14 +97,14 @@ def _methods(plan: Planned, titles: Sequence[str]) -> list[Method]:
 
 
 def _label(comparison: Comparison, plan: Planned, method: Method) -> str:
-    """The method's title, with the number of its seeds if there are several."""
+    """The method's title, with the number of its seeds if it is trained."""
     network = plan.situation.runs.get(method.title)
     if network is None:
         return method.title
     asked, found = len(comparison.seeds_of(network)), len(method.seeds)
     if found < asked:
         return f"{method.title} ({found} of {asked} seeds)"
-    return f"{method.title} ({asked} seeds)" if asked > 1 else method.title
+    return f"{method.title} ({asked} seed{'s' if asked > 1 else ''})"
 
 
 def _selection(plan: Planned, part: Columns | Plot, name: str, data: Path) -> Selection:
