@@ -109,9 +109,9 @@ class Unrolled(NamedTuple):
 class SequenceLoss(nn.Module):
     """The loss of a denoiser unrolled over a sequence: the mean of its frames' losses.
 
-    The paper sums them, which makes no difference to Adam unless gradients are clipped. All is one module, so that DistributedDataParallel sees the
-    whole recurrence as one forward pass. precision: 32-true, or bf16-mixed for the denoiser's steps. Raises NteError
-    for a configuration that is not valid.
+    The paper sums them, which makes no difference to Adam unless gradients are clipped. All is one module, so that
+    DistributedDataParallel sees the whole recurrence as one forward pass. precision: 32-true, or bf16-mixed for the
+    denoiser's steps. Raises NteError for a configuration that is not valid.
     """
 
     def __init__(self, denoiser: Denoiser, config: LossConfig, precision: str = "32-true") -> None:

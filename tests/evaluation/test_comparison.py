@@ -347,11 +347,11 @@ def test_what_networks_are_trained_on_is_used() -> None:
     assert is_used(unknown, "mine", "test/other_000")  # may be what a configuration names
 
 
-def test_patterns_that_have_a_name_are_changed_in_one_place(config: Path, data: Path, tmp_path: Path) -> None:
-    named = TEXT.replace('"test/disc_*"', '"${clips.discs}"')
-    config.write_text("clips: {discs: 'test/disc_*'}\n" + named + TABLES)
+def test_lists_that_have_a_name_are_changed_in_one_place(config: Path, data: Path, tmp_path: Path) -> None:
+    named = TEXT.replace('["test/disc_*"]', '"${lists.discs}"')
+    config.write_text("lists: {discs: ['test/disc_*']}\n" + named + TABLES)
     some = config.with_name("some.yaml")
-    some.write_text("base: small.yaml\nclips: {discs: 'test/*_001'}\n")
+    some.write_text("base: small.yaml\nlists: {discs: ['test/*_001']}\n")
     assert len(lines_of(compare(config, data, tmp_path / "all"))) == 2
     comparison = read_comparison(some)
     assert comparison.situations[0].clips == ["test/*_001"]

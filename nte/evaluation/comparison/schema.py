@@ -99,7 +99,7 @@ class Comparison:
     """A comparison on rendered clips, as read from YAML."""
 
     recipes: dict[str, str] = field(default_factory=dict)  # folder below the data's → recipe, relative to this file
-    clips: dict[str, str] = field(default_factory=dict)  # name → a pattern that others use, as ${clips.name}
+    lists: dict[str, list[str]] = field(default_factory=dict)  # name → clips, or titles, that others use: ${lists.name}
     first: int = 1  # index of the first frame that is scored; before it, histories are still short
     against: str = ""  # title of the method that all others are compared with, clip by clip
     train: list[str] = field(
