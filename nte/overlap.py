@@ -1,6 +1,7 @@
 """Overlap of the stages of work on a sequence: threads make the next item and write the last one meanwhile."""
 
-from collections.abc import Callable, Iterable, Iterator
+from collections import deque
+from collections.abc import Callable, Generator, Iterable, Iterator
 from concurrent.futures import Future, ThreadPoolExecutor
 from itertools import islice
 from typing import TypeVar
@@ -9,21 +10,25 @@ Item = TypeVar("Item")
 Made = TypeVar("Made")
 
 
-def ahead(items: Iterable[Item]) -> Iterator[Item]:
-    """Yield `items`; a thread makes the next one while the caller works on the one before.
+def ahead(items: Iterable[Item], count: int = 1, begin: Callable[[], object] = lambda: None) -> Generator[Item]:
+    """Yield `items`; a thread makes the next `count` of them while the caller works on the one before.
 
-    An error is raised when its item is due. One item more than otherwise is in memory.
+    begin: called once in that thread. An error is raised when its item is due. So many items more than otherwise are in
+    memory. Closing the generator ends the thread, after the item that it is making.
     """
     iterator = iter(items)
-    with ThreadPoolExecutor(1, "ahead") as thread:
+    with ThreadPoolExecutor(1, "ahead", begin) as thread:
 
-        def begun() -> Future[list[Item]]:
-            return thread.submit(lambda: list(islice(iterator, 1)))
+        def begun(number: int) -> list[Future[list[Item]]]:
+            return [thread.submit(lambda: list(islice(iterator, 1))) for _ in range(number)]
 
-        coming = begun()
-        while found := coming.result():
-            coming = begun()
-            yield from found
+        coming = deque(begun(count))
+        try:
+            while found := coming.popleft().result():
+                coming += begun(1)
+                yield from found
+        finally:
+            thread.shutdown(cancel_futures=True)
 
 
 def behind(work: Callable[[Item], Made], items: Iterable[Item]) -> Iterator[Made]:

@@ -33,7 +33,7 @@ def test_ahead_makes_no_more_than_one_item_too_early() -> None:
     items = ahead(made.append(i) or i for i in range(9))  # type: ignore[func-returns-value]
     assert next(items) == 0
     items.close()  # type: ignore[attr-defined]  # waits for the thread
-    assert made == [0, 1]
+    assert made in ([0], [0, 1])  # one that had not begun is left out
 
 
 def test_behind_works_on_an_item_while_the_next_one_is_made() -> None:

@@ -1,11 +1,9 @@
 """Training batches from clips. A batch depends on (seed, its number) alone, so a run can be resumed."""
 
 import warnings
-from collections import deque
 from collections.abc import Generator, Sequence
-from concurrent.futures import Future, ThreadPoolExecutor
 from contextlib import closing
-from itertools import islice
+from functools import partial
 from pathlib import Path
 from typing import NamedTuple
 
@@ -16,6 +14,7 @@ from torch.utils.data import DataLoader, Dataset
 
 from nte.errors import NteError
 from nte.frames.clip import Clip
+from nte.overlap import ahead
 from nte.recurrence import FORWARD
 from nte.training.augment import Augmentation
 from nte.training.batch import Batch, collate
@@ -179,20 +178,7 @@ def _from_thread(batches: TrainingBatches, numbers: range) -> Generator[Batch | 
 
     PyTorch computes on one core there: threads of a second pool would make every operation of a step wait.
     """
-    left = iter(numbers)
-    with ThreadPoolExecutor(1, "training batches", torch.set_num_threads, (1,)) as thread:
-
-        def begun(count: int) -> list[Future[Batch | NteError]]:
-            return [thread.submit(batches.__getitem__, number) for number in islice(left, count)]
-
-        loading = deque(begun(AHEAD))
-        try:
-            while loading:
-                batch = loading.popleft().result()  # raises what the thread has raised
-                loading += begun(1)
-                yield batch
-        finally:
-            thread.shutdown(cancel_futures=True)
+    return ahead(map(batches.__getitem__, numbers), AHEAD, partial(torch.set_num_threads, 1))
 
 
 def _crop(size: int, crop: int, rng: np.random.Generator) -> slice:

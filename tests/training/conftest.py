@@ -13,7 +13,7 @@ from tests.training.runs import tiny_config
 
 def loading_threads() -> list[threading.Thread]:
     """The threads of this process that load batches."""
-    return [thread for thread in threading.enumerate() if thread.name.startswith("training batches")]
+    return [thread for thread in threading.enumerate() if thread.name.startswith("ahead")]
 
 
 @pytest.fixture(autouse=True)
