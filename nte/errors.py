@@ -1,5 +1,6 @@
-"""NteError, the one error that is meant for users."""
+"""NteError, the one error that is meant for users, and what makes its messages."""
 
+import re
 from collections.abc import Iterable
 from difflib import get_close_matches
 
@@ -44,3 +45,21 @@ def did_you_mean(found: object, known: Iterable[str]) -> str:
         folded.setdefault(name.casefold(), name)
     near = get_close_matches(str(found).casefold(), folded, 1)
     return f", did you mean {folded[near[0]]}?" if near else ","
+
+
+# NumPy: Unable to allocate 7.1 GiB. PyTorch: can't allocate memory: you tried to allocate 4000 bytes; CUDA out of
+# memory. Tried to allocate 2.00 GiB. ONNX Runtime: Failed to allocate memory for requested buffer of size 4000.
+_LACKS_MEMORY = re.compile(r"allocate (?:memory|\d)|out of memory|bad_alloc")
+_ASKED = re.compile(r"(?:allocate|buffer of size) ([\d.]+)(?: ([KMGTPE]iB))?")
+
+
+def lacking_memory(error: BaseException) -> str | None:
+    """Say how much memory was asked for in vain, if that is what an error of a library is about; else None."""
+    text = str(error)
+    if not isinstance(error, MemoryError) and not _LACKS_MEMORY.search(text):
+        return None
+    found = _ASKED.search(text)
+    if found is None:
+        return "too little memory"
+    asked = f"{found[1]} {found[2]}" if found[2] else f"{float(found[1]) / 2**30:.2f} GiB"
+    return f"too little memory: another {asked} were asked for"

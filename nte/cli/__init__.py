@@ -26,7 +26,7 @@ from nte.cli import (
     view,
 )
 from nte.cli.parsing import Parser
-from nte.errors import NteError, needs_extra
+from nte.errors import NteError, lacking_memory, needs_extra
 from nte.interrupt import terminable
 from nte.version import __version__
 
@@ -70,6 +70,11 @@ def main(argv: Sequence[str] | None = None) -> int:
         if error.errno not in _OF_THE_SYSTEM:
             raise
         print(f"nte: {f'{error.filename}: ' if error.filename else ''}{error.strerror}", file=sys.stderr)
+        return 2
+    except (MemoryError, RuntimeError) as error:
+        if (what := lacking_memory(error)) is None:
+            raise
+        print(f"nte: {what}: give it smaller frames or more memory, or fewer --jobs", file=sys.stderr)
         return 2
     except KeyboardInterrupt:
         print("nte: interrupted; nothing half-written is left", file=sys.stderr)

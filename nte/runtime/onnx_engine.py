@@ -10,7 +10,7 @@ from typing import Any
 import onnxruntime
 from onnxruntime import OrtValue
 
-from nte.errors import NteError
+from nte.errors import NteError, lacking_memory
 from nte.frames.clip import Pixels
 from nte.runtime.description import Shapes
 from nte.runtime.engine import Spent, Value
@@ -112,6 +112,8 @@ def spent_in(events: list[dict[str, Any]]) -> list[Spent]:
 
 
 def _reason(error: Exception) -> str:
-    """The first line of an error, from where it says what is wrong."""
+    """What an error says: how much memory was missing, or its first line, from where it says what is wrong."""
+    if (memory := lacking_memory(error)) is not None:
+        return memory
     first = next(iter(str(error).splitlines()), "")
     return _BEFORE.sub("", first).strip() or type(error).__name__
