@@ -61,5 +61,5 @@ def lacking_memory(error: BaseException) -> str | None:
     found = _ASKED.search(text)
     if found is None:
         return "too little memory"
-    asked = f"{found[1]} {found[2]}" if found[2] else f"{float(found[1]) / 2**30:.2f} GiB"
+    asked = f"{found[1]} {found[2]}" if found[2] else f"{float(found[1]) / 2**20:,.1f} MiB"
     return f"too little memory: another {asked} were asked for"

@@ -33,7 +33,7 @@ networks:
   "thin | one": {config: tiny.yaml, overrides: [network.width=1], seeds: [5]}
 situations:
   - {name: discs, clips: ["test/*"], light: indirect, methods: {noisy: "noisy:target=indirect"},
-     networks: [wide, "thin | one (1 seed)"]}
+     networks: [wide, "thin | one"]}
 tables:
   - {name: discs, situation: discs, against: noisy, columns: [{metrics: [psnr], margins: [psnr]}]}
 """
@@ -80,7 +80,7 @@ def test_each_seed_is_trained_once_and_a_network_is_the_mean_over_its_seeds(
     summary = compare()
     (table,) = summary["tables"]
     assert summary["failures"] == []
-    assert [row["label"] for row in table["rows"]] == ["noisy", "wide (2 seeds)", "thin | one"]
+    assert [row["label"] for row in table["rows"]] == ["noisy", "wide (2 seeds)", "thin | one (1 seed)"]
     noisy, wide, thin = (row["parts"][0] for row in table["rows"])
     rows = json.loads((tmp_path / "out/discs/metrics.json").read_text())["rows"]
     psnr = {(row["denoiser"], row["clip"]): row["psnr"] for row in rows if row["region"] == "all"}

@@ -24,7 +24,7 @@ def test_what_libraries_say_is_understood() -> None:
     with pytest.raises(RuntimeError) as of_torch:
         torch.empty(10**15)
     assert lacking_memory(of_numpy.value) == "too little memory: another 7.11 PiB were asked for"
-    assert lacking_memory(of_torch.value) == "too little memory: another 3725290.30 GiB were asked for"
+    assert lacking_memory(of_torch.value) == "too little memory: another 3,814,697,265.6 MiB were asked for"
     cuda = RuntimeError("CUDA out of memory. Tried to allocate 2.50 GiB. GPU 0 has a total capacity of 8 GiB")
     assert lacking_memory(cuda) == "too little memory: another 2.50 GiB were asked for"
     assert lacking_memory(MemoryError()) == "too little memory"
