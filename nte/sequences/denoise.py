@@ -61,7 +61,7 @@ def denoise_files(
     with only_writer(out), Progress("denoise", len(written), "frame") as progress:
         force = force or (spec is not None and is_unfinished(out, command))
         info = [] if wanted else [out / "clip.json"]  # some frames of a denoised clip may be replaced, and it stays one
-        _refuse_to_overwrite(out, [*written, *drawn.files], files, force, info)
+        _refuse_to_overwrite(out, [*written, *drawn.files, *info], files, force)
 
         def write(image: Denoised) -> Denoised:
             number = image.number
@@ -110,13 +110,11 @@ def _denoised(frames: Iterable[Frame], session: Session, exposure: float | None,
             yield Denoised(number, frame[session.denoiser.target][0], image, float(scale[0]), stated)
 
 
-def _refuse_to_overwrite(
-    out: Path, written: Sequence[Path], sources: Sequence[Path], force: bool, info: Sequence[Path]
-) -> None:
+def _refuse_to_overwrite(out: Path, written: Sequence[Path], sources: Sequence[Path], force: bool) -> None:
     """Raise NteError if a file would be lost: one that exists, a noisy frame itself, or one of two with one name."""
     if out.resolve() in {source.parent.resolve() for source in sources}:
         raise NteError(f"{out}: holds the noisy frames themselves: choose another folder")
     twice = [path for path, count in Counter(written).items() if count > 1]
     if twice:
         raise NteError(f"{twice[0].name}: two frames have this name: denoise them one after the other")
-    refuse_to_replace((*written, *info), force)
+    refuse_to_replace(written, force)

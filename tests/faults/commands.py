@@ -3,10 +3,7 @@
 import json
 from pathlib import Path
 
-import pytest
-
-from tests.shared import made_once
-from tests.training.runs import config_file, tiny_config
+from tests.training.runs import config_file
 
 COMMANDS = {
     "denoise": "denoise CLIP --denoiser taa --png --out OUT",
@@ -22,17 +19,6 @@ COMMANDS = {
 }
 MAP = "channels: {color: color, albedo: albedo, normal: normal}\n"
 RECIPE = "name: x\ntrain: [{scene: rooms, clips: 2, width: 16, height: 16, frames: 3, reference_spp: 4}]\n"
-
-
-def make_run(clip: Path, factory: pytest.TempPathFactory) -> Path:
-    """Make a run folder with a network of a few hundred weights."""
-
-    def train_two_steps(folder: Path) -> None:
-        from nte.training.loop import train
-
-        train(tiny_config(folder, clip, "phases=[{steps: 2}]"), device="cpu")
-
-    return made_once(factory, "disturbed_run", train_two_steps) / "runs" / "tiny"
 
 
 def command(name: str, out: Path, clip: Path, run: Path, folder: Path) -> list[str]:

@@ -11,7 +11,7 @@ from nte.unfinished import MARK
 from nte.viewer.page import PAGE
 from nte.viewer.recorder import FOLDER as LAYERS
 from tests.conftest import Rounds
-from tests.faults.commands import COMMANDS, command, contents, make_run
+from tests.faults.commands import COMMANDS, command, contents
 
 pytestmark = [pytest.mark.slow, pytest.mark.filterwarnings("ignore::nte.motion.correspondence.FewerLevelsWarning")]
 BLOCK = 4096
@@ -49,11 +49,6 @@ def disk(tmp_path: Path) -> Iterator[Disk]:
     made = Disk(tmp_path / "disk")
     yield made
     made.close()
-
-
-@pytest.fixture(scope="session")
-def run(noisy_disc: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
-    return make_run(noisy_disc, tmp_path_factory)
 
 
 @pytest.mark.parametrize("name", COMMANDS)

@@ -17,9 +17,8 @@ import pytest
 
 from nte.cli import main
 from nte.runtime import export
-from nte.training.run import load_run
 from tests.conftest import Rounds
-from tests.faults.commands import COMMANDS, command, contents, make_run
+from tests.faults.commands import COMMANDS, command, contents
 
 pytestmark = [pytest.mark.slow, pytest.mark.filterwarnings("ignore::nte.motion.correspondence.FewerLevelsWarning")]
 OPERATIONS = ("open", "os.rename", "os.remove", "os.rmdir", "os.mkdir", "os.scandir")
@@ -85,13 +84,6 @@ MOMENTS = {
     "import": (8,), "view": (11,),
 }  # fmt: skip
 OFTEN = {"render": 50}  # kills in torture, where it is not 10
-
-
-@pytest.fixture(scope="session")
-def run(noisy_disc: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
-    folder = make_run(noisy_disc, tmp_path_factory)
-    load_run(folder)
-    return folder
 
 
 @pytest.mark.parametrize(

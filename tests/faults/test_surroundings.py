@@ -9,7 +9,7 @@ import pytest
 
 from nte.cli import main
 from nte.frames import exr
-from tests.faults.commands import command, contents, make_run
+from tests.faults.commands import command, contents
 
 pytestmark = [
     pytest.mark.filterwarnings("ignore::nte.motion.correspondence.FewerLevelsWarning"),
@@ -17,11 +17,6 @@ pytestmark = [
 ]
 READING = ("denoise", "loose frames", "estimate", "evaluate", "import", "view", "train")
 TIMED = ("denoise", "estimate", "train", "export")
-
-
-@pytest.fixture(scope="session")
-def run(noisy_disc: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
-    return make_run(noisy_disc, tmp_path_factory)
 
 
 @pytest.mark.parametrize("name", READING)

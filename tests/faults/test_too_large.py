@@ -12,7 +12,6 @@ from nte.cli import main
 from nte.errors import lacking_memory
 from nte.frames.clip import frame_path, write_frame
 from nte.frames.clip_info import write_clip_info
-from tests.faults.commands import make_run
 from tests.faults.limited import WARM
 
 SIDE = 2400  # pixels
@@ -43,12 +42,10 @@ def limited(arguments: list[str], beyond: int, said: str) -> None:
 
 @pytest.mark.slow
 @pytest.mark.parametrize("denoiser", ["taa", "svgf", "MODEL"])
-def test_a_frame_that_is_too_large_is_one_line(
-    denoiser: str, noisy_disc: Path, tmp_path: Path, tmp_path_factory: pytest.TempPathFactory
-) -> None:
+def test_a_frame_that_is_too_large_is_one_line(denoiser: str, run: Path, tmp_path: Path) -> None:
     if denoiser == "MODEL":
         denoiser = str(tmp_path / "model.onnx")
-        assert main(["export", str(make_run(noisy_disc, tmp_path_factory)), "--out", denoiser]) == 0
+        assert main(["export", str(run), "--out", denoiser]) == 0
     clip = tmp_path / "large"
     shapes = {"color": 3, "albedo": 3, "normal": 3, "depth": 1, "motion": 2, "forward_motion": 2}
     channels = {name: np.full((width, SIDE, SIDE), 0.5, np.float32) for name, width in shapes.items()}
