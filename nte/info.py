@@ -7,17 +7,20 @@ from typing import TYPE_CHECKING
 from nte.errors import NteError
 from nte.frames.channels import CHANNELS
 from nte.frames.clip import Clip
+from nte.released import model_path
 
 if TYPE_CHECKING:
     from nte.models.trainable import TrainableDenoiser
 
 
 def describe(source: Path) -> str:
-    """Describe the clip, exported model, run or training configuration at `source` in a few lines.
+    """Describe the clip, exported or released model, run or training configuration `source` in a few lines.
 
     A network is described with its cost: parameters, multiply-accumulates per pixel, receptive field. Raises NteError
     for anything else.
     """
+    if not source.exists():
+        source = model_path(str(source)) or source
     if (source / "clip.json").is_file():
         return _clip(Clip(source))
     if source.suffix == ".onnx":
@@ -27,8 +30,8 @@ def describe(source: Path) -> str:
     if source.suffix in (".yaml", ".yml"):
         return _configuration(source)
     raise NteError(
-        f"{source}: expected a clip (with clip.json), an .onnx file, a run folder (with config.yaml), or a training "
-        "configuration (.yaml)"
+        f"{source}: expected a clip (with clip.json), an .onnx file or a released model, a run folder (with "
+        "config.yaml), or a training configuration (.yaml)"
     )
 
 

@@ -1,4 +1,4 @@
-"""The loading of any denoiser from what a user types: a filter by name, a composite, a run, an exported model."""
+"""The loading of any denoiser from what a user types: a name, a composite, a run, an exported model."""
 
 from collections.abc import Sequence
 from os.path import isdir, isfile  # false of text that is no name of a file, such as options that are longer
@@ -11,6 +11,7 @@ from nte.filters.named import NAMES, filter_type, load, make, parse, require_dev
 from nte.filters.prior import complete
 from nte.frames.channels import COMPONENTS
 from nte.options import Options
+from nte.released import model_path, names
 from nte.runtime.providers import PROVIDERS, OnnxOptions
 
 _MODEL = ".onnx"
@@ -21,12 +22,14 @@ _BELOW = "below"  # what stands behind that +
 def load_denoiser(spec: str | Path, device: str = "cpu", threads: int = 0) -> Denoiser:
     """Load the denoiser that `spec` describes.
 
-    `spec` is a run folder, a checkpoint in a run folder (RUN/best.safetensors), an .onnx file, or
-    `name:key=value,key=value`. An existing file or folder wins over a name. The keys are fields of the filter's options
-    class; for filters with presets `preset=…` sets several fields at once, and the other keys override it.
+    `spec` is a run folder, a checkpoint in a run folder (RUN/best.safetensors), an .onnx file, the name of a released
+    model, or `name:key=value,key=value` of a filter. An existing run wins over a name. The keys are fields of the
+    filter's options class; for filters with presets `preset=…` sets several fields at once, and the other keys override
+    it.
 
-    An .onnx file takes options too: `model.onnx:provider=openvino,threads=2` (nte.runtime.providers.OnnxOptions). Where
-    they name no provider it is that of `device`, whose number is kept: `cuda:1`.
+    An .onnx file and a released model take options too: `model.onnx:provider=openvino,threads=2`
+    (nte.runtime.providers.OnnxOptions). Where they name no provider it is that of `device`, whose number is kept:
+    `cuda:1`.
 
     `estimate+` or `estimate:key=value+` before any denoiser estimates the motion vectors from the images (module
     nte.filters.estimated; keys noise, guides, known). `target=components`, for filters that have every component as a
@@ -60,7 +63,7 @@ def load_denoiser(spec: str | Path, device: str = "cpu", threads: int = 0) -> De
     if name not in NAMES:
         if isdir(spec):
             raise NteError(f"'{spec}' is no run folder: config.yaml is missing")
-        instead = expected_one_of(name, [*NAMES, COMPOSITE])
+        instead = expected_one_of(name, [*names(), *NAMES, COMPOSITE])
         raise NteError(f"'{spec}' is no denoiser{instead}, a run folder, or an .onnx file")
     kind = filter_type(spec)
     given = parse(spec, text)
@@ -79,11 +82,16 @@ def parts_of(spec: str) -> list[str]:
 
 
 def model_of(spec: str) -> tuple[Path, str] | None:
-    """Split the specification of an exported model into its file and the text of its options; None for any other."""
+    """Split the specification of an exported or released model into its file and the text of its options.
+
+    None for any other specification.
+    """
     path, marked, text = spec.rpartition(_MODEL + ":")
-    if spec.endswith(_MODEL) or not marked:
-        return (Path(spec), "") if spec.endswith(_MODEL) else None
-    return Path(path + _MODEL), text
+    if spec.endswith(_MODEL) or marked:
+        return (Path(spec), "") if spec.endswith(_MODEL) else (Path(path + _MODEL), text)
+    name, _, text = spec.partition(":")
+    released = None if isdir(spec) else model_path(name)
+    return None if released is None else (released, text)
 
 
 def with_provider(specs: Sequence[str], provider: str) -> list[str]:

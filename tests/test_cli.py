@@ -102,7 +102,7 @@ def test_a_clip_that_cannot_be_used_is_named(told: Told, command: str, clip: str
         ("denoise clip/frame_0000.exr clip/frame_0002.exr --denoiser noisy --out out", "frame 1 is missing"),
         (
             "info nowhere",
-            "nowhere: expected a clip (with clip.json), an .onnx file, a run folder (with config.yaml), or a t",
+            "nowhere: expected a clip (with clip.json), an .onnx file or a released model, a run fo",
         ),
         ("info bad.onnx", "bad.onnx: not a readable ONNX model"),
         ("info gap", "gap/frame_0001.exr: missing"),

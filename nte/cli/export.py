@@ -15,10 +15,12 @@ def add(commands: Commands) -> None:
     parser.add_argument(
         "--vectors", type=Path, metavar="FOLDER", help="write inputs and outputs of four frames there, to check ports"
     )
+    text = "write the weights alone there, for a training's init_from"
+    parser.add_argument("--weights", type=Path, metavar="FILE.safetensors", help=text)
     add_force(parser)
 
 
 def _export(options: argparse.Namespace) -> None:
     from nte.runtime.export import export
 
-    print(export(options.source, options.out, options.force, vectors=options.vectors))
+    print(export(options.source, options.out, options.force, vectors=options.vectors, weights=options.weights))

@@ -50,26 +50,32 @@ TYPICAL, WORST = 1e-4, 0.05  # limits of |a − b| / (|b| + 0.01): of its 99.9th
 
 def export(
     run: Path | str, out: Path | str, force: bool = False, progress: Callable[[str], None] = print,
-    vectors: Path | str | None = None,
+    vectors: Path | str | None = None, weights: Path | str | None = None,
 ) -> Path:  # fmt: skip
     """Export a trained run as one ONNX file, checked against PyTorch, and return its path.
 
     run: a run folder, which stands for its last checkpoint, or a .safetensors file in one. out: the file to write.
     progress: called with a line of text for each size at which both agree, and for the vectors. vectors: a folder, to
-    which inputs and outputs of four frames are written, by which a port of the model is checked. Raises NteError if the
-    results differ, and if `out`, or vectors in that folder, exist without `force`.
+    which inputs and outputs of four frames are written, by which a port of the model is checked. weights: a
+    .safetensors file to which the run's weights are written alone, for `init_from`. Raises NteError if the results
+    differ, and if one of the files, or vectors in that folder, exist without `force`.
 
     >>> model = nte.export("runs/mine", "mine.onnx", progress=lambda line: None)
     >>> nte.load_denoiser("mine.onnx").target
     'color'
     """
+    from nte.training.initial import write_weights
     from nte.training.run import load_run
 
     out, folder = Path(out), None if vectors is None else Path(vectors)
     if folder is not None:
         refuse_to_replace([folder / INDEX], force)
+    if weights is not None:
+        refuse_to_replace([Path(weights)], force)
     with only_writer_of(out, force):
         export_onnx(load_run(Path(run)), out, progress)
+        if weights is not None:
+            write_weights(Path(run), Path(weights))
         if folder is not None:
             write_vectors(out, folder)
             progress(f"test vectors of {FRAMES} frames are in {folder}")

@@ -14,6 +14,7 @@ from nte.files import write_whole
 
 CHECKPOINT = "checkpoint.safetensors"  # the last checkpoint, from which a run is resumed
 BEST = "best.safetensors"  # the weights alone, at the step with the best validation
+PLAIN = "denoiser."  # before the names of weights that are no average
 
 
 def write_checkpoint(folder: Path, step: int, state: Mapping[str, Tensor], name: str = CHECKPOINT) -> None:
@@ -64,7 +65,7 @@ def module_state(prefix: str, module: nn.Module) -> dict[str, Tensor]:
 
 def weights_prefix(state: Mapping[str, Tensor]) -> str:
     """Return the prefix of the weights that are used after training: of their moving average if there is one."""
-    return "average.module." if "average.n_averaged" in state else "denoiser."
+    return "average.module." if "average.n_averaged" in state else PLAIN
 
 
 def load_module(module: nn.Module, state: Mapping[str, Tensor], prefix: str, source: Path) -> None:

@@ -7,7 +7,9 @@ from typing import NamedTuple
 from torch import Tensor, nn
 
 from nte.errors import NteError
-from nte.training.checkpoint import CHECKPOINT, checksum_of, kind_of, read_checkpoint, weights_prefix
+from nte.released import weights_path
+from nte.training.checkpoint import CHECKPOINT, PLAIN, checksum_of, kind_of, read_checkpoint, weights_prefix
+from nte.training.checkpoint import write_checkpoint as write
 
 _NAMED = 8  # most tensors that a line names
 
@@ -16,25 +18,37 @@ class InitialWeights(NamedTuple):
     """The weights of a run or checkpoint, by their names in the network, and the digest that identifies them."""
 
     source: Path
+    step: int
     tensors: Mapping[str, Tensor]
     digest: str
 
 
 def read_weights(source: Path) -> InitialWeights:
-    """Read the weights that a run, or a checkpoint RUN/best.safetensors, uses after training.
+    """Read the weights that a run, a checkpoint RUN/best.safetensors or a released model, by its name, uses.
 
-    Raises NteError if there is no such checkpoint, or if it is damaged.
+    An existing run wins over a name. Raises NteError if there is no such checkpoint, or if it is damaged.
     """
+    if not source.exists():
+        source = weights_path(str(source)) or source
     folder, name = (source.parent, source.name) if source.suffix == ".safetensors" else (source, CHECKPOINT)
     if not (folder / name).is_file():
         what = "has no checkpoint" if source.is_dir() else "does not exist"
         raise NteError(
             f"init_from: {source} {what}: expected a run folder, or a checkpoint such as RUN/best.safetensors"
         )
-    _, state = read_checkpoint(folder, name)
+    step, state = read_checkpoint(folder, name)
     prefix = weights_prefix(state)
     tensors = {key[len(prefix) :]: value for key, value in state.items() if key.startswith(prefix)}
-    return InitialWeights(source, tensors, checksum_of(0, tensors)[:16])
+    return InitialWeights(source, step, tensors, checksum_of(0, tensors)[:16])
+
+
+def write_weights(source: Path, out: Path) -> None:
+    """Write the weights that a run, or a checkpoint, uses after training, alone: what another run can begin with.
+
+    Raises NteError as `read_weights` does, and if the file cannot be written.
+    """
+    weights = read_weights(source)
+    write(out.parent, weights.step, {PLAIN + name: t for name, t in weights.tensors.items()}, out.name)
 
 
 def begin_with(network: nn.Module, weights: InitialWeights) -> str:
