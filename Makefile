@@ -68,7 +68,7 @@ acceptance: $(INSTALLED)
 paper: $(INSTALLED)
 	$(BIN)/nte compare configs/compare_trmv.yaml --data data/trmv --out reports/trmv --jobs 2
 	$(BIN)/nte compare configs/compare_trmv_640.yaml --data data/trmv_640 --out reports/trmv_640 --jobs 2
-	$(BIN)/nte compare configs/compare_neural_small.yaml --data data --out reports/neural_small --jobs 2
+	$(BIN)/nte compare configs/compare_neural.yaml --data data --out reports/neural --jobs 2
 	$(BIN)/python -m benchmarks.vectors --pictures reports/vectors
 	$(BIN)/python -m benchmarks.correspondence
 	$(BIN)/nte render datasets/motion_blur_60.yaml --out data/motion_blur_60
