@@ -5,8 +5,9 @@
     nte import blender /tmp/toys/noisy --reference /tmp/toys/clean --out data/blender/toys
 
 Frames that are there already are kept. The settings of `cycles` and `passes` are what nte needs of any scene; copy
-them to your own. The two scenes show what nte's own renderer does not have: Blender's light transport, its noise
-textures and bump maps, its sky, its subdivision surfaces, and metals whose albedo is another pass.
+them to your own. The scenes show what nte's own renderer does not have: Blender's light transport, its noise textures
+and bump maps, its sky, its subdivision surfaces, and metals whose albedo is another pass. `toys` and `garden` are to
+judge by; `crowd` is another scene for each --seed, to train on.
 """
 
 import argparse
@@ -31,6 +32,8 @@ def cycles(width: int, height: int) -> None:
     scene.cycles.sample_clamp_direct = scene.cycles.sample_clamp_indirect = 0
     scene.cycles.pixel_filter_type, scene.cycles.filter_width = "BOX", 1.0  # noise of neighbours stays independent
     scene.cycles.max_bounces = 6
+    if hasattr(scene.render.image_settings, "media_type"):  # Blender 5
+        scene.render.image_settings.media_type = "MULTI_LAYER_IMAGE"
     scene.render.image_settings.file_format = "OPEN_EXR_MULTILAYER"
     scene.render.image_settings.color_depth = "32"
     scene.render.image_settings.exr_codec = "ZIP"
@@ -113,12 +116,20 @@ def added(what, number: int, look, smooth: bool = True, **where):
     return thing
 
 
+def curves(action) -> list:
+    """All curves of an action; Blender 5 keeps them in layers."""
+    if hasattr(action, "fcurves"):
+        return list(action.fcurves)
+    bags = [bag for layer in action.layers for strip in layer.strips for bag in strip.channelbags]
+    return [curve for bag in bags for curve in bag.fcurves]
+
+
 def animated(thing, path: str, values, frames: int) -> None:
     """Set two keys, at the first and the last frame, with a straight line between and beyond them."""
     for frame, value in zip((1, frames), values, strict=True):
         setattr(thing, path, value)
         thing.keyframe_insert(path, frame=frame)
-    for curve in thing.animation_data.action.fcurves:
+    for curve in curves(thing.animation_data.action):
         curve.extrapolation = "LINEAR"
         for key in curve.keyframe_points:
             key.interpolation = "LINEAR"
@@ -207,19 +218,73 @@ def garden(frames: int) -> None:
     camera(frames, (-1.2, -3.6, 1.1), (1.1, -3.3, 1.3), (0, 2, 0.6), 32)
 
 
+def crowd(frames: int, seed: int) -> None:
+    """Things of every kind in a room or under a sky, some of which move; another one for each seed."""
+    rng, ops = random.Random(1000 + seed), bpy.ops.mesh
+    extent = rng.uniform(2.0, 4.0)
+    inside = rng.random() < 0.6
+    looks = [
+        material(
+            f"look {i}", rng, metallic=float(rng.random() < 0.25), glass=float(rng.random() < 0.12),
+            bump=rng.random() < 0.4,
+        )
+        for i in range(12)
+    ]  # fmt: skip
+    added(ops.primitive_plane_add, 1, looks[0], False, size=8 if inside else 60)
+    if inside:
+        for number, (place, turn) in enumerate(
+            (((0, 4, 2), (1, 0, 0)), ((-4, 0, 2), (0, 1, 0)), ((4, 0, 2), (0, -1, 0)), ((0, 0, 3.6), (2, 0, 0)))
+        ):
+            look, angles = looks[1 + number % 3], [math.pi / 2 * t for t in turn]
+            added(ops.primitive_plane_add, 2 + number, look, False, size=8, location=place, rotation=angles)
+    kinds = (
+        (ops.primitive_uv_sphere_add, "radius", 1.0), (ops.primitive_cube_add, "size", 1.6),
+        (ops.primitive_monkey_add, "size", 2.0), (ops.primitive_cone_add, "radius1", 1.0),
+        (ops.primitive_ico_sphere_add, "radius", 1.0), (ops.primitive_torus_add, "major_radius", 1.0),
+        (ops.primitive_cylinder_add, "radius", 0.4),
+    )  # fmt: skip
+    for number in range(rng.randint(8, 24)):
+        make, measure, factor = rng.choice(kinds)
+        size = rng.uniform(0.12, 0.6)
+        place = [rng.uniform(-extent, extent), rng.uniform(-0.5, 3.4), rng.uniform(0.1, 1.4)]
+        turned = [rng.uniform(0, 6.3) for _ in range(3)]
+        where = {"location": place, "rotation": turned, measure: size * factor}
+        thing = added(make, 10 + number, rng.choice(looks[4:]), rng.random() < 0.7, **where)
+        if make is ops.primitive_torus_add:
+            thing.scale = (1, 1, rng.uniform(0.5, 1.5))
+        if rng.random() < 0.4:
+            animated(thing, "location", (place, [p + rng.uniform(-0.8, 0.8) for p in place]), frames)
+        if rng.random() < 0.3:
+            animated(thing, "rotation_euler", (turned, [t + rng.uniform(-1, 1) for t in turned]), frames)
+    for _ in range(rng.randint(1, 4)):
+        place = (rng.uniform(-3, 3), rng.uniform(-2, 3), rng.uniform(2.0, 3.4))
+        tint = [rng.uniform(0.5, 1) for _ in range(3)]
+        area_light(rng.uniform(30, 200), rng.uniform(0.05, 1.5), place, (0, 1, 0.5), tint)
+    background = next(n for n in bpy.context.scene.world.node_tree.nodes if n.type == "BACKGROUND")
+    background.inputs["Color"].default_value = (*[rng.uniform(0.2, 1) for _ in range(3)], 1)
+    background.inputs["Strength"].default_value = 0.0 if inside else rng.uniform(0.2, 1.5)
+    start = [rng.uniform(-1.8, 1.8), rng.uniform(-3.7, -2.6), rng.uniform(0.8, 2.2)]
+    end = start if rng.random() < 0.2 else [x + rng.uniform(-0.6, 0.6) for x in start]
+    camera(frames, start, end, (rng.uniform(-0.6, 0.6), 1.2, rng.uniform(0.3, 1.1)), rng.uniform(20, 45))
+
+
 def main() -> None:
     arguments = sys.argv[sys.argv.index("--") + 1 :] if "--" in sys.argv else sys.argv[1:]
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("scene", choices=["toys", "garden"])
+    parser.add_argument("scene", choices=["toys", "garden", "crowd"])
     parser.add_argument("out", type=Path)
     parser.add_argument("--frames", type=int, default=24)
     parser.add_argument("--size", default="320x180", help="WIDTHxHEIGHT")
     parser.add_argument("--spp", type=int, nargs="+", default=[1], help="a folder of noisy frames for each")
     parser.add_argument("--reference-spp", type=int, default=1024)
+    parser.add_argument("--seed", type=int, default=0, help="of crowd")
     options = parser.parse_args(arguments)
     width, height = (int(n) for n in options.size.split("x"))
     empty()
-    {"toys": toys, "garden": garden}[options.scene](options.frames)
+    if options.scene == "crowd":
+        crowd(options.frames, options.seed)
+    else:
+        {"toys": toys, "garden": garden}[options.scene](options.frames)
     cycles(width, height)
     passes()
     for spp in options.spp:
