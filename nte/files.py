@@ -207,6 +207,14 @@ def is_folder_name(name: str) -> bool:
     return Path(name).name == name and name not in ("", "..") and len(name.encode()) <= 200 and name.isprintable()
 
 
+def is_inside(path: Path, folder: Path) -> bool:
+    """Tell whether a path, once its links are followed, lies below `folder`: for paths that others' files name."""
+    try:
+        return Path(os.path.realpath(path)).is_relative_to(os.path.realpath(folder))
+    except ValueError:  # a NUL character
+        return False
+
+
 def already_there(path: Path, other: str = "name", remedy: str = "overwrite it") -> NteError:
     """Make the error for a path that exists and that only --force may replace.
 
