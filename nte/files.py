@@ -193,6 +193,8 @@ def _locked(folder: Path) -> int | None:
         raise NteError(f"{folder}: cannot be opened: {error.strerror}") from error
     try:
         fcntl.flock(descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)
+        if not (folder.is_dir() and os.path.samestat(os.fstat(descriptor), folder.stat())):
+            raise BlockingIOError  # another process has just removed or replaced the folder
     except BlockingIOError as error:
         os.close(descriptor)
         raise NteError(f"{folder}: another process is writing to it: wait for it, or choose another folder") from error
