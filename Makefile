@@ -5,13 +5,15 @@
 # make coverage   the lines of nte/ that make test leaves out      make torture   long rounds of faults and bad input
 # make viewer the script and style sheet of the viewer, after a change of its sources; needs Node 20 or newer
 # make supply the lock file, an audit and a bill of materials; needs a network
+# make compat the fast tests with the lowest and the newest versions of everything that is allowed; needs a network
 # make paper  the published comparisons, with their data: a night or two       make bench   times, as ratios in one run
 PYTHON ?= python3
 VENV := .venv
 BIN := $(VENV)/bin
 INSTALLED := $(VENV)/installed
 
-.PHONY: demo test slow torture coverage lint docs viewer viewer-check viewer-fresh acceptance paper bench supply clean
+.PHONY: demo test slow torture coverage lint docs viewer viewer-check viewer-fresh acceptance paper bench supply compat compat-lowest compat-newest \
+	clean
 
 demo: $(INSTALLED)
 	$(BIN)/nte render datasets/quickstart.yaml --out data/quickstart
@@ -97,6 +99,21 @@ supply: $(INSTALLED)
 	mv build/requirements.lock requirements.lock
 	build/supply/bin/cyclonedx-py environment $(VENV) --pyproject pyproject.toml -o build/sbom.cdx.json
 	build/supply/bin/pip-audit -r requirements.lock --require-hashes --disable-pip
+
+# The fast tests in two more environments: with the lowest version that each bound of pyproject.toml allows, and with
+# what is newest today. On Linux torch brings CUDA: 7 GB each. make clean removes them.
+compat: compat-lowest compat-newest
+
+compat-lowest: VERSIONS = -c build/lowest.txt
+compat-newest: VERSIONS = --upgrade
+compat-lowest compat-newest: $(INSTALLED)
+	$(PYTHON) -m venv build/uv
+	build/uv/bin/pip install --quiet --disable-pip-version-check uv
+	$(BIN)/python -m tests.lowest > build/lowest.txt
+	build/uv/bin/uv venv --quiet --clear --python $(PYTHON) $(VENV)/$@
+	build/uv/bin/uv pip install --quiet --python $(VENV)/$@ $(VERSIONS) \
+		-e '.[render,train,eval,import,cluster,compare,burst,openvino,video,view,docs,dev]'
+	$(VENV)/$@/bin/pytest -n auto --maxprocesses 8 --dist worksteal -m "not slow"
 
 clean:
 	rm -rf $(VENV) build dist site *.egg-info .pytest_cache .mypy_cache .ruff_cache

@@ -18,6 +18,7 @@ from omegaconf.errors import (
 from yaml import MarkedYAMLError, YAMLError
 
 from nte.errors import NteError, expected_one_of
+from nte.files import is_inside
 
 _KINDS = {
     int: "a whole number", float: "a number", bool: "true or false", str: "text", list: "a list",
@@ -34,6 +35,7 @@ def load_config(
     overrides: Sequence[str] = (),
     choose: Callable[[Callable[[str], Any]], Schema] | None = None,
     check: Callable[[Schema], object] = lambda made: None,
+    contained: bool = False,
 ) -> Schema:
     """Load an instance of the dataclass `schema` from a YAML file and `key=value` overrides.
 
@@ -43,15 +45,15 @@ def load_config(
     choose: makes the instance with the defaults, for schemas in which one key decides which others exist. It is called
     with a function from a dotted key to the value that the file or the overrides give it, or None. ${name} may refer to
     another key; resolvers such as ${oc.env:…} are refused, so that a configuration means the same on every machine.
-    check: raises NteError, naming the key, for values that are not allowed. Raises NteError, naming the file and the
-    key, for anything that does not fit.
+    check: raises NteError, naming the key, for values that are not allowed. contained: refuse a `base` outside the
+    folder of the file that names it. Raises NteError, naming the file and the key, for anything that does not fit.
     """
     for override in overrides:
         if "=" not in override:
             raise NteError(f"'{override}': expected key=value")
     source = str(path)
     try:
-        loaded = _read(path)
+        loaded = _read(path, contained)
         source = "command line"
         typed = OmegaConf.from_dotlist(list(overrides))
         refuse_resolvers(source, OmegaConf.to_container(typed, resolve=False))
@@ -146,7 +148,7 @@ def _problem_with_value(error: ValidationError) -> str:
     return f"{given} is given, expected {_KINDS[kind]}{', or null' if empty else ''}"
 
 
-def _read(path: Path, trail: tuple[Path, ...] = ()) -> DictConfig:
+def _read(path: Path, contained: bool, trail: tuple[Path, ...] = ()) -> DictConfig:
     """The values of a file, merged over those of its base. trail: files that are based on this one."""
     loaded = _read_alone(path)
     refuse_resolvers(str(path), OmegaConf.to_container(loaded, resolve=False))
@@ -155,9 +157,11 @@ def _read(path: Path, trail: tuple[Path, ...] = ()) -> DictConfig:
     named, trail = loaded.pop("base"), (*trail, path.resolve())
     if not isinstance(named, str):
         raise NteError(f"{path}: 'base' is {named!r:.60}, expected the path of a file, relative to this one")
+    if contained and not is_inside(path.parent / named, path.parent):
+        raise NteError(f"{path}: 'base' is '{named}', which leads out of {path.parent}: expected a file in that folder")
     if (path.parent / named).resolve() in trail:
         raise NteError(f"{path}: 'base' is '{named}', which is based on this file: expected another one")
-    below = _read(path.parent / named, trail)
+    below = _read(path.parent / named, contained, trail)
     for key, section in loaded.items():
         if isinstance(section, DictConfig) and isinstance(before := below.get(key), DictConfig):
             kind = section.get("kind")

@@ -193,6 +193,8 @@ def _locked(folder: Path) -> int | None:
         raise NteError(f"{folder}: cannot be opened: {error.strerror}") from error
     try:
         fcntl.flock(descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)
+        if not (folder.is_dir() and os.path.samestat(os.fstat(descriptor), folder.stat())):
+            raise BlockingIOError  # another process has just removed or replaced the folder
     except BlockingIOError as error:
         os.close(descriptor)
         raise NteError(f"{folder}: another process is writing to it: wait for it, or choose another folder") from error
@@ -205,6 +207,14 @@ def _locked(folder: Path) -> int | None:
 def is_folder_name(name: str) -> bool:
     """Tell whether a text can name a folder: one part of a path, at most 200 bytes, no control characters."""
     return Path(name).name == name and name not in ("", "..") and len(name.encode()) <= 200 and name.isprintable()
+
+
+def is_inside(path: Path, folder: Path) -> bool:
+    """Tell whether a path, once its links are followed, lies below `folder`: for paths that others' files name."""
+    try:
+        return Path(os.path.realpath(path)).is_relative_to(os.path.realpath(folder))
+    except ValueError:  # a NUL character
+        return False
 
 
 def already_there(path: Path, other: str = "name", remedy: str = "overwrite it") -> NteError:

@@ -1,10 +1,12 @@
 """Handling of Ctrl-C and SIGTERM: a step that must end first, a process that must clean up, the workers of a pool."""
 
 import multiprocessing
+import os
 import signal
 import threading
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
+from multiprocessing.process import BaseProcess
 from types import FrameType, TracebackType
 from typing import Any, TypeVar
 
@@ -95,10 +97,18 @@ def stop_when_told() -> None:
 
     The process itself does not end, and no signal interrupts it outside of a unit: there it may hold a lock that
     workers share, and a worker that dies with it, or lets half a result into their pipe, makes all others wait forever.
-    The pool ends the process.
+    The pool ends the process; if the parent is killed, the process ends at once.
     """
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     signal.signal(signal.SIGTERM, _stop)
+    if (parent := multiprocessing.parent_process()) is not None:
+        threading.Thread(target=_end_after, args=(parent,), daemon=True).start()
+
+
+def _end_after(parent: BaseProcess) -> None:
+    """End this process when its parent has: one that was killed tells nobody, and its workers would wait forever."""
+    parent.join()
+    os._exit(1)
 
 
 def _stop(number: int, frame: FrameType | None) -> None:

@@ -128,7 +128,8 @@ def on_cluster(
             import distributed  # sets up its log on first import; anything that matters comes back as an error
     except ImportError as error:
         raise needs_extra("cluster", "--scheduler", error) from error
-    with _connected(distributed, address) as client, _token(folder.absolute(), kind) as token:
+    lost = f"the scheduler at {address} is gone: start it and {kind.verb} again, what is done is kept"
+    with _or(lost, distributed), _connected(distributed, address) as client, _token(folder.absolute(), kind) as token:
         terms = _Terms(kind, token, Path.cwd(), _versions(kind), _neighbours(client))
         for worker, fault in client.run(_fault, terms, on_error="return").items():
             if fault:
@@ -149,10 +150,6 @@ def on_cluster(
                 name = running.pop(future)
                 begin(1)
                 done(name, future.result())
-        except CancelledError as error:
-            raise NteError(
-                f"the scheduler at {address} is gone: start it and {kind.verb} again, what is done is kept"
-            ) from error
         except distributed.KilledWorker as error:
             raise NteError(
                 f"{name}: every worker that tried to {kind.verb} it has died: give them more memory"
@@ -176,6 +173,15 @@ def _connected(distributed: ModuleType, address: str) -> Iterator["Client"]:
                 f"the scheduler at {address} has no workers: start some with: dask worker {address} --nthreads 1"
             ) from error
         yield client
+
+
+@contextmanager
+def _or(lost: str, distributed: ModuleType) -> Iterator[None]:
+    """Raise NteError with the text `lost` if the scheduler goes away within the block."""
+    try:
+        yield
+    except (CancelledError, distributed.comm.CommClosedError, distributed.client.ClosedClientError) as error:
+        raise NteError(lost) from error
 
 
 @contextmanager

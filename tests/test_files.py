@@ -169,3 +169,23 @@ def test_a_link_is_removed_and_what_it_points_to_stays(tmp_path: Path) -> None:
     (tmp_path / "folder").mkdir()
     with pytest.raises(NteError, match=r"folder: cannot be deleted"):
         remove(tmp_path / "folder")
+
+
+@pytest.mark.parametrize("renewed", [False, True])
+def test_the_lock_of_a_folder_that_is_no_longer_there_is_worth_nothing(
+    renewed: bool, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """As where a writer that has failed removes its empty folder while another one opens it."""
+    fcntl = pytest.importorskip("fcntl")
+    lock, folder = fcntl.flock, tmp_path / "out"
+
+    def replace_and_lock(descriptor: int, operation: int) -> None:
+        folder.rmdir()
+        if renewed:
+            (tmp_path / "other").touch()  # or the new folder could get the number of the old one
+            folder.mkdir()
+        lock(descriptor, operation)
+
+    monkeypatch.setattr(fcntl, "flock", replace_and_lock)
+    with pytest.raises(NteError, match="out: another process is writing to it"), only_writer(folder):
+        pass

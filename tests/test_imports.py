@@ -14,7 +14,8 @@ ROOT = Path(nte.__file__).parent
 # row. A package stands for all of its modules. Rows may name what is not there yet.
 LAYERS = (
     "version errors shipped",
-    "config files interrupt machine memory options overlap progress text_table",
+    "files",
+    "config interrupt machine memory options overlap progress text_table",
     "frames jobs unfinished",
     "color motion",
     "denoiser viewer",

@@ -1,5 +1,6 @@
 """Interruptions: processes of a pool end with their parent's work."""
 
+import os
 import signal
 import time
 from concurrent.futures import ProcessPoolExecutor, ThreadPoolExecutor
@@ -87,6 +88,41 @@ def test_workers_do_not_go_on_with_what_waits(tmp_path: Path) -> None:
         in_processes(Kind("write", share_nothing, dict), write_or_be_done, units, 1, done)
     assert time.monotonic() - start < 50
     assert [path.name for path in tmp_path.iterdir()] == ["begun"]
+
+
+def write_and_say_who(path: Path) -> None:
+    (path.parent / "worker").write_text(str(os.getpid()))
+    write_slowly(path)
+
+
+def work_of_a_parent(folder: Path) -> None:
+    units = {name: folder / name for name in ("first", "second")}
+    in_processes(Kind("write", share_nothing, dict), write_and_say_who, units, 1, lambda name, result: None)
+
+
+@pytest.mark.slow
+def test_workers_end_with_a_parent_that_is_killed(tmp_path: Path) -> None:
+    """Nobody could tell them to, and each would wait for its next unit forever."""
+    parent = get_context("spawn").Process(target=work_of_a_parent, args=(tmp_path,))
+    parent.start()
+    end = time.monotonic() + 50
+    while not (tmp_path / "begun").exists():
+        assert time.monotonic() < end
+        time.sleep(0.05)
+    parent.kill()
+    worker = int((tmp_path / "worker").read_text())
+    while is_alive(worker):
+        assert time.monotonic() < end
+        time.sleep(0.05)
+    parent.join()
+
+
+def is_alive(process: int) -> bool:
+    try:
+        os.kill(process, 0)
+    except ProcessLookupError:
+        return False
+    return "State:\tZ" not in Path(f"/proc/{process}/status").read_text()  # nobody may have asked how it ended
 
 
 def share_nothing(jobs: int) -> None:

@@ -87,7 +87,8 @@ def evaluate(
                 scores = _here(units, frames, loaded, progress)
         except NteError:  # nothing comes of this command: leave nothing of it
             clear(out)
-            finish(out)
+            if scheduler is None:  # workers may still write: the mark lets the same command begin again
+                finish(out)
             raise
         found = gathered([scores[label] for label in units])
         found.write(out)

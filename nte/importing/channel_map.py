@@ -114,7 +114,7 @@ class ChannelMap:
     shutter_motion: ShutterVectors = field(default_factory=ShutterVectors)
     normal: Normals = field(default_factory=Normals)
     depth: Depths = field(default_factory=Depths)
-    cameras: str = ""  # JSON beside the map: a list of {"view", "projection"} per frame, as in clip.json
+    cameras: str = ""  # JSON in the map's folder: a list of {"view", "projection"} per frame, as in clip.json
     vertical_fov: float = 0.0  # degrees; enough instead of cameras if depth is along the ray
     shutter: float = 1.0  # open share of the frame, in (0, 1], for clip.json
     producer: str = "OpenEXR files"  # name of the renderer, for clip.json
@@ -142,7 +142,7 @@ def load_channel_map(path: Path, overrides: Sequence[str] = ()) -> ChannelMap:
     key of the entry. Raises NteError, naming the file and the key, for a map that is not valid.
     """
     of_channels = [item for item in overrides if item.startswith("channels.")]
-    found = load_config(ChannelMap, path, [item for item in overrides if item not in of_channels])
+    found = load_config(ChannelMap, path, [item for item in overrides if item not in of_channels], contained=True)
     given = _override(found.channels, of_channels)
     found.channels = {name: _source(path, name, entry, found) for name, entry in given.items()}
     if "color" not in found.channels:

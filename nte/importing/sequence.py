@@ -7,6 +7,7 @@ from pathlib import Path
 import numpy as np
 
 from nte.errors import NteError
+from nte.files import is_inside
 from nte.frames.channels import CHANNELS, VECTORS
 from nte.frames.clip import Pixels
 from nte.frames.exr import Part, read_parts
@@ -54,7 +55,10 @@ class ForeignSequence:
         self.map = find_map(map_name)
         self.how = how = load_channel_map(self.map, overrides)
         numbers, self.inputs = plan(source, reference, how)
-        self.cameras: list[Camera] = load_cameras(_beside(self.map, how.cameras), len(self)) if how.cameras else []
+        self.cameras: list[Camera] = []
+        if how.cameras:
+            typed = any(item.startswith("cameras=") for item in overrides)
+            self.cameras = load_cameras(_cameras_file(self.map, how.cameras, typed), len(self))
         part = choose_frames(numbers)
         self.inputs = [replace(channel, files=channel.files[part]) for channel in self.inputs]
         self.cameras = self.cameras[part]
@@ -221,7 +225,17 @@ class ForeignSequence:
             yield f"averaged: {where}, so they show no object: store ids without a pixel filter"
 
 
-def _beside(map_path: Path, name: str) -> Path:
-    """The path of a file that the map names: beside the map, else in the current folder."""
+def _cameras_file(map_path: Path, name: str, typed: bool) -> Path:
+    """The file of the cameras. A map's own key names one in its folder; who types a path may name any.
+
+    What is typed lies beside the map, else in the current folder. Raises NteError for a map that leads elsewhere.
+    """
     beside = map_path.parent / name
-    return beside if beside.is_file() or not Path(name).is_file() else Path(name)
+    if typed:
+        return beside if beside.is_file() or not Path(name).is_file() else Path(name)
+    if not is_inside(beside, map_path.parent):
+        raise NteError(
+            f"{map_path}: 'cameras' is '{name}', which leads out of {map_path.parent}: expected a file in that folder; "
+            "the command line may name any (cameras=FILE)"
+        )
+    return beside

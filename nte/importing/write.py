@@ -1,5 +1,6 @@
 """Writer of imported clips: a clip appears under its name only when it is finished."""
 
+import os
 import shutil
 from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
@@ -7,7 +8,7 @@ from typing import Any
 
 from nte.checking import guides_are_clean
 from nte.errors import NteError
-from nte.files import already_there, make_folder, refuse_other_writers, sweep, temporary_name
+from nte.files import already_there, make_folder, only_writer, refuse_other_writers, sweep, temporary_name
 from nte.frames.clip import Clip, Pixels, frame_path, write_frame
 from nte.frames.clip_info import write_clip_info
 from nte.importing.cameras import Camera
@@ -39,21 +40,20 @@ def write_imported(
     """Write `count` frames of channels (C, H, W) as the clip `out`; `force` lets it replace what is there.
 
     Everything goes into a hidden folder beside `out`, which is renamed at the end and removed on any error, so `out`
-    is always a whole clip. clip.json gets generator, info, cameras, and whether albedo and normal are free of noise,
-    as far as the pixels tell. Raises NteError if the disk is full, if the folder cannot be written to, if frames
-    differ in their channels, and if another process imports to the same place.
+    is a whole clip, or empty and locked. clip.json gets generator, info, cameras, and whether albedo and normal are
+    free of noise, as far as the pixels tell. Raises NteError if the disk is full, if the folder cannot be written to,
+    if frames differ in their channels, and if another process writes to the same place.
     """
     out = out.resolve()
     sweep(out.parent, out.name)
     working = temporary_name(out)
     try:
-        make_folder(working)
-        refuse_other_writers(out, working)
-        if not force and out.exists() and any(out.iterdir()):
-            raise already_there(out, remedy="replace the clip")
-        height = width = 0
-        names: list[str] = []
-        with Progress("import", count, "frame") as progress:
+        with only_writer(out), Progress("import", count, "frame") as progress:
+            make_folder(working)
+            refuse_other_writers(out, working)
+            refuse_existing(out, force)
+            height = width = 0
+            names: list[str] = []
             for index, channels in enumerate(frames):
                 names = names or sorted(channels)
                 if sorted(channels) != names:
@@ -63,13 +63,14 @@ def write_imported(
                 write_frame(frame_path(working, index), channels)
                 progress.advance(1)
             progress.say(out.name)
-        if cameras:
-            info["cameras"] = [{key: matrix.tolist() for key, matrix in c._asdict().items()} for c in cameras]
-        origin = {"generator": generator, "imported_by": f"nte {__version__}"}
-        about = {"width": width, "height": height, "frames": count, "origin": origin, **info}
-        write_clip_info(working, about)
-        write_clip_info(working, {**about, "clean_guides": guides_are_clean(Clip(working))})
-        _put_in_place(working, out)
+            if cameras:
+                info["cameras"] = [{key: matrix.tolist() for key, matrix in c._asdict().items()} for c in cameras]
+            origin = {"generator": generator, "imported_by": f"nte {__version__}"}
+            about = {"width": width, "height": height, "frames": count, "origin": origin, **info}
+            write_clip_info(working, about)
+            write_clip_info(working, {**about, "clean_guides": guides_are_clean(Clip(working))})
+            refuse_existing(out, force)  # once more: not every program looks at the lock
+            _put_in_place(working, out)
     except OSError as error:
         raise NteError(f"{out}: cannot be written: {error.strerror or error}") from error
     finally:
@@ -77,11 +78,11 @@ def write_imported(
 
 
 def _put_in_place(working: Path, out: Path) -> None:
-    """Rename `working` to `out`; an old clip is removed only now."""
-    if not out.exists():
-        working.rename(out)
-        return
+    """Rename `working` to `out`, which is there; an old clip is removed only now."""
     old = temporary_name(out)
-    out.rename(old)
+    if any(out.iterdir()):
+        out.rename(old)
+    elif os.name == "nt":  # elsewhere a folder's new name may be that of an empty one
+        out.rmdir()
     working.rename(out)
     shutil.rmtree(old, ignore_errors=True)

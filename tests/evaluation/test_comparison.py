@@ -278,6 +278,8 @@ def test_a_key_that_results_do_not_know_yet_has_its_default(config: Path, data: 
         (TEXT.replace("[test/other_000]", "[]"), r"situations\[1\]\.clips is empty"),
         (TEXT.replace("recipes:", "recipe:"), "recipe"),
         (TEXT.replace('".": ../r', '"../x": ../r'), "recipes: '../x' leads out of the data's folder"),
+        ("train: [../own]\n" + TEXT, "train: '../own' leads out of the data's folder: expected a folder in it"),
+        ("train: [/own]\n" + TEXT, "train: '/own' leads out of the data's folder: expected a folder in it"),
         (TEXT.replace("name: disc", "name: ../disc"), r"situations\[0\]\.name is '../disc': expected the name of"),
         (TEXT.replace("name: disc", 'name: "a\\0"'), r"situations\[0\]\.name is .*: expected the name of"),
         (TEXT.replace("name: disc", 'name: "a\\nb"'), r"situations\[0\]\.name is 'a\\nb': expected the name of"),

@@ -1,12 +1,9 @@
 """Rendering on a Dask cluster: a real scheduler and real workers on loopback."""
 
-import json
 import os
 import signal
-import subprocess
 import sys
-import time
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import replace
 from functools import partial
@@ -25,6 +22,7 @@ from nte.render.recipes.clips import render_recipe
 from nte.render.recipes.jobs import RENDERING
 from nte.render.recipes.output import claim
 from nte.render.recipes.recipe import read_recipe
+from tests.cluster import Cluster, wait_for
 from tests.conftest import Rounds
 from tests.render.test_clips import CLIP, contents
 from tests.synthetic import disc_clip
@@ -32,51 +30,13 @@ from tests.test_jobs import KIND
 
 distributed = pytest.importorskip("distributed")
 pytestmark = pytest.mark.slow
-Start = Callable[..., "subprocess.Popen[bytes]"]
-
-
-def wait_for(found: Callable[[], object], seconds: float = 60) -> object:
-    end = time.monotonic() + seconds
-    while not (value := found()):
-        assert time.monotonic() < end, "waited in vain"
-        time.sleep(0.005)
-    return value
 
 
 @pytest.fixture(scope="module")
-def start(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Start]:
-    """Starts `dask …` processes and ends them afterwards."""
-    here, started = tmp_path_factory.mktemp("dask"), []
-
-    def run(*arguments: str) -> "subprocess.Popen[bytes]":
-        command = [sys.executable, "-m", "dask", *arguments, "--host", "127.0.0.1", "--no-dashboard"]
-        with (here / "log").open("ab") as log:
-            started.append(subprocess.Popen(command, stdout=log, stderr=log))
-        return started[-1]
-
-    yield run
-    for process in started:
-        process.kill()
-        process.wait()
-
-
-def scheduler(start: Start, folder: Path) -> tuple[str, "subprocess.Popen[bytes]"]:
-    file = folder / "scheduler.json"
-    process = start("scheduler", "--port", "0", "--scheduler-file", str(file))
-    wait_for(lambda: file.is_file() and file.stat().st_size)
-    return json.loads(file.read_text())["address"], process
-
-
-@pytest.fixture(scope="module")
-def address(start: Start, tmp_path_factory: pytest.TempPathFactory) -> str:
+def address(tmp_path_factory: pytest.TempPathFactory) -> Iterator[str]:
     """A scheduler with two workers of one thread each."""
-    found, _ = scheduler(start, tmp_path_factory.mktemp("scheduler"))
-    for _ in range(2):
-        work = tmp_path_factory.mktemp("work")
-        start("worker", found, "--nthreads", "1", "--no-nanny", "--local-directory", str(work))
-    with distributed.Client(found, set_as_default=False) as client:
-        client.wait_for_workers(2, timeout=60)
-    return found
+    with Cluster(tmp_path_factory.mktemp("cluster")) as cluster:
+        yield cluster.address
 
 
 def test_workers_that_do_not_fit_are_refused(address: str, tmp_path: Path):
@@ -167,19 +127,16 @@ def test_without_dask_the_extra_is_named(tmp_path: Path, monkeypatch: pytest.Mon
         jobs.on_cluster(RENDERING, str, {}, tmp_path, "tcp://127.0.0.1:1", lambda name, result: None)
 
 
-def test_a_scheduler_without_workers_or_with_wide_ones(
-    start: Start, recipe: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-):
+def test_a_scheduler_without_workers_or_with_wide_ones(recipe: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
     monkeypatch.setattr(jobs, "PATIENCE", 2)
-    found, process = scheduler(start, tmp_path)
-    with pytest.raises(NteError, match=f"{found} has no workers: start some with: dask worker"):
-        render_recipe(recipe, tmp_path / "out", progress=False, scheduler=found)
-    start("worker", found, "--nthreads", "2", "--no-nanny", "--local-directory", str(tmp_path))
-    with distributed.Client(found, set_as_default=False) as client:
-        client.wait_for_workers(1, timeout=60)
-    with pytest.raises(NteError, match=r"has 2 threads, expected 1.*--nthreads 1"):
-        render_recipe(recipe, tmp_path / "out", progress=False, scheduler=found)
-    process.kill()
+    with Cluster(tmp_path / "cluster", workers=0) as cluster:
+        found = cluster.address
+        with pytest.raises(NteError, match=f"{found} has no workers: start some with: dask worker"):
+            render_recipe(recipe, tmp_path / "out", progress=False, scheduler=found)
+        cluster.add_worker(threads=2)
+        cluster.wait()
+        with pytest.raises(NteError, match=r"has 2 threads, expected 1.*--nthreads 1"):
+            render_recipe(recipe, tmp_path / "out", progress=False, scheduler=found)
     with pytest.raises(NteError, match=f"no Dask scheduler answers at {found}: start one") as caught:
         render_recipe(recipe, tmp_path / "out", progress=False, scheduler=found)
     assert "\n" not in str(caught.value)

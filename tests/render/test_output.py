@@ -1,11 +1,13 @@
 """Whose folder it is: resuming, refusing, and never deleting what is not ours."""
 
+import os
 from collections.abc import Callable
 from pathlib import Path
 
 import pytest
 
 from nte.errors import NteError
+from nte.files import temporary_name
 from nte.render.recipes.output import claim, remove_leftovers
 from nte.render.recipes.recipe import Group, Recipe
 
@@ -130,11 +132,14 @@ def test_the_same_recipe_keeps_its_clips_even_if_forced(tmp_path: Path):
     assert frame.is_file()
 
 
-def test_what_killed_writers_left_is_removed(tmp_path: Path):
+def test_what_killed_writers_left_is_removed_and_what_may_be_written_stays(tmp_path: Path):
     (tmp_path / "seed_01").mkdir()
-    kept = ["clip.json", "frame_0000.exr", "mine.tmp", "seed_01/frame_0000.exr"]
+    alive = [".frame_0002.exr.0a1b2c3d_99_01234567.tmp", temporary_name(tmp_path / "frame_0003.exr").name]
+    kept = [*alive, "clip.json", "frame_0000.exr", "mine.tmp", "seed_01/frame_0000.exr"]
     ours = [".frame_0001.exr.0a1b2c3d.tmp", ".clip.json.01234567.tmp", "seed_01/.frame_0000.exr.ffffffff.tmp"]
     for name in kept + ours:
         (tmp_path / name).write_text("x")
+    for name in ours:  # of another machine, or of an earlier version
+        os.utime(tmp_path / name, (0, 0))
     remove_leftovers(tmp_path)
-    assert sorted(p.relative_to(tmp_path).as_posix() for p in tmp_path.rglob("*") if p.is_file()) == kept
+    assert {p.relative_to(tmp_path).as_posix() for p in tmp_path.rglob("*") if p.is_file()} == set(kept)

@@ -43,9 +43,10 @@ def _whole(situation: Situation, against: str) -> Table:
 
 
 def _check(comparison: Comparison) -> None:
-    for folder in comparison.recipes:
-        if Path(folder).is_absolute() or ".." in Path(folder).parts:
-            raise NteError(f"recipes: '{folder}' leads out of the data's folder: expected a folder in it, or .")
+    for key, folders in (("recipes", comparison.recipes), ("train", comparison.train)):
+        for folder in folders:
+            if Path(folder).is_absolute() or ".." in Path(folder).parts:
+                raise NteError(f"{key}: '{folder}' leads out of the data's folder: expected a folder in it, or .")
     if not comparison.situations:
         raise NteError("'situations' is empty: expected at least one")
     for title in comparison.networks:
