@@ -11,7 +11,7 @@ from contextlib import chdir, contextmanager, nullcontext
 from dataclasses import dataclass
 from importlib.metadata import PackageNotFoundError, version
 from itertools import islice
-from multiprocessing import get_context
+from multiprocessing import active_children, get_context
 from pathlib import Path
 from types import ModuleType
 from typing import TYPE_CHECKING, TypeVar
@@ -83,7 +83,20 @@ def in_processes(
             f"a process that had to {kind.verb} was killed: if memory ran out, give fewer --jobs; what is done is kept"
         ) from error
     finally:
+        _end(pool)
+
+
+def _end(pool: ProcessPoolExecutor) -> None:
+    """Wait for the processes of a pool to end; whoever interrupts that, too, kills them.
+
+    Left alone, they would wait for a word that nobody sends, and Python for them when it exits.
+    """
+    try:
         pool.shutdown(wait=True, cancel_futures=True)
+    except BaseException:
+        for worker in active_children():
+            worker.kill()
+        raise
 
 
 def _begin_worker(kind: Kind, jobs: int) -> None:

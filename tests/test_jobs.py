@@ -1,5 +1,10 @@
 """Work in other processes: every unit once, and no result in memory for longer than its receiver keeps it."""
 
+import os
+import subprocess
+import sys
+import time
+from pathlib import Path
 from weakref import ref
 
 import numpy as np
@@ -63,3 +68,41 @@ def test_an_error_of_the_receiver_ends_the_work(rounds: Rounds) -> None:
     for _ in range(rounds("failures of a receiver", 2, 100)):
         with pytest.raises(OSError, match="No space left"):
             in_processes(KIND, filled, {str(number): number for number in range(50)}, 2, done)
+
+
+IMPATIENT = """
+import os, signal, sys, time
+from threading import Timer
+from nte.jobs import in_processes
+from tests.test_jobs import KIND, nap
+
+def interrupt():
+    for _ in range(int(sys.argv[1])):
+        os.kill(os.getpid(), signal.SIGINT)
+        time.sleep(0.05)
+
+if __name__ == "__main__":
+    units = {str(number): number for number in range(1000)}
+    in_processes(KIND, nap, units, 2, lambda name, _: name == "3" and Timer(0, interrupt).start())
+"""
+
+
+def nap(value: int) -> int:
+    """A unit that is long in code that no signal interrupts, as a renderer's is."""
+    end = time.monotonic() + 0.5
+    while time.monotonic() < end:
+        np.sort(np.arange(2_000_000)[::-1])
+    return value
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("times", [1, 2, 3])
+def test_however_often_it_is_interrupted_it_ends(tmp_path: Path, times: int) -> None:
+    """Who presses Ctrl-C twice is in a hurry; the processes then waited for each other forever."""
+    script = tmp_path / "impatient.py"
+    script.write_text(IMPATIENT)
+    environment = os.environ | {"PYTHONPATH": str(Path(__file__).parents[1])}
+    ended = subprocess.run(
+        [sys.executable, script, str(times)], env=environment, timeout=60, capture_output=True, check=False
+    )
+    assert b"KeyboardInterrupt" in ended.stderr
