@@ -103,6 +103,12 @@ class RunFolder:
             kept = "".join(line for line in lines if _step_of(line) <= step)
             write_whole(log, lambda path: path.write_text(kept, encoding="utf-8"))
 
+    def was_judged(self, step: int) -> bool:
+        """Tell whether the validation after `step` steps is in metrics.jsonl."""
+        log = self.folder / "metrics.jsonl"
+        lines = log.read_text(encoding="utf-8", errors="replace").splitlines(keepends=True) if log.is_file() else []
+        return any('"validation_psnr"' in line and _step_of(line) == step for line in lines)
+
     def _write_config(self, config: TrainConfig) -> None:
         text = to_yaml(replace(config, resume=False))
         write_whole(self.folder / "config.yaml", lambda path: path.write_text(text, encoding="utf-8"))
