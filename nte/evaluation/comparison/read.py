@@ -13,6 +13,13 @@ from nte.frames.channels import TARGETS
 from nte.shipped import shipped
 
 _NAMES = tuple(metric.name for metric in METRICS)
+_OF_A_CLIP = "ms_per_frame"  # the metric without a value for each frame
+_RESULTS = ("comparison.yaml", "summary.json", "tables.md")  # files in the folder that has one for each situation
+# Keys of a training configuration that the comparison decides.
+_DECIDED = {
+    "seed": "give the network 'seeds'", "name": "a run has the network's title", "runs": "use --runs",
+    "resume": "trainings always go on where they stopped",
+}  # fmt: skip
 
 
 def read_comparison(path: Path) -> Comparison:
@@ -75,6 +82,11 @@ def _check_network(comparison: Comparison, title: str) -> None:
         raise NteError(f"{where}: the seed {twice[0]} is given twice: expected each once")
     if not is_folder_name(f"{title}_seed{max(seeds)}"):
         raise NteError(f"networks: the title {title!r:.60} cannot name a run's folder: expected one word or some")
+    for override in (*comparison.overrides, *comparison.networks[title].overrides):
+        key = override.partition("=")[0].strip()
+        decided = _DECIDED | ({"data.clips": "'train' names the clips"} if comparison.train else {})
+        if key in decided:
+            raise NteError(f"{where}: '{override}' would be ignored: {decided[key]}; leave it out")
 
 
 def _check_situation(where: str, situation: Situation, comparison: Comparison) -> None:

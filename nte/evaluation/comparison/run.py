@@ -7,17 +7,17 @@ from typing import TYPE_CHECKING, NamedTuple
 from nte.config import load_config
 from nte.errors import NteError
 from nte.evaluation.comparison.kept import keep, read_kept, unit_digest
+from nte.evaluation.comparison.methods import Methods, load_methods, require_fitting
 from nte.evaluation.comparison.numbers import Method
 from nte.evaluation.comparison.planned import Planned, plan_situation, require_clips, unit_name
 from nte.evaluation.comparison.schema import Comparison, Situation
 from nte.evaluation.comparison.write import write_results
 from nte.evaluation.metric_table import Row
-from nte.evaluation.units import ClipScores, elsewhere, evaluate_clip, require_scorable
+from nte.evaluation.units import ClipScores, elsewhere, evaluate_clip
 from nte.files import only_writer, refuse_links, remove, write_whole
 from nte.frames.clip import Clip
 from nte.jobs import require_jobs
 from nte.progress import Progress
-from nte.registry import load_denoiser
 
 if TYPE_CHECKING:
     from nte.evaluation.comparison.networks import Training
@@ -59,13 +59,14 @@ def run_comparison(
     require_jobs(jobs)
     planned = [plan_situation(comparison, situation, data) for situation in comparison.situations]
     for table in comparison.tables:
-        patterns = [pattern for part in table.columns for pattern in part.clips]
-        require_clips(patterns, data, table.name, _of(planned, table.situation))
+        for part in table.columns:
+            require_clips(part.clips, data, table.name, _of(planned, table.situation), part.first)
     for plot in comparison.plots:
-        if len(require_clips([plot.clip], data, plot.name, _of(planned, plot.situation))) > 1:
+        if len(require_clips([plot.clip], data, plot.name, _of(planned, plot.situation), plot.first)) > 1:
             raise NteError(f"'{plot.name}': several clips match '{plot.clip}': expected one")
-    _require_methods(planned, device)
     networks = _Networks(comparison, data, runs, device)
+    require_fitting(planned, networks.load_methods(comparison, device))
+    networks.require_clips()
     with only_writer(out):
         _claim(out, comparison, force)
         failures = networks.train(out, jobs, scheduler, progress)
@@ -81,23 +82,12 @@ def _of(planned: Sequence[Planned], situation: str) -> Planned:
     return next(plan for plan in planned if plan.situation.name == situation)
 
 
-def _require_methods(planned: Sequence[Planned], device: str) -> None:
-    """Raise NteError for a denoiser that cannot be loaded, or that misses a channel in a clip.
+def check_methods(comparison: Comparison, data: Path, runs: Path, device: str) -> None:
+    """Raise NteError for a network whose configuration is faulty, and for a method that does not load.
 
-    Those that use a network are not asked: it may have to be trained.
+    Also for one that gives no light of a table or plot that shows it. Needs no clips.
     """
-    specs = dict.fromkeys(spec for plan in planned for spec in plan.situation.untrained)
-    loaded = {spec: load_denoiser(spec, device) for spec in specs}
-    for plan in planned:
-        assert plan.situation.first is not None
-        for label, folder in plan.clips.items():
-            methods = {spec: loaded[spec] for spec in plan.situation.untrained}
-            require_scorable(label, Clip(folder), methods, plan.situation.first)
-
-
-def check_networks(comparison: Comparison, data: Path, runs: Path, device: str) -> None:
-    """Raise NteError for a configuration of a network that does not load, or whose target is not what tables show."""
-    _Networks(comparison, data, runs, device)
+    _Networks(comparison, data, runs, device).load_methods(comparison, device)
 
 
 class _Networks:
@@ -110,6 +100,22 @@ class _Networks:
             from nte.evaluation.comparison.networks import trainings
 
             self._units = {unit.name: unit for unit in trainings(comparison, data, runs, device)}
+
+    def load_methods(self, comparison: Comparison, device: str) -> Methods:
+        """Load all methods, with networks that are not trained."""
+        if not self._units:
+            return load_methods(comparison, {}, device)
+        from nte.evaluation.comparison.networks import stand_ins
+
+        with stand_ins(self._units.values()) as runs:
+            return load_methods(comparison, runs, device)
+
+    def require_clips(self) -> None:
+        """Raise NteError if training clips do not fit, or if networks would learn from different ones."""
+        if self._units:
+            from nte.evaluation.comparison.networks import require_clips
+
+            require_clips(self._units.values())
 
     def train(self, out: Path, jobs: int, scheduler: str | None, progress: bool) -> list[Failure]:
         """Train what is not trained, and return what failed."""
