@@ -14,6 +14,7 @@ from nte.cli import main
 from nte.denoiser import Noisy
 from nte.evaluation.bootstrap import bootstrap_interval
 from nte.evaluation.comparison.clips import is_used
+from nte.evaluation.comparison.kept import keep, read_kept
 from nte.evaluation.comparison.read import read_comparison
 from nte.evaluation.comparison.run import run_comparison
 from nte.evaluation.comparison.schema import Comparison, Network, Situation
@@ -21,7 +22,7 @@ from nte.evaluation.comparison.text import markdown, plain
 from nte.evaluation.evaluate import evaluate
 from nte.evaluation.report.strips import most_different, strip
 from nte.evaluation.score_clip import Shown
-from nte.evaluation.units import evaluate_clip
+from nte.evaluation.units import ClipScores, evaluate_clip
 from nte.files import only_writer
 from nte.frames.clip_info import write_clip_info
 from tests.evaluation.conftest import noisy_frames
@@ -242,13 +243,36 @@ def test_a_method_that_fails_on_a_clip_is_told_and_the_rest_goes_on(
     assert not json.loads((tmp_path / "out/summary.json").read_text())["failures"]
 
 
+def test_titles_in_a_plot_are_what_they_are(config: Path, data: Path, tmp_path: Path) -> None:
+    config.write_text((TEXT + TABLES).replace("clamped", "'_a $x^{ $'"))
+    compare(config, data, tmp_path / "out")
+    drawn = (tmp_path / "out/curves.svg").read_text()
+    assert "<!-- _a $x^{ $ -->" in drawn
+    assert "<!-- ghosts -->" in drawn
+
+
+def test_scores_that_are_damaged_are_none(tmp_path: Path) -> None:
+    rng = np.random.default_rng(0)
+    path, picture = tmp_path / "clips/a.npz", rng.integers(0, 30, (24, 24, 3), np.uint8)
+    scores = ClipScores([{"psnr": 20.5}], [Shown("a", "color", 1, 2, {"taa": picture}, {"taa": picture})])
+    keep(path, "digest", scores)
+    content = path.read_bytes()
+    for place in range(0, len(content), 7):
+        for spoilt in (bytes(50), rng.bytes(2)):
+            path.write_bytes(content[:place] + spoilt + content[place + len(spoilt) :])
+            found = read_kept(path, "digest")
+            assert found is None or found.rows == scores.rows
+
+
 def test_nothing_is_overwritten_without_force(config: Path, data: Path, tmp_path: Path) -> None:
-    (tmp_path / "out").mkdir()
+    (tmp_path / "out" / "thing" / "clips").mkdir(parents=True)
+    (tmp_path / "out" / "thing" / "clips" / "mine.npz").write_text("mine")
     (tmp_path / "out" / "mine.txt").write_text("mine")
     with pytest.raises(NteError, match="out: exists and is not empty: choose another folder"):
         compare(config, data, tmp_path / "out")
     compare(config, data, tmp_path / "out", force=True)
     assert (tmp_path / "out" / "mine.txt").read_text() == "mine"
+    assert (tmp_path / "out" / "thing" / "clips" / "mine.npz").read_text() == "mine"
     before = (tmp_path / "out" / "summary.json").read_text()
     config.write_text(TEXT.replace("clamped: taa", "clamped: taa:clamp=clip"))
     with pytest.raises(NteError, match="out: holds another comparison: choose another folder"):
@@ -310,6 +334,20 @@ def test_a_key_that_results_do_not_know_yet_has_its_default(config: Path, data: 
         (TEXT + TABLES.replace("    against: ghosts\n", ""), r"columns\[0\]\.margins: no method to compare with"),
         (TEXT + TABLES.replace("first: 2", "first: 0"), "first is 0, but situation 'disc' is scored from frame 1 on"),
         (TEXT + TABLES.replace("region: moving", "region: here"), r"columns\[2\]\.region is 'here'"),
+        (
+            TEXT + TABLES.replace("[ssim, mse]", "[ssim, ms_per_frame]"),
+            r"plots\[0\]\.metrics has ms_per_frame, which frames have no values of: put it into a table",
+        ),
+        (TEXT.replace("name: disc", "name: tables.md"), "a situation is called 'tables.md', as a file of the results"),
+        (
+            TEXT.replace("name: disc", "name: curves.svg") + TABLES.replace("n: disc", "n: curves.svg"),
+            "a situation is called 'curves.svg', as a file of the results is",
+        ),
+        (TEXT.replace("clamped: taa", "reference: taa"), r"situations\[0\]: a method is called 'reference', as a pic"),
+        (TEXT.replace("[test/other_000]", "3"), r"'situations\[1\]\.clips': 3 is given, expected a list"),
+        ("situations: [3]", r"'situations\[0\]': 3 is given, expected keys with values"),
+        (TEXT + TABLES.replace("first: 2", "first: x"), r"'tables\[0\]\.columns\[1\]\.first': 'x' is given, exp"),
+        (TEXT.replace("clips: [test/other", "clip: [test/other"), r"'situations\[1\]\.clip': unknown key, did you mea"),
         (TEXT + TABLES.replace("name: curves", "name: a/b"), r"plots\[0\]\.name is 'a/b': expected the name of a file"),
     ],
 )
@@ -372,6 +410,14 @@ def test_lists_that_have_a_name_are_changed_in_one_place(config: Path, data: Pat
         (
             TEXT + TABLES.replace("test/disc_001", "test/other_000"),
             "'both': .*other_000 is not a clip of its situation 'd",
+        ),
+        (
+            TEXT + TABLES.replace("first: 2", "first: 3"),
+            "'both': .*disc_000 has 3 frames, and frame 3 is the first that",
+        ),
+        (
+            TEXT.replace("region: moving", "light: glossy") + TABLES,
+            "table 'both' is about glossy, but method 'clamped' denoises 'color': give it that target, or leave it out",
         ),
         (TEXT + TABLES.replace("*/disc_001", "*/disc_*"), r"'curves': several clips match '\*/disc_\*': expected one"),
         *((TEXT.replace("[test/other_000]", f"[{p}]"), "situation 'other'") for p in ('""', "/etc/*", "../*", "a**b")),

@@ -154,7 +154,7 @@ def _claim(out: Path, comparison: Comparison, force: bool) -> None:
     if not force and any(out.iterdir()) and _held(mark) != text:
         what = "holds another comparison" if mark.is_file() else "exists and is not empty"
         raise NteError(f"{out}: {what}: choose another folder, or replace what is there with --force")
-    if force:
+    if force and mark.is_file():  # else nothing there is ours
         for path in out.glob("*/clips/**/*.npz"):
             remove(path)
     write_whole(mark, lambda temporary: temporary.write_text(text, encoding="utf-8"))
