@@ -1,6 +1,7 @@
 """A comparison of situations: what it reads, evaluates, keeps, prints and refuses; and the strips of pictures."""
 
 import json
+from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
@@ -18,15 +19,17 @@ from nte.evaluation.comparison.kept import keep, read_kept
 from nte.evaluation.comparison.read import read_comparison
 from nte.evaluation.comparison.run import run_comparison
 from nte.evaluation.comparison.schema import Comparison, Network, Situation
-from nte.evaluation.comparison.text import markdown, plain
+from nte.evaluation.comparison.text import failure_lines, markdown, plain
 from nte.evaluation.evaluate import evaluate
 from nte.evaluation.report.strips import most_different, strip
 from nte.evaluation.score_clip import Shown
 from nte.evaluation.units import ClipScores, evaluate_clip
 from nte.files import only_writer
+from nte.frames.clip import frame_path, read_frame, write_frame
 from nte.frames.clip_info import write_clip_info
 from tests.evaluation.conftest import noisy_frames
 from tests.synthetic import write_clip
+from tests.training.test_clips import cut_off, scramble
 from tests.viewer.reading import data_of
 
 TEXT = """
@@ -231,7 +234,7 @@ def test_a_method_that_fails_on_a_clip_is_told_and_the_rest_goes_on(
     assert "nothing done failed in other: cannot go on" in capsys.readouterr().out
     summary = json.loads((tmp_path / "out/summary.json").read_text())
     assert summary["failures"] == [
-        {"method": "nothing done", "seed": None, "situation": "other", "what": "cannot go on"}
+        {"method": "nothing done", "seed": None, "situation": "other", "what": "cannot go on", "clip": None}
     ]
     nothing, clamped = lines_of(summary, 1).values()
     assert nothing[0]["metrics"] == {"rmse": None, "ssim": None}
@@ -241,6 +244,56 @@ def test_a_method_that_fails_on_a_clip_is_told_and_the_rest_goes_on(
     monkeypatch.setattr("nte.denoiser.Noisy.step", whole)  # the reason is gone, and what failed is tried again
     assert compared() == 0
     assert not json.loads((tmp_path / "out/summary.json").read_text())["failures"]
+
+
+def nothing_to_compare_with(clip: Path) -> None:
+    for index in range(3):
+        frame = read_frame(frame_path(clip, index))
+        frame["reference"][:] = np.nan
+        write_frame(frame_path(clip, index), frame)
+
+
+def too_small(clip: Path) -> None:
+    write_clip(clip, [{name: values[:, :5, :5] for name, values in frame.items()} for frame in noisy_frames(3, 1)])
+
+
+@pytest.mark.parametrize(
+    ("spoil", "said"),
+    [
+        (scramble, "disc_001/frame_0001.exr: the OpenEXR file is truncated"),
+        (nothing_to_compare_with, "disc_001, frame 0: 2240 of 2240 pixels of 'reference' are NaN"),
+        (too_small, "SSIM of a 5x5 image"),
+    ],
+)
+def test_a_clip_that_cannot_be_scored_is_one_line_and_the_rest_goes_on(
+    config: Path, data: Path, tmp_path: Path, spoil: Callable[[Path], None], said: str
+) -> None:
+    spoil(data / "test/disc_001")
+    config.write_text(TEXT + TABLES)
+    summary = compare(config, data, tmp_path / "out")
+    (failure,) = summary["failures"]
+    assert (failure["method"], failure["situation"], failure["clip"]) == (None, "disc", "disc_001")
+    assert said in failure["what"]
+    (line,) = failure_lines(summary)
+    assert line == f"clip disc_001 failed in disc: {failure['what']}"
+    assert f"- {line}" in (tmp_path / "out/tables.md").read_text()
+    assert [part["clips"] for part in summary["tables"][0]["columns"]] == [1, 1, 0]
+    assert "one, 0 clips" in plain(summary)
+    alone = evaluate(data / "test/disc_000", ["taa"], tmp_path / "alone").metrics
+    whole, _, nothing = lines_of(summary)["clamped"]
+    assert whole["metrics"]["psnr"] == pytest.approx(alone["means"]["taa"]["psnr"], rel=1e-12)
+    assert nothing["metrics"] == {"ssim": None}
+    assert not (tmp_path / "out/curves.svg").exists()
+    write_clip(data / "test/disc_001", noisy_frames(3, 1))  # the reason is gone, and the clip takes part
+    assert not compare(config, data, tmp_path / "out")["failures"]
+    assert (tmp_path / "out/curves.svg").exists()
+
+
+def test_a_file_that_is_cut_off_is_named_before_any_work(config: Path, data: Path, tmp_path: Path) -> None:
+    cut_off(data / "test/other_000", 2)
+    with pytest.raises(NteError, match=r"other_000/frame_0002.exr: the OpenEXR file is truncated or damaged"):
+        compare(config, data, tmp_path / "out")
+    assert not (tmp_path / "out").exists()
 
 
 def test_titles_in_a_plot_are_what_they_are(config: Path, data: Path, tmp_path: Path) -> None:

@@ -26,12 +26,13 @@ MARK = "comparison.yaml"  # says which comparison a folder holds
 
 
 class Failure(NamedTuple):
-    """A method, or a seed of a network, that takes no further part."""
+    """A method, a seed of a network, or a clip, that takes no further part."""
 
-    method: str
+    method: str | None  # None: a clip
     seed: int | None
     situation: str  # "" if it failed in training, and so everywhere
     what: str
+    clip: str | None = None  # its label
 
 
 def run_comparison(
@@ -52,7 +53,8 @@ def run_comparison(
     tables or plots were changed evaluates nothing. force: replace another comparison, and evaluate everything anew.
 
     jobs, scheduler: processes, or a Dask cluster, that do a training or a clip at a time. progress: show it on stderr.
-    Returns the content of summary.json; its `failures` tell which seeds or methods failed while the others went on.
+    Returns the content of summary.json; its `failures` tell which seeds, methods or clips failed while the others went
+    on.
     Raises NteError, before any work, for faulty patterns, clips, denoisers and configurations, and for an `out` that
     holds anything else.
     """
@@ -182,9 +184,10 @@ def _evaluate(
     with Progress("evaluate", sum(frames.values()), "frame", progress) as told:
 
         def done(name: str, found: ClipScores) -> None:
-            keep(paths[name], digests[name], found)
+            if not found.fault:
+                keep(paths[name], digests[name], found)
             scores[name] = found
-            told.say(name)
+            told.say(f"{name} failed: {found.fault}" if found.fault else name)
 
         if left and (jobs > 1 or scheduler is not None):
 
@@ -206,12 +209,17 @@ def _file_of(name: str) -> Path:
 
 
 def _failures(plan: Planned, scores: Mapping[str, ClipScores]) -> list[Failure]:
-    """Take the methods that failed on a clip out of a situation, and say why."""
+    """Take clips that cannot be scored, and methods that failed on one of the others, out of a situation; say why."""
+    of_clips = {label: scores[unit_name(plan.situation, label)] for label in plan.clips}
+    failures = [
+        Failure(None, None, plan.situation.name, found.fault, label) for label, found in of_clips.items() if found.fault
+    ]
+    plan.clips = {label: folder for label, folder in plan.clips.items() if not of_clips[label].fault}
     faults: dict[str, str] = {}
     for label in plan.clips:
-        for spec, what in scores[unit_name(plan.situation, label)].failed.items():
+        for spec, what in of_clips[label].failed.items():
             faults.setdefault(spec, what)
-    failures, methods = [], []
+    methods = []
     for method in plan.methods:
         seeds = method.seeds or (None,)
         pairs = list(zip(method.specs, seeds, strict=True)) if method.specs else []
