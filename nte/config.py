@@ -2,12 +2,12 @@
 
 import re
 from collections.abc import Callable, Iterator, Sequence
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from dataclasses import fields, is_dataclass
 from pathlib import Path
 from typing import Any, TypeVar, get_args, get_origin, get_type_hints
 
-from omegaconf import DictConfig, OmegaConf
+from omegaconf import DictConfig, ListConfig, OmegaConf
 from omegaconf.errors import (
     ConfigAttributeError,
     ConfigKeyError,
@@ -52,6 +52,7 @@ def load_config(
         if "=" not in override:
             raise NteError(f"'{override}': expected key=value")
     source = str(path)
+    loaded: DictConfig | None = None
     try:
         loaded = _read(path, contained)
         source = "command line"
@@ -73,12 +74,34 @@ def load_config(
         raise NteError(f"{source}: nested too deeply: expected a few levels of keys") from error
     except (OmegaConfBaseException, ValueError, TypeError) as error:
         key = getattr(error, "full_key", None)
-        where = f"'{key}': " if key else ""
+        where = f"'{_place(schema, loaded) if source == str(path) else ''}{key}': " if key else ""
         raise NteError(f"{source}: {where}{problem_with(error)}") from error
     with _naming(path):
         _refuse_nested(made, type(made))
         check(made)
     return made
+
+
+def _place(schema: type, values: object) -> str:
+    """The place, such as situations[0]., of the first entry that does not fit a list of dataclasses; "" if all do.
+
+    OmegaConf names the key in such an entry only.
+    """
+    for name, hint in get_type_hints(schema).items():
+        of_entry = get_args(hint)[-1] if get_origin(hint) is list else None
+        entries: list[object] = []
+        with suppress(OmegaConfBaseException):  # a reference that leads nowhere has no entries
+            if is_dataclass(of_entry) and isinstance(values, DictConfig) and isinstance(values.get(name), ListConfig):
+                entries = list(values[name])
+        for number, entry in enumerate(entries):
+            if not isinstance(entry, DictConfig):
+                return ""  # the key of what is no section is named with its number
+            try:
+                OmegaConf.merge(OmegaConf.structured(of_entry), entry)
+            except (OmegaConfBaseException, ValueError, TypeError):
+                assert isinstance(of_entry, type)
+                return f"{name}[{number}].{_place(of_entry, entry)}"
+    return ""
 
 
 def _refuse_nested(value: object, hint: object, key: str = "") -> None:

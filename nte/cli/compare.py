@@ -26,13 +26,13 @@ def add(commands: Commands) -> None:
 def _compare(options: argparse.Namespace) -> int:
     from nte.evaluation.comparison.clips import is_used
     from nte.evaluation.comparison.read import read_comparison
-    from nte.evaluation.comparison.run import check_networks, run_comparison
+    from nte.evaluation.comparison.run import check_methods, run_comparison
     from nte.evaluation.comparison.text import failure_lines, plain
     from nte.render.recipes.clips import render_recipe
 
     comparison = read_comparison(options.comparison)
     runs = options.runs / options.comparison.stem
-    check_networks(comparison, options.data, runs, options.device)  # before an hour of rendering
+    check_methods(comparison, options.data, runs, options.device)  # before an hour of rendering
     for folder, recipe in comparison.recipes.items():
         wanted = partial(is_used, comparison, folder)
         render_recipe(recipe, options.data / folder, options.jobs, scheduler=options.scheduler, wanted=wanted)

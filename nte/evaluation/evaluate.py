@@ -142,8 +142,8 @@ def _elsewhere(
     scores: dict[str, ClipScores] = {}
 
     def done(label: str, found: ClipScores) -> None:
-        if found.failed:
-            raise NteError(next(iter(found.failed.values())))
+        if found.fault or found.failed:
+            raise NteError(found.fault or next(iter(found.failed.values())))
         scores[label] = found
         if progress:
             progress(sum(frames[label] for label in scores), sum(frames.values()), label)

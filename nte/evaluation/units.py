@@ -38,13 +38,17 @@ class ClipUnit:
 
 @dataclass(frozen=True)
 class ClipScores:
-    """The result of one clip: rows of metrics.json, pictures, and the denoisers that failed, with the reason."""
+    """The result of one clip: rows of metrics.json, pictures, and the denoisers that failed, with the reason.
+
+    Without rows and pictures if the clip itself cannot be scored: `fault` says why.
+    """
 
     rows: list[Row]
     shown: list[Shown]
     failed: dict[str, str] = field(default_factory=dict)
     told: list[Warning] = field(default_factory=list)  # warnings of another process
     recorded: Row | None = None  # what the viewer has of the clip: `Recorder.entry`
+    fault: str = ""
 
 
 def score_clip(
@@ -73,10 +77,16 @@ def score_clip(
 
 
 def evaluate_clip(unit: ClipUnit, tick: Callable[[int], None] = lambda index: None) -> ClipScores:
-    """Load the denoisers of a unit and score them; one that fails, also in loading, is told in `failed`."""
+    """Load the denoisers of a unit and score them; one that fails, also in loading, is told in `failed`.
+
+    A clip that cannot be read or scored is told in `fault`.
+    """
     failed: dict[str, str] = {}
     loaded: dict[str, Denoiser] = {}
-    clip = Clip(unit.clip)
+    try:
+        clip = Clip(unit.clip)
+    except NteError as error:
+        return ClipScores([], [], fault=str(error))
     for spec in unit.denoisers:
         try:
             denoiser = _load(spec, unit.device)
@@ -84,7 +94,10 @@ def evaluate_clip(unit: ClipUnit, tick: Callable[[int], None] = lambda index: No
             loaded[spec] = denoiser
         except NteError as error:
             failed[spec] = str(error)
-    scores = score_clip(unit, loaded, tick, strict=False)
+    try:
+        scores = score_clip(unit, loaded, tick, strict=False)
+    except NteError as error:  # a damaged frame, or a reference that cannot be scored: no denoiser can help it
+        return ClipScores([], [], fault=str(error))
     return replace(scores, failed=failed | scores.failed)
 
 

@@ -55,7 +55,7 @@ def train(
     begun = read_weights(Path(config.init_from)) if config.init_from else None
     said = begin_with(denoiser, begun) if begun else ""
     run = RunFolder(Path(config.runs) / config.name)
-    material = open_material(config, denoiser, fabric, run.folder / DECODED)
+    material = open_material(config, denoiser, run.folder / DECODED, fabric.global_rank, fabric.world_size)
     lengths = [phase.length(material.data.epoch, config.optimiser.accumulate) for phase in config.phases]
     clips, validation = material.data.clips, material.validation.clips
     plan = Plan(fabric.world_size, lengths, digests(clips), digests(validation), begun.digest if begun else "")
@@ -92,6 +92,17 @@ def _run(
     bar = tqdm(total=last, initial=first, desc=f"train {config.name}", unit="step", disable=shown)
     log = RunLog(run.folder, first, bar) if fabric.is_global_zero else None
     done = saved = first
+
+    def judge(step: int) -> None:
+        assert log is not None
+        trained = cast(TrainableDenoiser, average.module) if config.optimiser.ema else denoiser
+        found = validate(trained, material.validation)
+        log.picture(step, "validation/noisy, denoised, reference", found.picture)
+        run.save_best(step, found.psnr, state.trained())
+        log.values(step, found.scores)  # last: a validation that is logged has left all that it leaves
+
+    if log is not None and first and _is_judged(first, last, config) and not run.was_judged(first):
+        judge(first)  # the run was stopped between its checkpoint and the validation
     loader = training_loader(data, first * accumulate, last * accumulate, fabric.device.type != "cpu")
     with InterruptFlag() as interrupted, closing(loader):
         for step in range(first, last):
@@ -118,15 +129,11 @@ def _run(
             if kept and (bad := state.not_finite()):  # a finite gradient can still give such weights
                 fault = DivergedError(f"'{bad}' is not finite")
                 raise _diverged(fault, step, saved, data.describe(_batches(step, accumulate)))
-            if done % config.validate_every == 0 or done == last:
-                trained = cast(TrainableDenoiser, average.module) if config.optimiser.ema else denoiser
-                found = validate(trained, material.validation)
-                log.values(done, found.scores)
-                log.picture(done, "validation/noisy, denoised, reference", found.picture)
-                run.save_best(done, found.psnr, state.trained())
-            if done % config.checkpoint_every == 0 or stop:
+            if done % config.checkpoint_every == 0 or stop:  # before the validation, which reads files and needs memory
                 run.save(done, state.tensors())
                 saved = done
+            if _is_judged(done, last, config):
+                judge(done)
             if stop:
                 break
     bar.close()
@@ -136,6 +143,11 @@ def _run(
         if fabric.is_global_zero:
             print(f"stopped after step {done} of {last}; continue with resume=true", flush=True)
         raise KeyboardInterrupt
+
+
+def _is_judged(step: int, last: int, config: TrainConfig) -> bool:
+    """Tell whether the state after this step is validated."""
+    return step % config.validate_every == 0 or step == last
 
 
 def _batches(step: int, accumulate: int) -> range:

@@ -30,21 +30,24 @@ class Material(NamedTuple):
     validation: ValidationSet
 
 
-def open_material(config: TrainConfig, denoiser: TrainableDenoiser, fabric: "Fabric", cache: Path) -> Material:
-    """Open the clips of a run, and check that they fit its network and its losses.
+def open_material(
+    config: TrainConfig, denoiser: TrainableDenoiser, cache: Path, rank: int = 0, world: int = 1
+) -> Material:
+    """Open the clips of a run, and check that they fit its network and its losses. No pixels are read.
 
-    cache: folder for decoded clips that memory cannot hold. Raises NteError if they do not fit.
+    cache: folder for decoded clips that memory cannot hold. rank, world: the number of this process, and of all.
+    Raises NteError if they do not fit.
     """
     shown = denoiser.target, reference_of(denoiser.target)  # beside the network's image
     whole = complete(denoiser)
     scored = tuple(dict.fromkeys((*whole.needs, *shown)))
-    needed = tuple(dict.fromkeys((*_channels(denoiser, config), *whole.needs)))
+    needed = tuple(dict.fromkeys((*needed_channels(denoiser, config), *whole.needs)))
     chosen = open_weighted(config.data.clips, lambda clip: require_clip(clip, needed, config.data))
     optional = tuple(name for name in _seen(denoiser, denoiser.optional) if name not in needed)
-    if fabric.is_global_zero:
+    if rank == 0:
         tell_missing(chosen.clips, optional)
     data = TrainingBatches(
-        chosen.clips, needed, config.data, config.seed, fabric.global_rank, fabric.world_size, cache, optional,
+        chosen.clips, needed, config.data, config.seed, rank, world, cache, optional,
         chosen.probabilities, denoiser.prior,
     )  # fmt: skip
     own = config.data.validation
@@ -63,8 +66,8 @@ def _require_scored(clip: Clip, channels: Sequence[str]) -> None:
         raise NteError(what + way_to(missing[:1]))
 
 
-def _channels(denoiser: TrainableDenoiser, config: TrainConfig) -> tuple[str, ...]:
-    """The channels that every clip must have; raises NteError for a loss that this network cannot have."""
+def needed_channels(denoiser: TrainableDenoiser, config: TrainConfig) -> tuple[str, ...]:
+    """List the channels that every clip must have. Raises NteError for a loss that this network cannot have."""
     for i, phase in enumerate(config.phases):
         if phase.occlusion * config.loss.occlusion > 0 and HIDDEN not in denoiser.extras:
             what = f"network '{config.network.kind}' gives no '{HIDDEN}'"

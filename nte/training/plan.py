@@ -16,7 +16,9 @@ from nte.files import write_whole
 from nte.frames.clip import Clip
 
 PLAN = "plan.json"
-_AGAIN = "restore it, or give the run another name"
+OTHER_RUN = "give the run another name (in nte compare: use another --runs)"
+ANEW = "start the run anew with --force (in nte compare: delete its folder)"
+_AGAIN = f"restore it, or {OTHER_RUN}"
 
 
 @dataclass(frozen=True)
@@ -43,7 +45,7 @@ class Plan:
         if saved.processes != self.processes:
             raise NteError(
                 f"{folder}: trained by {saved.processes} processes, and here are {self.processes}, which changes what "
-                "a step is: start as many, or give the run another name"
+                f"a step is: start as many, or {OTHER_RUN}"
             )
         for key in ("clips", "validation"):
             if difference := _difference(getattr(saved, key), getattr(self, key)):
@@ -80,7 +82,7 @@ def _difference(saved: list[list[str]], now: list[list[str]]) -> str:
 
 def _read(path: Path) -> Plan:
     if not path.is_file():
-        raise NteError(f"{path}: missing, so nobody knows what the run was trained on: start it anew with --force")
+        raise NteError(f"{path}: missing, so nobody knows what the run was trained on: {ANEW}")
     try:
         loaded: Any = json.loads(path.read_text(encoding="utf-8"))
         plan = Plan(**{field.name: loaded[field.name] for field in fields(Plan)})
@@ -89,5 +91,5 @@ def _read(path: Path) -> Plan:
         if not well_formed or any([str(n), str(d)] != [n, d] for n, d in (*plan.clips, *plan.validation)):
             raise ValueError("another type of value than expected")
     except (OSError, ValueError, TypeError, KeyError, RecursionError) as error:
-        raise NteError(f"{path}: not a plan of ours, or damaged: {error}: start the run anew with --force") from error
+        raise NteError(f"{path}: not a plan of ours, or damaged: {error}: {ANEW}") from error
     return plan

@@ -66,7 +66,7 @@ def profile_training(config: TrainConfig, device: str = "auto") -> Profile:
     denoiser = make_network(config.network)
     accumulate = config.optimiser.accumulate
     with TemporaryDirectory() as cache:
-        material = open_material(config, denoiser, fabric, Path(cache))
+        material = open_material(config, denoiser, Path(cache), fabric.global_rank, fabric.world_size)
         lengths = [phase.length(material.data.epoch, accumulate) for phase in config.phases]
         schedule = Schedule(config.optimiser, config.phases, lengths)
         if schedule.last < STEPS + 3:

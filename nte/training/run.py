@@ -29,13 +29,13 @@ from nte.models.registry import make_network
 from nte.models.trainable import TrainableDenoiser
 from nte.training.checkpoint import BEST, CHECKPOINT, load_module, read_checkpoint, weights_prefix, write_checkpoint
 from nte.training.config import TrainConfig, read_train_config
-from nte.training.plan import PLAN, Plan
+from nte.training.plan import ANEW, OTHER_RUN, PLAN, Plan
 from nte.training.schedule import Schedule
 
 DECODED = "decoded"
 _LEFTOVERS = ".*.tmp"  # files that a killed process was writing
-_OURS = (
-    "config.yaml", PLAN, "versions.json", CHECKPOINT, BEST, DECODED, "metrics.jsonl", "events.out.tfevents.*",
+_OURS = (  # deleted in this order: no checkpoint is left without its configuration
+    CHECKPOINT, BEST, "config.yaml", PLAN, "versions.json", DECODED, "metrics.jsonl", "events.out.tfevents.*",
     _LEFTOVERS,
 )  # fmt: skip
 # Phases and the learning rate may change from the checkpoint's step on, which Schedule compares.
@@ -57,15 +57,18 @@ class RunFolder:
         """Begin a new run folder, or open the one to resume.
 
         force: replace a run that exists. Raises NteError if one exists and neither `resume` nor force is given, and if
-        the run to resume has another configuration, another number of processes or other clips. Its phases may be
-        others from the checkpoint's step on.
+        the run to resume has another configuration, or none, another number of processes or other clips. Its phases may
+        be others from the checkpoint's step on.
         """
         run = cls(Path(config.runs) / config.name)
         if config.resume and (run.folder / "config.yaml").is_file():
             run._resume(config, plan)
             return run
         if run.folder.is_dir() and any(run.folder.iterdir()):
-            # A run without config.yaml was killed before it began.
+            trained = any((run.folder / name).is_file() for name in (CHECKPOINT, BEST))
+            if config.resume and trained and not force:  # without a checkpoint, it was killed before it began
+                what = "config.yaml is missing, so nobody knows how the run was made"
+                raise NteError(f"{run.folder}: {what}: restore it, or {ANEW}")
             if not force and not config.resume:
                 raise NteError(f"{run.folder}: exists: continue it with resume=true, or overwrite it with --force")
             run._delete()
@@ -103,6 +106,12 @@ class RunFolder:
             kept = "".join(line for line in lines if _step_of(line) <= step)
             write_whole(log, lambda path: path.write_text(kept, encoding="utf-8"))
 
+    def was_judged(self, step: int) -> bool:
+        """Tell whether the validation after `step` steps is in metrics.jsonl."""
+        log = self.folder / "metrics.jsonl"
+        lines = log.read_text(encoding="utf-8", errors="replace").splitlines(keepends=True) if log.is_file() else []
+        return any('"validation_psnr"' in line and _step_of(line) == step for line in lines)
+
     def _write_config(self, config: TrainConfig) -> None:
         text = to_yaml(replace(config, resume=False))
         write_whole(self.folder / "config.yaml", lambda path: path.write_text(text, encoding="utf-8"))
@@ -133,7 +142,7 @@ class RunFolder:
             if saved.get(key) != now:  # another kind of network has other keys; its kind is the first that differs
                 raise NteError(
                     f"{self.folder}: made by another configuration: '{key}' is {saved.get(key)} there and {now} here; "
-                    "give the run another name, or restore the value"
+                    f"{OTHER_RUN}, or restore the value"
                 )
 
     def _delete(self) -> None:

@@ -1,6 +1,7 @@
 """A comparison of situations: what it reads, evaluates, keeps, prints and refuses; and the strips of pictures."""
 
 import json
+from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
@@ -14,18 +15,21 @@ from nte.cli import main
 from nte.denoiser import Noisy
 from nte.evaluation.bootstrap import bootstrap_interval
 from nte.evaluation.comparison.clips import is_used
+from nte.evaluation.comparison.kept import keep, read_kept
 from nte.evaluation.comparison.read import read_comparison
 from nte.evaluation.comparison.run import run_comparison
 from nte.evaluation.comparison.schema import Comparison, Network, Situation
-from nte.evaluation.comparison.text import markdown, plain
+from nte.evaluation.comparison.text import failure_lines, markdown, plain
 from nte.evaluation.evaluate import evaluate
 from nte.evaluation.report.strips import most_different, strip
 from nte.evaluation.score_clip import Shown
-from nte.evaluation.units import evaluate_clip
+from nte.evaluation.units import ClipScores, evaluate_clip
 from nte.files import only_writer
+from nte.frames.clip import frame_path, read_frame, write_frame
 from nte.frames.clip_info import write_clip_info
 from tests.evaluation.conftest import noisy_frames
 from tests.synthetic import write_clip
+from tests.training.test_clips import cut_off, scramble
 from tests.viewer.reading import data_of
 
 TEXT = """
@@ -230,7 +234,7 @@ def test_a_method_that_fails_on_a_clip_is_told_and_the_rest_goes_on(
     assert "nothing done failed in other: cannot go on" in capsys.readouterr().out
     summary = json.loads((tmp_path / "out/summary.json").read_text())
     assert summary["failures"] == [
-        {"method": "nothing done", "seed": None, "situation": "other", "what": "cannot go on"}
+        {"method": "nothing done", "seed": None, "situation": "other", "what": "cannot go on", "clip": None}
     ]
     nothing, clamped = lines_of(summary, 1).values()
     assert nothing[0]["metrics"] == {"rmse": None, "ssim": None}
@@ -242,13 +246,86 @@ def test_a_method_that_fails_on_a_clip_is_told_and_the_rest_goes_on(
     assert not json.loads((tmp_path / "out/summary.json").read_text())["failures"]
 
 
+def nothing_to_compare_with(clip: Path) -> None:
+    for index in range(3):
+        frame = read_frame(frame_path(clip, index))
+        frame["reference"][:] = np.nan
+        write_frame(frame_path(clip, index), frame)
+
+
+def too_small(clip: Path) -> None:
+    write_clip(clip, [{name: values[:, :5, :5] for name, values in frame.items()} for frame in noisy_frames(3, 1)])
+
+
+@pytest.mark.parametrize(
+    ("spoil", "said"),
+    [
+        (scramble, "disc_001/frame_0001.exr: the OpenEXR file is truncated"),
+        (nothing_to_compare_with, "disc_001, frame 0: 2240 of 2240 pixels of 'reference' are NaN"),
+        (too_small, "SSIM of a 5x5 image"),
+    ],
+)
+def test_a_clip_that_cannot_be_scored_is_one_line_and_the_rest_goes_on(
+    config: Path, data: Path, tmp_path: Path, spoil: Callable[[Path], None], said: str
+) -> None:
+    spoil(data / "test/disc_001")
+    config.write_text(TEXT + TABLES)
+    summary = compare(config, data, tmp_path / "out")
+    (failure,) = summary["failures"]
+    assert (failure["method"], failure["situation"], failure["clip"]) == (None, "disc", "disc_001")
+    assert said in failure["what"]
+    (line,) = failure_lines(summary)
+    assert line == f"clip disc_001 failed in disc: {failure['what']}"
+    assert f"- {line}" in (tmp_path / "out/tables.md").read_text()
+    assert [part["clips"] for part in summary["tables"][0]["columns"]] == [1, 1, 0]
+    assert "one, 0 clips" in plain(summary)
+    alone = evaluate(data / "test/disc_000", ["taa"], tmp_path / "alone").metrics
+    whole, _, nothing = lines_of(summary)["clamped"]
+    assert whole["metrics"]["psnr"] == pytest.approx(alone["means"]["taa"]["psnr"], rel=1e-12)
+    assert nothing["metrics"] == {"ssim": None}
+    assert not (tmp_path / "out/curves.svg").exists()
+    write_clip(data / "test/disc_001", noisy_frames(3, 1))  # the reason is gone, and the clip takes part
+    assert not compare(config, data, tmp_path / "out")["failures"]
+    assert (tmp_path / "out/curves.svg").exists()
+
+
+def test_a_file_that_is_cut_off_is_named_before_any_work(config: Path, data: Path, tmp_path: Path) -> None:
+    cut_off(data / "test/other_000", 2)
+    with pytest.raises(NteError, match=r"other_000/frame_0002.exr: the OpenEXR file is truncated or damaged"):
+        compare(config, data, tmp_path / "out")
+    assert not (tmp_path / "out").exists()
+
+
+def test_titles_in_a_plot_are_what_they_are(config: Path, data: Path, tmp_path: Path) -> None:
+    config.write_text((TEXT + TABLES).replace("clamped", "'_a $x^{ $'"))
+    compare(config, data, tmp_path / "out")
+    drawn = (tmp_path / "out/curves.svg").read_text()
+    assert "<!-- _a $x^{ $ -->" in drawn
+    assert "<!-- ghosts -->" in drawn
+
+
+def test_scores_that_are_damaged_are_none(tmp_path: Path) -> None:
+    rng = np.random.default_rng(0)
+    path, picture = tmp_path / "clips/a.npz", rng.integers(0, 30, (24, 24, 3), np.uint8)
+    scores = ClipScores([{"psnr": 20.5}], [Shown("a", "color", 1, 2, {"taa": picture}, {"taa": picture})])
+    keep(path, "digest", scores)
+    content = path.read_bytes()
+    for place in range(0, len(content), 7):
+        for spoilt in (bytes(50), rng.bytes(2)):
+            path.write_bytes(content[:place] + spoilt + content[place + len(spoilt) :])
+            found = read_kept(path, "digest")
+            assert found is None or found.rows == scores.rows
+
+
 def test_nothing_is_overwritten_without_force(config: Path, data: Path, tmp_path: Path) -> None:
-    (tmp_path / "out").mkdir()
+    (tmp_path / "out" / "thing" / "clips").mkdir(parents=True)
+    (tmp_path / "out" / "thing" / "clips" / "mine.npz").write_text("mine")
     (tmp_path / "out" / "mine.txt").write_text("mine")
     with pytest.raises(NteError, match="out: exists and is not empty: choose another folder"):
         compare(config, data, tmp_path / "out")
     compare(config, data, tmp_path / "out", force=True)
     assert (tmp_path / "out" / "mine.txt").read_text() == "mine"
+    assert (tmp_path / "out" / "thing" / "clips" / "mine.npz").read_text() == "mine"
     before = (tmp_path / "out" / "summary.json").read_text()
     config.write_text(TEXT.replace("clamped: taa", "clamped: taa:clamp=clip"))
     with pytest.raises(NteError, match="out: holds another comparison: choose another folder"):
@@ -312,6 +389,20 @@ def test_a_key_that_results_do_not_know_yet_has_its_default(config: Path, data: 
         (TEXT + TABLES.replace("    against: ghosts\n", ""), r"columns\[0\]\.margins: no method to compare with"),
         (TEXT + TABLES.replace("first: 2", "first: 0"), "first is 0, but situation 'disc' is scored from frame 1 on"),
         (TEXT + TABLES.replace("region: moving", "region: here"), r"columns\[2\]\.region is 'here'"),
+        (
+            TEXT + TABLES.replace("[ssim, mse]", "[ssim, ms_per_frame]"),
+            r"plots\[0\]\.metrics has ms_per_frame, which frames have no values of: put it into a table",
+        ),
+        (TEXT.replace("name: disc", "name: tables.md"), "a situation is called 'tables.md', as a file of the results"),
+        (
+            TEXT.replace("name: disc", "name: curves.svg") + TABLES.replace("n: disc", "n: curves.svg"),
+            "a situation is called 'curves.svg', as a file of the results is",
+        ),
+        (TEXT.replace("clamped: taa", "reference: taa"), r"situations\[0\]: a method is called 'reference', as a pic"),
+        (TEXT.replace("[test/other_000]", "3"), r"'situations\[1\]\.clips': 3 is given, expected a list"),
+        ("situations: [3]", r"'situations\[0\]': 3 is given, expected keys with values"),
+        (TEXT + TABLES.replace("first: 2", "first: x"), r"'tables\[0\]\.columns\[1\]\.first': 'x' is given, exp"),
+        (TEXT.replace("clips: [test/other", "clip: [test/other"), r"'situations\[1\]\.clip': unknown key, did you mea"),
         (TEXT + TABLES.replace("name: curves", "name: a/b"), r"plots\[0\]\.name is 'a/b': expected the name of a file"),
     ],
 )
@@ -374,6 +465,14 @@ def test_lists_that_have_a_name_are_changed_in_one_place(config: Path, data: Pat
         (
             TEXT + TABLES.replace("test/disc_001", "test/other_000"),
             "'both': .*other_000 is not a clip of its situation 'd",
+        ),
+        (
+            TEXT + TABLES.replace("first: 2", "first: 3"),
+            "'both': .*disc_000 has 3 frames, and frame 3 is the first that",
+        ),
+        (
+            TEXT.replace("region: moving", "light: glossy") + TABLES,
+            "table 'both' is about glossy, but method 'clamped' denoises 'color': give it that target, or leave it out",
         ),
         (TEXT + TABLES.replace("*/disc_001", "*/disc_*"), r"'curves': several clips match '\*/disc_\*': expected one"),
         *((TEXT.replace("[test/other_000]", f"[{p}]"), "situation 'other'") for p in ('""', "/etc/*", "../*", "a**b")),

@@ -10,7 +10,8 @@ import pytest
 from nte import NteError
 from nte.cli import main
 from nte.evaluation.comparison.read import read_comparison
-from nte.evaluation.comparison.run import check_networks, run_comparison
+from nte.evaluation.comparison.run import check_methods, run_comparison
+from nte.training.clips import BrokenClipWarning
 from nte.training.loop import train
 from tests.synthetic import disc_frame, write_clip
 from tests.training.runs import assert_same_run, interrupted_after, metrics
@@ -140,27 +141,81 @@ def test_a_seed_that_failed_is_one_line_and_the_rest_goes_on(
     assert "wide (1 of 2 seeds)" in said
     assert f"- {line}" in (tmp_path / "out/tables.md").read_text()
     assert json.loads((tmp_path / "out/summary.json").read_text())["failures"] == [
-        {"method": "wide", "seed": 2, "situation": "", "what": "step 3: the loss is nan: lower the learning rate"}
+        {
+            "method": "wide",
+            "seed": 2,
+            "situation": "",
+            "what": "step 3: the loss is nan: lower the learning rate",
+            "clip": None,
+        }
     ]
     monkeypatch.setattr("nte.evaluation.comparison.networks.train", train)
     assert main(command) == 0  # once it trains, it takes part
     assert "wide (2 seeds)" in capsys.readouterr().out
 
 
-@pytest.mark.slow
-def test_a_clip_without_a_channel_fails_the_networks_that_need_it(
-    compare: Callable[..., dict], config: Path, data: Path
+def without_albedo(clip: Path, frames: int = 3) -> None:
+    kept = [{k: v for k, v in frame.items() if k != "diffuse_albedo"} for frame in indirect_frames(3, frames)]
+    write_clip(clip, kept, exposure=0.5)
+
+
+@pytest.mark.parametrize(
+    ("clips", "message"),
+    [
+        (
+            ["train/disc_000", "train/disc_001"],
+            "networks.wide: .*disc_000: training needs the channel 'diffuse_albedo'",
+        ),
+        (["test/disc_000", "test/disc_001"], "disc_000: wide: TinyNetwork needs diffuse_albedo, which is missing"),
+    ],
+)
+def test_clips_without_a_channel_that_a_network_needs_are_named_before_any_work(
+    compare: Callable[..., dict], data: Path, tmp_path: Path, clips: list[str], message: str
 ) -> None:
-    for name in ("disc_000", "disc_001"):
-        frames = [{k: v for k, v in frame.items() if k != "diffuse_albedo"} for frame in indirect_frames(3)]
-        write_clip(data / "train" / name, frames, exposure=0.5)
-    summary = compare()
-    assert [failure["method"] for failure in summary["failures"]] == ["wide", "wide", "thin | one"]
-    assert all("diffuse_albedo" in failure["what"] for failure in summary["failures"])
-    noisy, wide, _ = (row["parts"][0] for row in summary["tables"][0]["rows"])
-    assert noisy["metrics"]["psnr"] > 0
-    assert wide["metrics"]["psnr"] is None
-    assert wide["margins"] == {"psnr": None}
+    for clip in clips:
+        without_albedo(data / clip)
+    with pytest.raises(NteError, match=message) as caught:
+        compare()
+    assert "\n" not in str(caught.value)
+    assert not (tmp_path / "runs").exists()
+    assert not (tmp_path / "out").exists()
+
+
+def test_a_folder_to_train_on_that_does_not_exist_is_named_before_any_work(
+    compare: Callable[..., dict], config: Path, tmp_path: Path
+) -> None:
+    config.write_text(COMPARISON.replace("train: [train]", "train: [nowhere]"))
+    with pytest.raises(NteError, match=r"networks.wide: .*nowhere: does not exist"):
+        compare()
+    assert not (tmp_path / "runs").exists()
+
+
+def test_networks_learn_from_the_same_clips(
+    compare: Callable[..., dict], config: Path, data: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def failing(training, **options):
+        raise NteError("not now")
+
+    monkeypatch.setattr("nte.evaluation.comparison.networks.train", failing)
+    write_clip(data / "train/disc_002", indirect_frames(5, 2), exposure=0.5)
+    with pytest.warns(BrokenClipWarning, match="left out of training: .*disc_002: 2 frames: expected at least") as told:
+        assert len(compare()["failures"]) == 3  # a clip that none can use is told once
+    assert len([one for one in told if one.category is BrokenClipWarning]) == 1
+    config.write_text(COMPARISON.replace("network.width=3]", "network.width=3, data.frames=1]"))
+    fewer = r"networks.thin \| one would learn from fewer clips than networks.wide: left out of .*disc_002: 2 frames: "
+    with pytest.raises(NteError, match=f"{fewer}.*: complete the clip, or take it away"):
+        compare("other", "other_runs")
+    assert not (tmp_path / "other_runs").exists()
+
+
+def test_a_network_that_gives_lights_apart_is_shown_for_each_of_them(config: Path, tmp_path: Path) -> None:
+    (tmp_path / "separated.yaml").write_text("base: tiny.yaml\nnetwork: {kind: separated, channels: [4, 4], scales: 2}")
+    config.write_text(
+        COMPARISON.replace("networks:\n  wide", "networks:\n  apart: {config: separated.yaml}\n  wide", 1)
+        .replace("networks: [wide,", "networks: [apart, wide,")
+        .replace("{metrics:", "{light: indirect, metrics:")
+    )
+    check_methods(read_comparison(config), tmp_path, tmp_path / "runs", "cpu")
 
 
 @pytest.mark.slow
@@ -215,8 +270,23 @@ def test_two_processes_train_and_evaluate_what_one_does(compare: Callable[..., d
         ("tiny.yaml, overrides: [network.width=3]", "gone.yaml", r"networks.wide: .*gone\.yaml: cannot be read"),
         ("network.width=3", "network.wide=3", "networks.wide: .*'network.wide': unknown key, did you mean width?"),
         ("network.width=3", "network.width=0", "networks.wide: .*network.width is 0, expected at least 1"),
-        ("{metrics: [psnr],", "{light: glossy, metrics: [psnr],",
-         "table 'discs' is about glossy, but network 'wide' denoises 'indirect'"),
+        ("against: noisy, columns: [{metrics: [psnr], margins: [psnr]}]",
+         "methods: [wide], columns: [{light: glossy, metrics: [psnr]}]",
+         "table 'discs' is about glossy, but network 'wide' denoises 'indirect': set its network.target, or leave"),
+        ('noisy: "noisy:target=indirect"', "noisy: noisy",
+         "table 'discs' is about indirect, but method 'noisy' denoises 'color': give it that target, or leave it out"),
+        ("{noisy: ", "{all: 'composite:visibility=svgff,glossy=svgf,indirect=[{wide}]', noisy: ",
+         "situation 'discs', method 'all': composite, visibility: 'svgff' is no denoiser, did you mean svgf?"),
+        ("{noisy: ", "{all: 'composite:visibility=svgf,glossy=[{wide}],indirect=svgf', noisy: ",
+         r"method 'all': 'composite:.*glossy=\[{wide}\].*': '{wide}' denoises indirect, expected a denoiser of glossy"),
+        ("{noisy: ", "{all: 'composite:glossy=svgf,indirect=[{wide}]', noisy: ", "nothing denoises visibility: exp"),
+        ("network.width=3", "'phases=[{steps: 4, occlusion: 1.0}]'",
+         r"networks.wide: 'phases\[0\].occlusion' is 1.0, but the network '.*' gives no 'disoccluded': set it to 0"),
+        ("network.width=3", "loss.lights.glossy=1", "networks.wide: loss.lights has 'glossy', but the network "),
+        ("network.width=3", "init_from=nowhere", "networks.wide: init_from: nowhere does not exist"),
+        ("network.width=3", "seed=7", "networks.wide: 'seed=7' would be ignored: give the network 'seeds'; leave"),
+        ("log_every=1", "resume=false", "networks.wide: 'resume=false' would be ignored"),
+        ("network.width=3", "'data.clips=[a]'", r"'data.clips=\[a\]' would be ignored: 'train' names the clips"),
         ("{noisy: ", "{wide: ", "two methods are called 'wide'"),
         ("{noisy: ", "{all: 'composite:visibility=svgf,glossy=svgf,indirect={white}', noisy: ",
          r"situations\[0\]\.methods\.all: there is no network 'white', did you mean wide[?] expected one of "),
@@ -230,6 +300,6 @@ def test_faulty_networks_are_named_before_any_work(
     assert old in COMPARISON
     config.write_text(COMPARISON.replace(old, new))
     with pytest.raises(NteError, match=message) as caught:
-        check_networks(read_comparison(config), data, tmp_path / "runs", "cpu")
+        check_methods(read_comparison(config), data, tmp_path / "runs", "cpu")
     assert "\n" not in str(caught.value)
     assert not (tmp_path / "runs").exists()

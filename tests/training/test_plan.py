@@ -95,7 +95,7 @@ def test_another_plan_is_refused(
 
 def test_a_run_without_a_plan_is_refused(finished: Path, tmp_path: Path, noisy_disc: Path) -> None:
     (copied(finished, tmp_path) / "plan.json").unlink()
-    refused(tmp_path, noisy_disc, r"plan.json: missing, so nobody knows what the run was trained on")
+    refused(tmp_path, noisy_disc, r"nobody knows what the run was trained on: start .* anew with --force \(in nte")
 
 
 def test_a_checkpoint_beyond_the_last_step_is_refused(finished: Path, tmp_path: Path, noisy_disc: Path) -> None:

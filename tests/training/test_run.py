@@ -128,7 +128,11 @@ def test_what_exists_is_not_touched(finished: Path, tmp_path: Path, noisy_disc: 
     with pytest.raises(NteError, match="tiny: exists: continue it with resume=true, or overwrite it with --force"):
         train(tiny_config(tmp_path, noisy_disc), device="cpu")
     for override, message in (
-        ("seed=3", "another configuration: 'seed' is 1 there and 3 here"),
+        (
+            "seed=3",
+            "another configuration: 'seed' is 1 there and 3 here; "
+            r"give the run another name \(in nte compare: use another --runs\), or restore the value",
+        ),
         ("network.channels=[4,6]", r"'network.channels' is \[4, 4\] there and \[4, 6\] here"),
         (
             "phases=[{steps: 9}]",
@@ -143,6 +147,12 @@ def test_what_exists_is_not_touched(finished: Path, tmp_path: Path, noisy_disc: 
         train(tiny_config(tmp_path, noisy_disc), force=True, device="cpu")
     (run / "notes.txt").unlink()
     assert contents(run) == before
+    (run / "config.yaml").unlink()
+    with pytest.raises(
+        NteError, match=r"tiny: config.yaml is missing, so nobody knows how the run was made: restore it"
+    ):
+        train(tiny_config(tmp_path, noisy_disc, "resume=true"), device="cpu")
+    assert contents(run) == {name: content for name, content in before.items() if name != "config.yaml"}
 
 
 def test_how_a_run_is_watched_may_change_when_it_is_resumed(finished: Path, tmp_path: Path, noisy_disc: Path) -> None:

@@ -1,5 +1,6 @@
 """Validation looks at every family, at clips of its own where they are named, and keeps what was best."""
 
+import shutil
 from pathlib import Path
 
 import numpy as np
@@ -10,13 +11,16 @@ from nte.errors import NteError
 from nte.frames.clip import Clip
 from nte.info import describe
 from nte.registry import load_denoiser
+from nte.training import loop
 from nte.training.checkpoint import read_checkpoint
+from nte.training.clips import BrokenClipWarning
 from nte.training.loop import train
 from nte.training.run import load_run
 from nte.training.validation import ValidationSet, families, spread, validate
 from tests.networks import small_network
 from tests.synthetic import disc_clip, disc_frame, write_clip
 from tests.training.runs import assert_same_run, checkpoint, copied, metrics, tiny_config
+from tests.training.test_clips import scramble
 
 SMALL = {"size": (24, 24), "start": (10.0, 12.0), "radius": 6.0}
 
@@ -88,8 +92,67 @@ def test_bad_pixels_of_a_reference_do_not_count(tmp_path: Path) -> None:
         assert all(np.isfinite(score) for score in scores.values())
         assert scores["validation_psnr"] > 10
     frames[1]["reference"][0, :10] = np.nan
-    with pytest.raises(NteError, match=r"bad, frame 1: 240 of 576 pixels of 'reference' are NaN, infinite or neg"):
-        validate(network, ValidationSet([Clip(write_clip(tmp_path / "bad", frames))], 1))
+    bad = Clip(write_clip(tmp_path / "bad", frames))
+    told = r"bad, frame 1: 240 of 576 pixels of 'reference' are NaN, infinite or neg"
+    with (
+        pytest.warns(BrokenClipWarning, match=f"left out of validation: .*{told}"),
+        pytest.raises(NteError, match=f"no clip to validate on: .*{told}"),
+    ):
+        validate(network, ValidationSet([bad], 1))
+
+
+def test_a_damaged_clip_is_left_out_each_time_with_a_warning(clips: Path, tmp_path: Path) -> None:
+    damaged = shutil.copytree(clips, tmp_path / "clips")
+    for name in ("apples_001", "pica_000"):
+        scramble(damaged / name)
+    network = small_network()
+    for _ in range(2):
+        with pytest.warns(BrokenClipWarning, match="^left out of validation: .*apples_001/frame_0001.exr"):
+            found = validate(network, ValidationSet(opened(damaged), 1))
+        whole = [clip for clip in opened(clips) if clip.name not in ("apples_001", "pica_000")]
+        assert found.scores == validate(network, ValidationSet(whole, 1)).scores
+
+
+def test_a_run_with_a_damaged_clip_ends_and_resumes_as_the_same_run(tmp_path: Path) -> None:
+    for i in range(3):
+        disc_clip(tmp_path / "clips" / f"disc_{i:03d}", frames=3, seed=i, **SMALL)
+    scramble(tmp_path / "clips" / "disc_001")
+    short = tiny_config(tmp_path, tmp_path / "clips", "phases=[{steps: 2}]", "validate_every=1", "name=resumed")
+    whole = tiny_config(tmp_path, tmp_path / "clips", "phases=[{steps: 4}]", "validate_every=1", "name=whole")
+    for config in (short, whole):
+        config.optimiser.schedule = "constant"
+    with pytest.warns(BrokenClipWarning, match="left out of validation"):
+        run = train(short, device="cpu")
+    with pytest.warns(BrokenClipWarning, match="left out of validation"):
+        undisturbed = train(whole, device="cpu")
+    short.phases, short.resume = whole.phases, True
+    with pytest.warns(BrokenClipWarning, match="left out of validation"):
+        train(short, device="cpu")
+    assert_same_run(run, undisturbed)
+    assert [line["step"] for line in metrics(run) if "validation_psnr" in line] == [1, 2, 3, 4]
+
+
+@pytest.mark.parametrize("step", [4, 8])
+def test_a_validation_that_fails_leaves_the_checkpoint_of_its_step_and_is_made_up_for(
+    finished: Path, tmp_path: Path, noisy_disc: Path, monkeypatch: pytest.MonkeyPatch, step: int
+) -> None:
+    done: list[int] = []
+
+    def failing(*args):
+        done.append(4 * len(done) + 4)
+        if done[-1] == step:
+            raise MemoryError
+        return validate(*args)
+
+    monkeypatch.setattr(loop, "validate", failing)
+    with pytest.raises(MemoryError):
+        train(tiny_config(tmp_path, noisy_disc), device="cpu")
+    monkeypatch.setattr(loop, "validate", validate)
+    run = tmp_path / "runs" / "tiny"
+    assert int(checkpoint(run)["step"]) == step  # type: ignore[call-overload]
+    train(tiny_config(tmp_path, noisy_disc, "resume=true"), device="cpu")
+    assert_same_run(run, finished)
+    assert_same_best(run, finished)
 
 
 def test_clips_of_their_own_are_validated_on_and_not_trained_on(

@@ -9,7 +9,7 @@ from nte.evaluation.comparison.clips import matching_clips, require_same_channel
 from nte.evaluation.comparison.numbers import Method
 from nte.evaluation.comparison.schema import Comparison, Situation
 from nte.evaluation.units import ClipUnit
-from nte.frames.clip import clip_labels
+from nte.frames.clip import Clip, clip_labels
 
 
 @dataclass
@@ -56,8 +56,12 @@ def plan_situation(comparison: Comparison, situation: Situation, data: Path) -> 
     return Planned(situation, dict(zip(clip_labels(clips), clips, strict=True)), lights)
 
 
-def require_clips(patterns: Sequence[str], data: Path, name: str, plan: Planned) -> list[Path]:
-    """Find the clips of a table or plot among those of its situation. Raises NteError for a pattern without any."""
+def require_clips(patterns: Sequence[str], data: Path, name: str, plan: Planned, first: int | None) -> list[Path]:
+    """Find the clips of a part of a table, or of a plot, among those of its situation; without patterns all of them.
+
+    first: index of the first frame that counts. Raises NteError for a pattern without any clip, and for a clip that
+    ends before that frame.
+    """
     found: list[Path] = []
     for pattern in patterns:
         clips = matching_clips([pattern], data, f"'{name}'")
@@ -65,4 +69,8 @@ def require_clips(patterns: Sequence[str], data: Path, name: str, plan: Planned)
         if not own:
             raise NteError(f"'{name}': {clips[0]} is not a clip of its situation '{plan.situation.name}'")
         found += own
-    return list(dict.fromkeys(found))
+    found = list(dict.fromkeys(found)) or list(plan.clips.values())
+    for folder in found:
+        if first is not None and first >= (count := len(Clip(folder))):
+            raise NteError(f"'{name}': {folder} has {count} frames, and frame {first} is the first that counts")
+    return found

@@ -2,12 +2,16 @@
 
 from collections.abc import Mapping, Sequence
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import numpy as np
 
 from nte.evaluation.comparison.numbers import Evaluated, Method, Selection
 from nte.evaluation.metric_table import METRICS
 from nte.files import write_whole
+
+if TYPE_CHECKING:
+    from matplotlib.lines import Line2D
 
 _METRICS = {metric.name: metric for metric in METRICS}
 _DASHES = ("-", "--", ":")  # after ten colours
@@ -26,7 +30,8 @@ def write_plot(
     from matplotlib.ticker import MaxNLocator
 
     clip = chosen.clips[0]
-    with mpl.rc_context({"svg.hashsalt": "nte", "font.size": 9}):
+    curves_of: dict[str, Line2D] = {}  # title → a curve, for the legend
+    with mpl.rc_context({"svg.hashsalt": "nte", "font.size": 9, "text.parse_math": False}):  # $ in a title is a $
         figure = Figure(figsize=(8, 0.8 + 2.2 * len(metrics)), layout="constrained")
         axes = figure.subplots(len(metrics), sharex=True, squeeze=False)[:, 0]
         for axis, name in zip(axes, metrics, strict=True):
@@ -36,7 +41,8 @@ def write_plot(
                     continue
                 frames = chosen.first + np.arange(curves.shape[1])
                 dash = _DASHES[number // 10 % len(_DASHES)]
-                axis.plot(frames, curves.mean(0), dash, label=method.title, color=f"C{number % 10}", linewidth=1)
+                drawn = axis.plot(frames, curves.mean(0), dash, color=f"C{number % 10}", linewidth=1)
+                curves_of.setdefault(method.title, drawn[0])
                 if len(curves) > 1:
                     axis.fill_between(frames, curves.min(0), curves.max(0), color=f"C{number % 10}", alpha=0.2, lw=0)
             way = {"higher": " ↑", "lower": " ↓"}.get(_METRICS[name].better, "")
@@ -45,8 +51,10 @@ def write_plot(
         axes[-1].set_xlabel("frame")
         axes[-1].xaxis.set_major_locator(MaxNLocator(integer=True))
         axes[0].set_title(f"{clip}: {chosen.title}")
-        handles, labels = axes[0].get_legend_handles_labels()
-        figure.legend(handles, labels, loc="outside lower center", ncols=4, frameon=False)
+        numbers = [str(number) for number in range(len(curves_of))]
+        legend = figure.legend(curves_of.values(), numbers, loc="outside lower center", ncols=4, frameon=False)
+        for text, title in zip(legend.get_texts(), curves_of, strict=True):
+            text.set_text(title)  # as a label, one that begins with _ would be left out
         write_whole(path, lambda temporary: figure.savefig(temporary, format="svg", metadata=_NOTHING))
 
 

@@ -11,8 +11,16 @@ from nte.evaluation.metrics import REGIONS
 from nte.files import is_folder_name
 from nte.frames.channels import TARGETS
 from nte.shipped import shipped
+from nte.viewer.recorder import INPUT, REFERENCE
 
 _NAMES = tuple(metric.name for metric in METRICS)
+_OF_A_CLIP = "ms_per_frame"  # the metric without a value for each frame
+_RESULTS = ("comparison.yaml", "summary.json", "tables.md")  # files in the folder that has one for each situation
+# Keys of a training configuration that the comparison decides.
+_DECIDED = {
+    "seed": "give the network 'seeds'", "name": "a run has the network's title", "runs": "use --runs",
+    "resume": "trainings always go on where they stopped",
+}  # fmt: skip
 
 
 def read_comparison(path: Path) -> Comparison:
@@ -53,7 +61,11 @@ def _check(comparison: Comparison) -> None:
         _check_network(comparison, title)
     for number, situation in enumerate(comparison.situations):
         _check_situation(f"situations[{number}]", situation, comparison)
-    _refuse_twice("two situations are called", [situation.name for situation in comparison.situations])
+    names = [situation.name for situation in comparison.situations]
+    _refuse_twice("two situations are called", names)
+    files = {*_RESULTS, *(f"{plot.name}.svg" for plot in comparison.plots)}
+    if taken := [name for name in names if name in files]:
+        raise NteError(f"a situation is called '{taken[0]}', as a file of the results is: give it another name")
     for key, entries in (("tables", comparison.tables), ("plots", comparison.plots)):
         _refuse_twice(f"two {key} are called", [entry.name for entry in entries])
     for number, table in enumerate(comparison.tables):
@@ -64,6 +76,8 @@ def _check(comparison: Comparison) -> None:
             raise NteError(f"{where}.name is {plot.name!r:.60}: expected the name of a file")
         _check_selection(where, plot.situation, plot.methods, plot.light, plot.region, comparison)
         _check_numbers(where, plot.metrics, plot.first, comparison.situation(plot.situation))
+        if _OF_A_CLIP in plot.metrics:
+            raise NteError(f"{where}.metrics has {_OF_A_CLIP}, which frames have no values of: put it into a table")
 
 
 def _check_network(comparison: Comparison, title: str) -> None:
@@ -76,6 +90,11 @@ def _check_network(comparison: Comparison, title: str) -> None:
         raise NteError(f"{where}: the seed {twice[0]} is given twice: expected each once")
     if not is_folder_name(f"{title}_seed{max(seeds)}"):
         raise NteError(f"networks: the title {title!r:.60} cannot name a run's folder: expected one word or some")
+    for override in (*comparison.overrides, *comparison.networks[title].overrides):
+        key = override.partition("=")[0].strip()
+        decided = _DECIDED | ({"data.clips": "'train' names the clips"} if comparison.train else {})
+        if key in decided:
+            raise NteError(f"{where}: '{override}' would be ignored: {decided[key]}; leave it out")
 
 
 def _check_situation(where: str, situation: Situation, comparison: Comparison) -> None:
@@ -99,6 +118,8 @@ def _check_situation(where: str, situation: Situation, comparison: Comparison) -
         if len(networks := set(RUN_OF.findall(spec))) > 1:
             raise NteError(f"{where}.methods.{title} uses {' and '.join(sorted(networks))}: expected one network")
     _refuse_twice(f"{where}: two methods are called", situation.titles)
+    if taken := [title for title in situation.titles if title in (REFERENCE, INPUT)]:
+        raise NteError(f"{where}: a method is called '{taken[0]}', as a picture of every report: give it another title")
     _refuse_twice(f"{where}: two methods are the denoiser", list(situation.methods.values()))
     if comparison.against and not comparison.tables and comparison.against not in situation.titles:
         known = ", ".join(situation.titles)

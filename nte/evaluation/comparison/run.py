@@ -7,17 +7,17 @@ from typing import TYPE_CHECKING, NamedTuple
 from nte.config import load_config
 from nte.errors import NteError
 from nte.evaluation.comparison.kept import keep, read_kept, unit_digest
+from nte.evaluation.comparison.methods import Methods, load_methods, require_fitting
 from nte.evaluation.comparison.numbers import Method
 from nte.evaluation.comparison.planned import Planned, plan_situation, require_clips, unit_name
 from nte.evaluation.comparison.schema import Comparison, Situation
 from nte.evaluation.comparison.write import write_results
 from nte.evaluation.metric_table import Row
-from nte.evaluation.units import ClipScores, elsewhere, evaluate_clip, require_scorable
+from nte.evaluation.units import ClipScores, elsewhere, evaluate_clip
 from nte.files import only_writer, refuse_links, remove, write_whole
 from nte.frames.clip import Clip
 from nte.jobs import require_jobs
 from nte.progress import Progress
-from nte.registry import load_denoiser
 
 if TYPE_CHECKING:
     from nte.evaluation.comparison.networks import Training
@@ -26,12 +26,13 @@ MARK = "comparison.yaml"  # says which comparison a folder holds
 
 
 class Failure(NamedTuple):
-    """A method, or a seed of a network, that takes no further part."""
+    """A method, a seed of a network, or a clip, that takes no further part."""
 
-    method: str
+    method: str | None  # None: a clip
     seed: int | None
     situation: str  # "" if it failed in training, and so everywhere
     what: str
+    clip: str | None = None  # its label
 
 
 def run_comparison(
@@ -52,20 +53,22 @@ def run_comparison(
     tables or plots were changed evaluates nothing. force: replace another comparison, and evaluate everything anew.
 
     jobs, scheduler: processes, or a Dask cluster, that do a training or a clip at a time. progress: show it on stderr.
-    Returns the content of summary.json; its `failures` tell which seeds or methods failed while the others went on.
+    Returns the content of summary.json; its `failures` tell which seeds, methods or clips failed while the others went
+    on.
     Raises NteError, before any work, for faulty patterns, clips, denoisers and configurations, and for an `out` that
     holds anything else.
     """
     require_jobs(jobs)
     planned = [plan_situation(comparison, situation, data) for situation in comparison.situations]
     for table in comparison.tables:
-        patterns = [pattern for part in table.columns for pattern in part.clips]
-        require_clips(patterns, data, table.name, _of(planned, table.situation))
+        for part in table.columns:
+            require_clips(part.clips, data, table.name, _of(planned, table.situation), part.first)
     for plot in comparison.plots:
-        if len(require_clips([plot.clip], data, plot.name, _of(planned, plot.situation))) > 1:
+        if len(require_clips([plot.clip], data, plot.name, _of(planned, plot.situation), plot.first)) > 1:
             raise NteError(f"'{plot.name}': several clips match '{plot.clip}': expected one")
-    _require_methods(planned, device)
     networks = _Networks(comparison, data, runs, device)
+    require_fitting(planned, networks.load_methods(comparison, device))
+    networks.require_clips()
     with only_writer(out):
         _claim(out, comparison, force)
         failures = networks.train(out, jobs, scheduler, progress)
@@ -81,23 +84,12 @@ def _of(planned: Sequence[Planned], situation: str) -> Planned:
     return next(plan for plan in planned if plan.situation.name == situation)
 
 
-def _require_methods(planned: Sequence[Planned], device: str) -> None:
-    """Raise NteError for a denoiser that cannot be loaded, or that misses a channel in a clip.
+def check_methods(comparison: Comparison, data: Path, runs: Path, device: str) -> None:
+    """Raise NteError for a network whose configuration is faulty, and for a method that does not load.
 
-    Those that use a network are not asked: it may have to be trained.
+    Also for one that gives no light of a table or plot that shows it. Needs no clips.
     """
-    specs = dict.fromkeys(spec for plan in planned for spec in plan.situation.untrained)
-    loaded = {spec: load_denoiser(spec, device) for spec in specs}
-    for plan in planned:
-        assert plan.situation.first is not None
-        for label, folder in plan.clips.items():
-            methods = {spec: loaded[spec] for spec in plan.situation.untrained}
-            require_scorable(label, Clip(folder), methods, plan.situation.first)
-
-
-def check_networks(comparison: Comparison, data: Path, runs: Path, device: str) -> None:
-    """Raise NteError for a configuration of a network that does not load, or whose target is not what tables show."""
-    _Networks(comparison, data, runs, device)
+    _Networks(comparison, data, runs, device).load_methods(comparison, device)
 
 
 class _Networks:
@@ -110,6 +102,22 @@ class _Networks:
             from nte.evaluation.comparison.networks import trainings
 
             self._units = {unit.name: unit for unit in trainings(comparison, data, runs, device)}
+
+    def load_methods(self, comparison: Comparison, device: str) -> Methods:
+        """Load all methods, with networks that are not trained."""
+        if not self._units:
+            return load_methods(comparison, {}, device)
+        from nte.evaluation.comparison.networks import stand_ins
+
+        with stand_ins(self._units.values()) as runs:
+            return load_methods(comparison, runs, device)
+
+    def require_clips(self) -> None:
+        """Raise NteError if training clips do not fit, or if networks would learn from different ones."""
+        if self._units:
+            from nte.evaluation.comparison.networks import require_clips
+
+            require_clips(self._units.values())
 
     def train(self, out: Path, jobs: int, scheduler: str | None, progress: bool) -> list[Failure]:
         """Train what is not trained, and return what failed."""
@@ -148,7 +156,7 @@ def _claim(out: Path, comparison: Comparison, force: bool) -> None:
     if not force and any(out.iterdir()) and _held(mark) != text:
         what = "holds another comparison" if mark.is_file() else "exists and is not empty"
         raise NteError(f"{out}: {what}: choose another folder, or replace what is there with --force")
-    if force:
+    if force and mark.is_file():  # else nothing there is ours
         for path in out.glob("*/clips/**/*.npz"):
             remove(path)
     write_whole(mark, lambda temporary: temporary.write_text(text, encoding="utf-8"))
@@ -176,9 +184,10 @@ def _evaluate(
     with Progress("evaluate", sum(frames.values()), "frame", progress) as told:
 
         def done(name: str, found: ClipScores) -> None:
-            keep(paths[name], digests[name], found)
+            if not found.fault:
+                keep(paths[name], digests[name], found)
             scores[name] = found
-            told.say(name)
+            told.say(f"{name} failed: {found.fault}" if found.fault else name)
 
         if left and (jobs > 1 or scheduler is not None):
 
@@ -200,12 +209,17 @@ def _file_of(name: str) -> Path:
 
 
 def _failures(plan: Planned, scores: Mapping[str, ClipScores]) -> list[Failure]:
-    """Take the methods that failed on a clip out of a situation, and say why."""
+    """Take clips that cannot be scored, and methods that failed on one of the others, out of a situation; say why."""
+    of_clips = {label: scores[unit_name(plan.situation, label)] for label in plan.clips}
+    failures = [
+        Failure(None, None, plan.situation.name, found.fault, label) for label, found in of_clips.items() if found.fault
+    ]
+    plan.clips = {label: folder for label, folder in plan.clips.items() if not of_clips[label].fault}
     faults: dict[str, str] = {}
     for label in plan.clips:
-        for spec, what in scores[unit_name(plan.situation, label)].failed.items():
+        for spec, what in of_clips[label].failed.items():
             faults.setdefault(spec, what)
-    failures, methods = [], []
+    methods = []
     for method in plan.methods:
         seeds = method.seeds or (None,)
         pairs = list(zip(method.specs, seeds, strict=True)) if method.specs else []

@@ -44,12 +44,6 @@ class Situation:
         named = {title: RUN_OF.search(spec) for title, spec in self.methods.items()}
         return {title: found[1] for title, found in named.items() if found} | {title: title for title in self.networks}
 
-    @property
-    def untrained(self) -> list[str]:
-        """Denoisers of all methods that use no network."""
-        runs = self.runs
-        return [spec for title, spec in self.methods.items() if title not in runs]
-
     def with_run(self, title: str, run: str) -> str:
         """Return the denoiser of a method with the folder of a run in the place of its network."""
         return RUN_OF.sub(lambda _: run, self.methods[title]) if title in self.methods else run

@@ -48,7 +48,8 @@ def failure_lines(summary: Summary) -> list[str]:
     """Say in one line each what failed."""
     lines = []
     for failure in summary["failures"]:
-        who = failure["method"] if failure["seed"] is None else f"{failure['method']}, seed {failure['seed']}"
+        who = failure["method"] or f"clip {failure['clip']}"
+        who += "" if failure["seed"] is None else f", seed {failure['seed']}"
         where = f" in {failure['situation']}" if failure["situation"] else ""
         lines.append(f"{who} failed{where}: {failure['what']}")
     return lines
@@ -61,7 +62,7 @@ def _heading(table: Summary) -> str:
 
 
 def _clips(count: int) -> str:
-    return f"{count} clip{'s' if count > 1 else ''}"
+    return f"{count} clip{'' if count == 1 else 's'}"
 
 
 def _columns(table: Summary) -> list[_Column]:

@@ -119,4 +119,6 @@ def _selection(plan: Planned, part: Columns | Plot, name: str, data: Path) -> Se
 
 
 def _plot(plot: Plot, plan: Planned, found: Evaluated, data: Path, path: Path) -> None:
-    write_plot(path, found, _methods(plan, plot.methods), _selection(plan, plot, plot.name, data), plot.metrics)
+    chosen = _selection(plan, plot, plot.name, data)
+    if chosen.clips:  # a clip that failed has nothing to draw
+        write_plot(path, found, _methods(plan, plot.methods), chosen, plot.metrics)
