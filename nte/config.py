@@ -19,6 +19,7 @@ from yaml import MarkedYAMLError, YAMLError
 
 from nte.errors import NteError, expected_one_of
 from nte.files import is_inside
+from nte.shipped import beside
 
 _KINDS = {
     int: "a whole number", float: "a number", bool: "true or false", str: "text", list: "a list",
@@ -182,9 +183,10 @@ def _read(path: Path, contained: bool, trail: tuple[Path, ...] = ()) -> DictConf
         raise NteError(f"{path}: 'base' is {named!r:.60}, expected the path of a file, relative to this one")
     if contained and not is_inside(path.parent / named, path.parent):
         raise NteError(f"{path}: 'base' is '{named}', which leads out of {path.parent}: expected a file in that folder")
-    if (path.parent / named).resolve() in trail:
+    base = path.parent / named if contained else beside(path, named)
+    if base.resolve() in trail:
         raise NteError(f"{path}: 'base' is '{named}', which is based on this file: expected another one")
-    below = _read(path.parent / named, contained, trail)
+    below = _read(base, contained, trail)
     for key, section in loaded.items():
         if isinstance(section, DictConfig) and isinstance(before := below.get(key), DictConfig):
             kind = section.get("kind")

@@ -15,3 +15,10 @@ def shipped(path: Path) -> Path:
     if path.exists() or path.parts[:1] not in [(folder,) for folder in FOLDERS] or ".." in path.parts:
         return path
     return next((place / path for place in _PLACES if (place / path).is_file()), path)
+
+
+def beside(path: Path, named: str) -> Path:
+    """Return the file that another file names: the one at that place relative to it, or else one that ships."""
+    near = path.parent / named
+    found = near if near.exists() else shipped(Path(named))
+    return found if found.exists() else near

@@ -7,6 +7,7 @@ from pathlib import Path
 
 import pytest
 
+from nte.evaluation.comparison.read import read_comparison
 from nte.shipped import shipped
 from nte.training.config import load_train_config
 
@@ -31,6 +32,26 @@ def test_every_other_path_stays(path: str, tmp_path: Path, monkeypatch: pytest.M
 def test_one_that_ships_is_based_on_another(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.chdir(tmp_path)
     assert load_train_config(Path("configs/neural/b.yaml"), []).data.clips == ["data/paper-small/train"]
+
+
+def test_a_file_of_ones_own_is_based_on_one_that_ships(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.chdir(tmp_path)
+    Path("mine.yaml").write_text("base: configs/neural/c.yaml\nname: mine\n")
+    assert load_train_config(Path("mine.yaml"), []).network.target == "indirect"
+    Path("configs/neural").mkdir(parents=True)
+    Path("configs/neural/c.yaml").write_text("base: configs/quickstart.yaml\n")  # one that is there comes first
+    assert load_train_config(Path("mine.yaml"), []).network.target == "color"
+
+
+def test_a_comparison_of_ones_own_names_what_ships(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.chdir(tmp_path)
+    Path("mine.yaml").write_text(
+        "recipes: {q: datasets/quickstart.yaml}\nnetworks: {C: {config: configs/neural/c.yaml}}\nseeds: [1]\n"
+        "situations: [{name: s, clips: [q/test/*], networks: [C], light: indirect}]\nagainst: C\n"
+    )
+    found = read_comparison(Path("mine.yaml"))
+    assert Path(found.networks["C"].config).is_file()
+    assert Path(found.recipes["q"]).is_file()
 
 
 @pytest.mark.slow

@@ -10,7 +10,7 @@ from nte.evaluation.metric_table import METRICS
 from nte.evaluation.metrics import REGIONS
 from nte.files import is_folder_name
 from nte.frames.channels import TARGETS
-from nte.shipped import shipped
+from nte.shipped import beside, shipped
 from nte.viewer.recorder import INPUT, REFERENCE
 
 _NAMES = tuple(metric.name for metric in METRICS)
@@ -32,9 +32,9 @@ def read_comparison(path: Path) -> Comparison:
     """
     path = shipped(path)
     comparison = load_config(Comparison, path, check=_check)
-    comparison.recipes = {folder: str(path.parent / recipe) for folder, recipe in comparison.recipes.items()}
+    comparison.recipes = {folder: str(beside(path, recipe)) for folder, recipe in comparison.recipes.items()}
     for network in comparison.networks.values():
-        network.config = str(path.parent / network.config)
+        network.config = str(beside(path, network.config))
     if not comparison.tables:
         comparison.tables = [_whole(situation, comparison.against) for situation in comparison.situations]
     return comparison
