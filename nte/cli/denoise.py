@@ -5,13 +5,15 @@ from pathlib import Path
 
 from nte.cli.parsing import DENOISER, Commands, add_device, add_force, add_provider, command, parse_frames
 from nte.errors import NteError
+from nte.released import DEFAULT
 
 
 def add(commands: Commands) -> None:
     """Add `denoise` to the subcommands of `nte`."""
     parser = command(commands, "denoise", _denoise, "denoise a clip or frames; writes linear OpenEXR")
     parser.add_argument("sources", type=Path, nargs="+", metavar="CLIP_OR_FOLDER_OR_FILES")
-    parser.add_argument("--denoiser", required=True, metavar="SPEC", help=DENOISER)
+    text = f"{DENOISER} (default: {DEFAULT}, a released model on top of Open Image Denoise)"
+    parser.add_argument("--denoiser", default=DEFAULT, metavar="SPEC", help=text)
     parser.add_argument("--out", type=Path, required=True, help="folder for the frames")
     text = "estimate, or estimate:key=value,…: motion from the images, instead of given vectors"
     parser.add_argument("--motion", metavar="estimate", help=text)

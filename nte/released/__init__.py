@@ -6,6 +6,7 @@ Each .onnx file carries its checksum, which is verified whenever it is loaded (n
 from pathlib import Path
 
 FOLDER = Path(__file__).parent
+DEFAULT = "steady"  # what nte denoise takes if nothing is said
 
 
 def names() -> list[str]:

@@ -12,12 +12,15 @@ from nte.denoiser import Session
 from nte.errors import NteError
 from nte.frames.clip import Clip
 from nte.info import describe
+from nte.models.registry import make_network
 from nte.registry import load_denoiser, parts_of, with_provider
 from nte.runtime.export import export
 from nte.runtime.session import OnnxDenoiser
+from nte.training.config import load_train_config
 from nte.training.initial import begin_with, read_weights
 from nte.training.run import load_run
 from tests.shared import made_once
+from tests.training.runs import ROOT
 
 
 @pytest.fixture(scope="session")
@@ -81,3 +84,18 @@ def test_weights_are_not_overwritten(ours: Path, finished: Path, tmp_path: Path)
     with pytest.raises(NteError, match=r"there\.safetensors: exists"):
         export(finished, tmp_path / "m.onnx", weights=tmp_path / "there.safetensors")
     assert not (tmp_path / "m.onnx").exists()
+
+
+@pytest.mark.parametrize("name", released.names())
+def test_each_that_ships_is_whole(name: str) -> None:
+    """The file loads, the weights are those of its configuration, and a card says what it is."""
+    assert load_denoiser(name).target == "color"
+    config = load_train_config(ROOT / "configs" / f"{name}.yaml", [])
+    network = make_network(config.network)
+    count = len(network.state_dict())
+    assert begin_with(network, read_weights(Path(name))).endswith(f"{count} of {count} tensors fit")
+    assert "**Limits.**" in (released.FOLDER / f"{name}.md").read_text("utf-8")
+
+
+def test_what_is_denoised_with_by_default_ships() -> None:
+    assert released.DEFAULT in released.names()
