@@ -37,10 +37,10 @@ def test_one_that_ships_is_based_on_another(tmp_path: Path, monkeypatch: pytest.
 def test_a_file_of_ones_own_is_based_on_one_that_ships(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.chdir(tmp_path)
     Path("mine.yaml").write_text("base: configs/neural/c.yaml\nname: mine\n")
-    assert load_train_config(Path("mine.yaml"), []).network.target == "indirect"
+    assert load_train_config(Path("mine.yaml"), []).data.clips == ["data/paper-small/train"]
     Path("configs/neural").mkdir(parents=True)
     Path("configs/neural/c.yaml").write_text("base: configs/quickstart.yaml\n")  # one that is there comes first
-    assert load_train_config(Path("mine.yaml"), []).network.target == "color"
+    assert load_train_config(Path("mine.yaml"), []).data.clips == ["data/quickstart/train"]
 
 
 def test_a_comparison_of_ones_own_names_what_ships(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

@@ -76,12 +76,16 @@ def macs_per_pixel(network: TrainableDenoiser) -> dict[str, tuple[float, float]]
 def receptive_field(network: TrainableDenoiser, longest: int = 4096) -> int:
     """Measure the side, in pixels, of the square of the current frame that a pixel of the image depends on.
 
-    The network is made linear where it would hide a dependence: average instead of maximum pooling, no ReLU. Then the
-    gradient of a pixel reaches all pixels that it can depend on. As pooling depends on the position, the largest field
-    of ten pixels counts. Measured along x on an image that is `COARSEST` high, and wide enough, up to
-    `longest`.
+    The network is made linear where it would hide a dependence: average instead of maximum pooling, no ReLU, random
+    weights, as trained ones may reach a clamp. Then the gradient of a pixel reaches all pixels that it can depend on. As
+    pooling depends on the position, the largest field of ten pixels counts. Measured along x on an image that is
+    `COARSEST` high, and wide enough, up to `longest`.
     """
     network = copy.deepcopy(network).requires_grad_(False)
+    generator = torch.Generator().manual_seed(0)
+    for weights in network.parameters():
+        fan = max(1, weights.numel() // max(1, len(weights))) if weights.ndim else 1
+        weights.copy_(torch.randn(weights.shape, generator=generator) / fan**0.5)
     wide = 256
     while True:
         found = _reach(network, wide)

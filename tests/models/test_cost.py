@@ -103,6 +103,15 @@ def test_half_resolution_costs_less_and_sees_more() -> None:
     assert trunk[2] < trunk[1]
 
 
+def test_a_network_sees_as_far_whatever_its_weights_are() -> None:
+    """Trained ones drove the predicted weights into their clamp, which hid most of the field of `steady`."""
+    network = TemporalDenoiser(TemporalConfig(channels=[4, 6, 8], front=2)).requires_grad_(False)
+    before = receptive_field(network)
+    for parameter in network.parameters():
+        parameter.mul_(100)
+    assert receptive_field(network) == before
+
+
 def test_measuring_leaves_the_network_as_it_is() -> None:
     network = light_network("rae").requires_grad_(True)
     before = {name: value.clone() for name, value in network.state_dict().items()}
