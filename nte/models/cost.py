@@ -77,8 +77,8 @@ def receptive_field(network: TrainableDenoiser, longest: int = 4096) -> int:
     """Measure the side, in pixels, of the square of the current frame that a pixel of the image depends on.
 
     The network is made linear where it would hide a dependence: average instead of maximum pooling, no ReLU, random
-    weights, as trained ones may reach a clamp. Then the gradient of a pixel reaches all pixels that it can depend on. As
-    pooling depends on the position, the largest field of ten pixels counts. Measured along x on an image that is
+    weights, as trained ones may reach a clamp. Then the gradient of a pixel reaches all pixels that it can depend on.
+    As pooling depends on the position, the largest field of ten pixels counts. Measured along x on an image that is
     `COARSEST` high, and wide enough, up to `longest`.
     """
     network = copy.deepcopy(network).requires_grad_(False)
