@@ -12,7 +12,8 @@ from tests.evaluation.conftest import noisy_frames
 from tests.synthetic import write_clip
 
 ROOT = Path(__file__).parents[1]
-PAGES = [page for kind in ("*.md", "docs/*.md", "datasets/*.md", "export/*.md") for page in ROOT.glob(kind)]
+FOLDERS = (".", "docs", "datasets", "export", "nte/released")
+PAGES = [page for folder in FOLDERS for page in (ROOT / folder).glob("*.md")]
 PAGES = [page for page in PAGES if page.name != "CHANGELOG.md"]  # which tells of what there was
 NAME = re.compile(r"(?<![\w/.])nte(?:\.[A-Za-z_]\w*)+")
 PLACE = re.compile(r"(?<![\w./-])(?:nte|docs|datasets|configs|benchmarks|tests|export|notebooks)/[\w./-]*\w")

@@ -13,7 +13,7 @@ from mkdocs.structure.files import File, Files, InclusionLevel
 from mkdocs.structure.pages import Page
 
 ROOT = Path(__file__).parents[2]
-PAGES = ("*.md", "docs/*.md", "datasets/*.md", "export/*.md")
+PAGES = ("*.md", "docs/*.md", "datasets/*.md", "export/*.md", "nte/released/*.md")
 LINK = re.compile(r"\]\((?!\w+:|#)([^)#\s]+)(#[^)\s]*)?\)")
 LANGUAGES = {".py": "python", ".yaml": "yaml", ".xml": "xml", ".json": "json"}
 
