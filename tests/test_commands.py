@@ -139,6 +139,8 @@ def test_options_of_denoisers_in_a_page_exist(page: Path) -> None:
 
 def test_what_is_wrong_is_found() -> None:
     with pytest.raises(SystemExit):
+        parsed(shlex.split("denoise clip --denoiser taa"))
+    with pytest.raises(AssertionError, match="--denoizer"):
         parsed(shlex.split("denoise clip --denoizer taa --out out"))
     with pytest.raises(AssertionError, match="--noize"):
         parsed(shlex.split("estimate clip --out out --noize clean"))

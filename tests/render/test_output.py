@@ -81,7 +81,7 @@ def test_a_key_that_the_stored_recipe_lacks_has_its_default(tmp_path: Path):
 @pytest.mark.parametrize(
     ("change", "said"),
     [
-        (lambda text: text.replace("mirrors: colour", "polish: 1"), "cannot read .*recipe.yaml: 'polish': unknown key"),
+        (lambda text: text.replace("mirrors: colour", "polish: 1"), r"cannot read .*'train\[0\]\.polish': unknown key"),
         (lambda text: "name: [", "cannot read .*not readable as YAML"),
         (lambda text: text.replace("by nte", "by nte 0."), "another version of nte"),
         (lambda text: text.replace("# Rendered", "# scene.yaml: 0123456789abcdef\n# Rendered"), "another recipe"),
