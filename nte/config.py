@@ -1,8 +1,8 @@
 """Loader of YAML files with a typed schema: unknown keys, wrong types and resolvers are one-line errors."""
 
 import re
-from collections.abc import Callable, Iterator, Sequence
-from contextlib import contextmanager, suppress
+from collections.abc import Callable, Sequence
+from contextlib import suppress
 from dataclasses import fields, is_dataclass
 from pathlib import Path
 from typing import Any, TypeVar, get_args, get_origin, get_type_hints
@@ -17,7 +17,7 @@ from omegaconf.errors import (
 )
 from yaml import MarkedYAMLError, YAMLError
 
-from nte.errors import NteError, expected_one_of
+from nte.errors import NteError, expected_one_of, naming
 from nte.files import is_inside
 from nte.shipped import beside
 
@@ -77,7 +77,7 @@ def load_config(
         key = getattr(error, "full_key", None)
         where = f"'{_place(schema, loaded) if source == str(path) else ''}{key}': " if key else ""
         raise NteError(f"{source}: {where}{problem_with(error)}") from error
-    with _naming(path):
+    with naming(path):
         _refuse_nested(made, type(made))
         check(made)
     return made
@@ -122,15 +122,6 @@ def _refuse_nested(value: object, hint: object, key: str = "") -> None:
             _refuse_nested(entry, of_entry, f"{key}[{place}]" if isinstance(value, list) else f"{key}.{place}")
 
 
-@contextmanager
-def _naming(source: object) -> Iterator[None]:
-    """Put the source before the message of an NteError that the block raises."""
-    try:
-        yield
-    except NteError as error:
-        raise NteError(f"{source}: {error}") from error
-
-
 def _chosen(
     choose: Callable[[Callable[[str], Any]], Schema], loaded: DictConfig, typed: DictConfig, source: str
 ) -> Schema:
@@ -139,7 +130,7 @@ def _chosen(
     def said(key: str) -> Any:
         return OmegaConf.select(typed, key, default=OmegaConf.select(loaded, key))
 
-    with _naming(source):
+    with naming(source):
         return choose(said)
 
 

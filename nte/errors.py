@@ -1,7 +1,8 @@
 """NteError, the one error that is meant for users, and what makes its messages."""
 
 import re
-from collections.abc import Iterable
+from collections.abc import Iterable, Iterator
+from contextlib import contextmanager
 from difflib import get_close_matches
 
 
@@ -11,6 +12,15 @@ class NteError(Exception):
     The message says what was found, where, what was expected and what to do. The command line prints it without a
     traceback and exits with status 2; any other exception is a bug in nte.
     """
+
+
+@contextmanager
+def naming(source: object) -> Iterator[None]:
+    """Put the source before the message of an NteError that the block raises."""
+    try:
+        yield
+    except NteError as error:
+        raise NteError(f"{source}: {error}") from error
 
 
 DISTRIBUTION = "nte-denoiser"  # the name on PyPI, where `nte` is somebody else's package

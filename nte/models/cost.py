@@ -1,6 +1,7 @@
 """The cost of a network, measured by running it: parameters, multiply-accumulates per pixel, receptive field."""
 
 import copy
+import math
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from typing import Any, TypeAlias
@@ -84,8 +85,8 @@ def receptive_field(network: TrainableDenoiser, longest: int = 4096) -> int:
     network = copy.deepcopy(network).requires_grad_(False)
     generator = torch.Generator().manual_seed(0)
     for weights in network.parameters():
-        fan = max(1, weights.numel() // max(1, len(weights))) if weights.ndim else 1
-        weights.copy_(torch.randn(weights.shape, generator=generator) / fan**0.5)
+        inputs = math.prod(weights.shape[1:])
+        weights.copy_(torch.randn(weights.shape, generator=generator) / inputs**0.5)
     wide = 256
     while True:
         found = _reach(network, wide)

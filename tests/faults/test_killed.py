@@ -4,7 +4,6 @@ What a killed process leaves in a folder changes only when it opens, renames or 
 before such an operation: the first, and some later ones.
 """
 
-import multiprocessing
 import os
 import random
 import signal
@@ -15,19 +14,12 @@ from pathlib import Path
 
 import pytest
 
-from nte.cli import main
-from nte.runtime import export
 from tests.conftest import Rounds
 from tests.faults.commands import COMMANDS, command, contents
+from tests.faults.watched import WARM, watched
 
 pytestmark = [pytest.mark.slow, pytest.mark.filterwarnings("ignore::nte.motion.correspondence.FewerLevelsWarning")]
 OPERATIONS = ("open", "os.rename", "os.remove", "os.rmdir", "os.mkdir", "os.scandir")
-# Forks processes that have imported what the commands need, and have started no thread yet.
-WARM = multiprocessing.get_context("forkserver")
-WARM.set_forkserver_preload(
-    [f"nte.{name}" for name in ("evaluation.evaluate", "estimation", "filters.taa", "runtime.export", "sequences")]
-    + ["nte.training.run", "onnxscript", "flip_evaluator", "PIL.Image", "matplotlib.pyplot", __name__]
-)
 
 
 def dying(arguments: Sequence[str], folder: str, moment: int, tell: Connection) -> None:
@@ -44,11 +36,7 @@ def dying(arguments: Sequence[str], folder: str, moment: int, tell: Connection) 
             if done == moment:
                 os.kill(os.getpid(), signal.SIGKILL)
 
-    export.CHECK_FRAMES = 2  # the check takes long, and changes no file
-    with open(os.devnull, "w") as nowhere:
-        sys.stdout = sys.stderr = nowhere
-        sys.addaudithook(audit)
-        code = main(arguments)
+    code = watched(arguments, audit)
     tell.send(done)
     sys.exit(code)
 

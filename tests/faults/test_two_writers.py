@@ -15,7 +15,7 @@ from nte.cli import main
 from nte.runtime import export
 from tests.conftest import Rounds
 from tests.faults.commands import COMMANDS, command, contents
-from tests.faults.test_killed import WARM
+from tests.faults.watched import WARM, watched
 
 pytestmark = [pytest.mark.slow, pytest.mark.filterwarnings("ignore::nte.motion.correspondence.FewerLevelsWarning")]
 SECONDS = 300  # for a command to come to the moment at which it stands still, or to its end
@@ -39,11 +39,7 @@ def standing(arguments: Sequence[str], folder: str, moment: int, ours: Connectio
                 ours.send(True)
                 ours.recv()
 
-    export.CHECK_FRAMES = 2  # the check takes long, and changes no file
-    with open(os.devnull, "w") as nowhere:
-        sys.stdout = sys.stderr = nowhere
-        sys.addaudithook(audit)
-        code = main(arguments)
+    code = watched(arguments, audit)
     ours.send(placed)
     sys.exit(code)
 

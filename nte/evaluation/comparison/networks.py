@@ -10,7 +10,7 @@ from tempfile import TemporaryDirectory
 import torch
 
 from nte.config import to_yaml
-from nte.errors import NteError
+from nte.errors import NteError, naming
 from nte.evaluation.comparison.schema import Comparison
 from nte.evaluation.units import share_threads
 from nte.files import make_folder
@@ -56,7 +56,7 @@ def trainings(comparison: Comparison, data: Path, runs: Path, device: str) -> li
     for title in wanted:
         network = comparison.networks[title]
         for seed in comparison.seeds_of(title):
-            with _naming(title):
+            with naming(f"networks.{title}"):
                 config = load_train_config(Path(network.config), [*comparison.overrides, *network.overrides])
             config.seed, config.name, config.runs = seed, f"{title}_seed{seed}", str(runs)
             config.resume = True
@@ -64,18 +64,9 @@ def trainings(comparison: Comparison, data: Path, runs: Path, device: str) -> li
                 config.data.clips = [str(data / folder) for folder in comparison.train]
             found.append(Training(title, seed, config, device))
     for unit in one_of_each(found):
-        with _naming(unit.title):
+        with naming(f"networks.{unit.title}"):
             _require_consistent(unit.config, runs)
     return found
-
-
-@contextmanager
-def _naming(title: str) -> Iterator[None]:
-    """Put a network's title before the message of an NteError that the block raises."""
-    try:
-        yield
-    except NteError as error:
-        raise NteError(f"networks.{title}: {error}") from error
 
 
 def one_of_each(units: Iterable[Training]) -> list[Training]:
@@ -120,7 +111,7 @@ def require_clips(units: Iterable[Training]) -> None:
     told: dict[str, Warning] = {}
     seen: dict[str, tuple[str, list[Path], list[str]]] = {}
     for unit in one_of_each(units):
-        with _naming(unit.title), warnings.catch_warnings(record=True) as caught:
+        with naming(f"networks.{unit.title}"), warnings.catch_warnings(record=True) as caught:
             warnings.simplefilter("always")
             material = open_material(unit.config, make_network(unit.config.network), unit.folder / DECODED)
         clips, said = [clip.folder for clip in material.data.clips], [str(warning.message) for warning in caught]
