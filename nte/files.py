@@ -33,26 +33,37 @@ def writing(path: Path) -> Iterator[None]:
         raise NteError(f"{path}: cannot be written: {error.strerror or error}") from error
 
 
-def write_whole(path: Path, write: Callable[[Path], object]) -> None:
-    """Call `write` with a temporary name beside `path`, then rename the result, so that the file is whole or absent.
+@contextmanager
+def whole(path: Path) -> Iterator[Path]:
+    """Yield a temporary name beside `path`; the file of that name is renamed after the block, or removed if it raises.
 
-    Leftovers of this file from killed processes are removed first. Raises NteError, with the temporary file removed, if
-    writing fails (no space left, no permission).
+    Leftovers of this file from killed processes are removed first. Raises NteError if it cannot be renamed.
     """
-    path = Path(path)
     sweep(path.parent, path.name)
     temporary = temporary_name(path)
     try:
-        write(temporary)
-        with temporary.open("rb") as file:
-            os.fsync(file.fileno())
-        temporary.replace(path)
-    except (OSError, RuntimeError) as error:
-        reason = getattr(error, "strerror", None) or error
-        raise NteError(f"{path}: cannot be written: {reason}") from error
+        yield temporary
+        with writing(path):
+            with temporary.open("rb") as file:
+                os.fsync(file.fileno())
+            temporary.replace(path)
     finally:
         with suppress(OSError):  # from a folder that cannot be written to: the error above says so
             temporary.unlink(missing_ok=True)
+
+
+def write_whole(path: Path, write: Callable[[Path], object]) -> None:
+    """Call `write` with a temporary name beside `path`, so that the file is whole or absent.
+
+    Raises NteError, with the temporary file removed, if writing fails (no space left, no permission).
+    """
+    path = Path(path)
+    try:
+        with whole(path) as temporary:
+            write(temporary)
+    except (OSError, RuntimeError) as error:
+        reason = getattr(error, "strerror", None) or error
+        raise NteError(f"{path}: cannot be written: {reason}") from error
 
 
 def sweep(folder: Path, name: str = "*") -> None:

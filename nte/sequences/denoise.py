@@ -19,7 +19,6 @@ from nte.overlap import ahead, behind
 from nte.progress import Progress
 from nte.sequences.pictures import Denoised, Pictures, PictureSettings
 from nte.sequences.sources import open_source
-from nte.sequences.video import write_video
 from nte.unfinished import begin, finish, is_unfinished
 
 
@@ -71,22 +70,14 @@ def denoise_files(
                     remove(path)  # until its frames are all there
             planes = source.layers(source.warm_up + number, image.pixels)
             copy_exr(files[number], written[number], planes, dark_counts)
-            return replace(image, picture=drawn.write(image))
+            drawn.write(image)
+            return image
 
-        def finished() -> Iterator[Denoised]:
-            nonlocal done
-            images = _denoised(ahead(source.frames), Session(denoiser), exposure, source.warm_up)
+        images = _denoised(ahead(source.frames), Session(denoiser), exposure, source.warm_up)
+        with drawn.videos():
             for done in behind(write, images):
                 progress.advance(1)
                 progress.say(written[done.number].name)
-                yield done
-
-        if pictures.video:
-            shown = (image.picture for image in finished() if image.picture is not None)
-            write_video(pictures.video, shown, pictures.fps)
-        else:
-            for _ in finished():
-                pass
         if source.clip and done and info:
             write_clip_info(out, {**source.clip.info, "seeds": 1, "exposure": done.exposure})
         finish(out)
