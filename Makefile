@@ -86,7 +86,7 @@ bench: $(INSTALLED)
 $(INSTALLED): pyproject.toml constraints.txt
 	@$(PYTHON) -c "import sys; sys.version_info >= (3, 11) or sys.exit('nte needs Python 3.11 or newer, this is ' + sys.version.split()[0] + ': make PYTHON=python3.11 …')"
 	$(PYTHON) -m venv $(VENV)
-	$(BIN)/pip install --quiet --disable-pip-version-check -c constraints.txt -e '.[render,train,eval,import,cluster,compare,burst,openvino,video,view,docs,dev]'
+	$(BIN)/pip install --quiet --disable-pip-version-check -c constraints.txt -e '.[render,train,eval,import,cluster,oidn,compare,burst,openvino,video,view,docs,dev]'
 	@touch $@
 
 # Before a release, with a network: the lock file, known vulnerabilities of what is in it, and a bill of materials.
@@ -112,7 +112,7 @@ compat-lowest compat-newest: $(INSTALLED)
 	$(BIN)/python -m tests.lowest > build/lowest.txt
 	build/uv/bin/uv venv --quiet --clear --python $(PYTHON) $(VENV)/$@
 	build/uv/bin/uv pip install --quiet --python $(VENV)/$@ $(VERSIONS) \
-		-e '.[render,train,eval,import,cluster,compare,burst,openvino,video,view,docs,dev]'
+		-e '.[render,train,eval,import,cluster,oidn,compare,burst,openvino,video,view,docs,dev]'
 	$(VENV)/$@/bin/pytest -n auto --maxprocesses 8 --dist worksteal -m "not slow"
 
 clean:

@@ -57,7 +57,7 @@ class Oidn(Filter[OidnOptions]):
         try:
             import pyoidn
         except ImportError as error:
-            raise needs_extra("compare", "oidn", error) from error
+            raise needs_extra("oidn", "oidn", error) from error
         self.target = self.options.target
         self.needs = (self.target,)
         self._denoise = pyoidn.denoise
@@ -69,8 +69,9 @@ class Oidn(Filter[OidnOptions]):
         arrays = frame.numpy()
         prefilter, clean_aux = self._switches(frame)
         color = _interleaved(arrays[self.target])
-        albedo = _interleaved(arrays["albedo"]) if "albedo" in frame else [None] * len(color)
-        normal = _interleaved(arrays["normal"]) if "normal" in frame else [None] * len(color)
+        has_albedo = "albedo" in frame  # without it OIDN takes no normals either
+        albedo = _interleaved(arrays["albedo"]) if has_albedo else [None] * len(color)
+        normal = _interleaved(arrays["normal"]) if has_albedo and "normal" in frame else [None] * len(color)
         denoised = []
         for image, *guides in zip(color, albedo, normal, strict=True):
             if prefilter:
@@ -83,11 +84,11 @@ class Oidn(Filter[OidnOptions]):
         """Return the options in effect for a frame like this one, as a user would type them."""
         prefilter, clean_aux = self._switches(frame)
         found = f"quality={self.options.quality},clean_aux={clean_aux},prefilter={prefilter}".lower()
-        return found if any(name in frame for name in GUIDES) else f"quality={self.options.quality}, without guides"
+        return found if "albedo" in frame else f"quality={self.options.quality}, without guides"
 
     def _switches(self, frame: Frame) -> tuple[bool, bool]:
         """The values of prefilter and clean_aux for a frame."""
-        if not any(name in frame for name in GUIDES):
+        if "albedo" not in frame:
             return False, False
         clean, given, prefilter = bool(frame.clean_guides), self.options.clean_aux, self.options.prefilter
         prefilter = not clean and given is None if prefilter is None else prefilter

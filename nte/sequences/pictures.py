@@ -20,10 +20,10 @@ from nte.sequences.video import FORMATS, open_video, require_video
 class PictureSettings:
     """What is written besides the denoised frames.
 
-    png: a picture beside each frame. video: a file (.mp4, .webp) of all pictures, `fps` a second. before_after: noisy on
-    the left and denoised on the right, of the frame in the middle of the sequence (.png) or of all frames (.mp4, .webp).
-    view: the view transform, see `nte.frames.views.find_view`; None takes `standard` for frames of another renderer,
-    `nte` for others.
+    png: a picture beside each frame. video: a file (.mp4, .webp) of all pictures, `fps` a second. before_after: noisy
+    on the left and denoised on the right, of the frame in the middle of the sequence (.png) or of all frames (.mp4,
+    .webp). view: the view transform, see `nte.frames.views.find_view`; None takes `standard` for frames of another
+    renderer, `nte` for others.
     """
 
     png: bool = False

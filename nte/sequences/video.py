@@ -5,7 +5,7 @@ from contextlib import contextmanager
 from dataclasses import dataclass, field
 from fractions import Fraction
 from pathlib import Path
-from typing import TYPE_CHECKING, Final
+from typing import TYPE_CHECKING, Final, cast
 
 import numpy as np
 
@@ -84,7 +84,8 @@ def open_video(path: Path, fps: float) -> Iterator[Callable[[RGB], None]]:
 
 
 def _begin(file: "OutputContainer", form: _Format, frame: "VideoFrame", fps: float) -> "VideoStream":
-    stream = file.add_stream(form.codec, rate=Fraction(fps).limit_denominator(1001), options=form.options)
+    rate = Fraction(fps).limit_denominator(1001)
+    stream = cast("VideoStream", file.add_stream(form.codec, rate=rate, options=form.options))
     stream.height, stream.width, stream.pix_fmt = frame.height, frame.width, form.pixels
     if form.muxer == "mp4":
         stream.color_primaries = stream.colorspace = _BT709

@@ -213,7 +213,7 @@ def test_a_switch_that_is_none_names_the_choices(key: str) -> None:
 
 def test_a_missing_pyoidn_names_the_extra(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setitem(sys.modules, "pyoidn", None)
-    raises(r"pip install 'nte-denoiser\[compare\]'", Oidn)
+    raises(r"pip install 'nte-denoiser\[oidn\]'", Oidn)
 
 
 @pytest.mark.parametrize("quality", OidnOptions.choices("quality"))
@@ -227,3 +227,11 @@ def test_one_bright_pixel_stays_where_it_is(quality: str, bright: float) -> None
         denoise(Oidn(OidnOptions(quality)), color=noisy),
     )
     assert image[..., 110:].mean() == pytest.approx(expected[..., 110:].mean(), rel=0.02)
+
+
+def test_normals_without_albedo_are_left_out() -> None:
+    """OIDN has no network for colour and normals alone."""
+    noisy, _ = noisy_gradient()
+    normal = np.zeros_like(noisy)
+    normal[:, 2] = 1
+    np.testing.assert_array_equal(denoise(Oidn(), color=noisy, normal=normal), denoise(Oidn(), color=noisy))
