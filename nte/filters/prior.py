@@ -38,10 +38,8 @@ class OnTop(Denoiser):
     image is then about that of `below`. Raises NteError if the targets differ.
     """
 
-    # The released `steady` against OIDN with the same channels, 12 clips of four families that it never saw, PSNR in
-    # dB of frames 3 to 9: 32.71 and 32.08 with all; without motion both 32.08; without depth 32.38; without albedo
-    # 31.01 and 30.40; without normal 32.05 and 31.28; colour alone both 30.40. With motion, but neither depth nor
-    # guides: 30.31 and 30.40, in one clip 2.7 behind.
+    # What a released model loses is printed by benchmarks/lacking.py, and stands in docs/released.md. With motion, but
+    # neither depth nor guides, `steady` would be 0.1 dB behind OIDN in the mean, and 2.7 in one of twelve clips.
 
     def __init__(self, top: Denoiser, below: Denoiser) -> None:
         if top.target != below.target:
