@@ -29,7 +29,7 @@ def test_it_shows_the_released_model_without_pytorch(tmp_path: Path) -> None:
     assert [*found] == ["noisy, 1 spp", "OIDN high", "steady"]
     noisy, oidn, steady = found.values()
     assert steady[0] > oidn[0] > noisy[0] + 5
-    assert steady[1] < 0.9 * oidn[1] < 0.5 * noisy[1]
+    assert steady[1] < 0.95 * oidn[1] < 0.5 * noisy[1]
     assert len(Clip(tmp_path / "demo")) == len(Clip(CLIP)) == 10
     assert len([*(tmp_path / "demo").glob("frame_*.png")]) == 10
     both = next(tmp_path.glob("demo/before_after.*"))

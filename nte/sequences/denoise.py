@@ -14,11 +14,11 @@ from nte.frames.channels import CHANNELS
 from nte.frames.clip_info import write_clip_info
 from nte.frames.exr_copy import copy_exr
 from nte.frames.frame import Frame
-from nte.frames.scalars import given_exposure, sequence_scalars
+from nte.frames.scalars import given_exposure, known_scalars, sequence_scalars
 from nte.overlap import ahead, behind
 from nte.progress import Progress
 from nte.sequences.pictures import Denoised, Pictures, PictureSettings
-from nte.sequences.sources import open_source
+from nte.sequences.sources import first_frame, open_source
 from nte.unfinished import begin, finish, is_unfinished
 
 
@@ -73,7 +73,9 @@ def denoise_files(
             drawn.write(image)
             return image
 
-        images = _denoised(ahead(source.frames), Session(denoiser), exposure, source.warm_up)
+        # A range is denoised with the exposure and the scale of depth that the whole sequence has.
+        first = first_frame(sources, denoiser.target, map_name, overrides) if wanted else None
+        images = _denoised(ahead(source.frames), Session(denoiser), exposure, source.warm_up, first)
         with drawn.videos():
             for done in behind(write, images):
                 progress.advance(1)
@@ -86,17 +88,24 @@ def denoise_files(
     return written
 
 
-def _denoised(frames: Iterable[Frame], session: Session, exposure: float | None, warm_up: int) -> Iterator[Denoised]:
+def _denoised(
+    frames: Iterable[Frame], session: Session, exposure: float | None, warm_up: int, first: Frame | None
+) -> Iterator[Denoised]:
     """Denoise the frames of a sequence in their order, all with one exposure: the given one, or that of the first.
 
-    warm_up: how many are denoised for the history of those after them alone.
+    warm_up: how many are denoised for the history of those after them alone. first: the first frame of the sequence, if
+    these begin later; its scale of depth counts, too.
     """
     scale = None if exposure is None else np.array([exposure], np.float32)
-    stated = scale is not None
+    stated, scalars = scale is not None, {}
+    if first is not None:
+        depth_scale = known_scalars(first if scale is None else replace(first, exposure=scale))[1]
+        scalars = {} if np.isnan(depth_scale).any() else {"depth_scale": depth_scale}
     for number, frame in enumerate(frames, -warm_up):
         if scale is None:
-            stated, scale = given_exposure(frame) is not None, sequence_scalars(frame)[0]
-        image = session.denoise(replace(frame, exposure=scale))[0]
+            told = frame if first is None else first
+            stated, scale = given_exposure(told) is not None, sequence_scalars(told)[0]
+        image = session.denoise(replace(frame, exposure=scale, **scalars))[0]
         if number >= 0:
             yield Denoised(number, frame[session.denoiser.target][0], image, float(scale[0]), stated)
 

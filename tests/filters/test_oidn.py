@@ -235,3 +235,16 @@ def test_normals_without_albedo_are_left_out() -> None:
     normal = np.zeros_like(noisy)
     normal[:, 2] = 1
     np.testing.assert_array_equal(denoise(Oidn(), color=noisy, normal=normal), denoise(Oidn(), color=noisy))
+
+
+def test_a_library_that_fails_is_one_line(monkeypatch: pytest.MonkeyPatch) -> None:
+    """The package is imported without its library, which is loaded for the first image."""
+
+    def fails(*_: object, **__: object) -> None:
+        raise OSError("cannot load library 'libOpenImageDenoise.so':\n version `GLIBC_2.99' not found")
+
+    monkeypatch.setattr(pyoidn, "denoise", fails)
+    noisy, _ = noisy_gradient()
+    with pytest.raises(NteError, match=r"^Open Image Denoise fails: cannot load .* not found: install") as error:
+        denoise(Oidn(), color=noisy)
+    assert "\n" not in str(error.value)
