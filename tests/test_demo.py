@@ -40,7 +40,7 @@ def test_it_shows_the_released_model_without_pytorch(tmp_path: Path) -> None:
         assert rough[0] > 3 * rough[1]  # the left half is noisy
     again = nte_without_extras("demo", "--out", tmp_path / "demo")
     assert (again.returncode, again.stdout) == (2, "")
-    assert again.stderr.endswith("exists: choose another --out, or overwrite it with --force\n")
+    assert again.stderr.endswith("exists: choose another folder, or overwrite it with --force\n")
 
 
 def test_without_open_image_denoise_the_extra_is_named(
