@@ -30,7 +30,8 @@ class _Format:
 
 FORMATS: Final = {
     ".mp4": _Format("mp4", "libx264", "yuv420p", {"crf": "18"}),
-    ".webp": _Format("webp", "libwebp_anim", "bgra", {"quality": "85"}, {"loop": "0"}),  # 0: for ever
+    # Whole pictures, which are repeated for ever: libwebp_anim leaves out what changes little, in blocks.
+    ".webp": _Format("webp", "libwebp", "bgra", {"quality": "80"}, {"loop": "0"}),
 }
 _BT709, _SRGB_CURVE = 1, 13  # of ITU-T H.273, by which players know the colours
 

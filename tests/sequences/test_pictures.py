@@ -93,6 +93,19 @@ def test_a_moving_picture_shows_both_halves_of_every_frame_for_ever(noisy_disc: 
             assert np.abs(filmed - after).mean() < 8
 
 
+def test_a_moving_picture_follows_light_that_changes_slowly(tmp_path: Path) -> None:
+    """Encoders of animations like to keep what hardly changes, in blocks that are seen."""
+    ramp = np.linspace(60, 100, 96)[:, None] + np.linspace(0, 40, 128)
+    pictures = [np.repeat((ramp + i)[..., None], 3, 2).round().astype(np.uint8) for i in range(10)]
+    with open_video(tmp_path / "slow.webp", 24) as add:
+        for picture in pictures:
+            add(picture)
+    with Image.open(tmp_path / "slow.webp") as found:
+        for index, picture in enumerate(pictures):
+            found.seek(index)
+            assert np.abs(np.asarray(found.convert("RGB")).astype(int) - picture).max() <= 3
+
+
 @pytest.mark.parametrize("name", ["film.mp4", "film.webp"])
 @pytest.mark.parametrize("error", [KeyboardInterrupt(), OSError("another file")])
 def test_a_video_that_is_stopped_leaves_no_file_and_the_error_as_it_is(
