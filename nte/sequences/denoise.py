@@ -13,7 +13,7 @@ from nte.files import only_writer, refuse_to_replace, remove
 from nte.frames.channels import CHANNELS
 from nte.frames.clip_info import write_clip_info
 from nte.frames.exr_copy import copy_exr
-from nte.frames.frame import Frame
+from nte.frames.frame import About, Frame
 from nte.frames.scalars import given_exposure, known_scalars, sequence_scalars
 from nte.overlap import ahead, behind
 from nte.progress import Progress
@@ -97,15 +97,16 @@ def _denoised(
     these begin later; its scale of depth counts, too.
     """
     scale = None if exposure is None else np.array([exposure], np.float32)
-    stated, scalars = scale is not None, {}
+    stated = scale is not None
+    about: About = {}
     if first is not None:
         depth_scale = known_scalars(first if scale is None else replace(first, exposure=scale))[1]
-        scalars = {} if np.isnan(depth_scale).any() else {"depth_scale": depth_scale}
+        about = {} if np.isnan(depth_scale).any() else {"depth_scale": depth_scale}
     for number, frame in enumerate(frames, -warm_up):
         if scale is None:
             told = frame if first is None else first
             stated, scale = given_exposure(told) is not None, sequence_scalars(told)[0]
-        image = session.denoise(replace(frame, exposure=scale, **scalars))[0]
+        image = session.denoise(replace(frame, exposure=scale, **about))[0]
         if number >= 0:
             yield Denoised(number, frame[session.denoiser.target][0], image, float(scale[0]), stated)
 
