@@ -21,7 +21,7 @@ demo: $(INSTALLED)
 	$(BIN)/nte export runs/quickstart --out demo/quickstart.onnx --force
 	$(BIN)/nte denoise data/quickstart/test/rooms_000 --denoiser demo/quickstart.onnx --out demo/denoised --png --force
 	$(BIN)/nte evaluate --clips data/quickstart/test --out demo/report --force \
-		--denoisers noisy taa:clamp=none taa taa:clamp=clip oidn:quality=fast oidn demo/quickstart.onnx
+		--denoisers noisy taa:clamp=none taa taa:clamp=clip oidn:quality=fast oidn demo/quickstart.onnx steady
 
 test: $(INSTALLED)
 	$(BIN)/pytest -n auto --maxprocesses 8 --dist worksteal -m "not slow"
