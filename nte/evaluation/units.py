@@ -122,12 +122,12 @@ def require_scorable(label: str, clip: Clip, denoisers: Mapping[str, Denoiser], 
 
 
 def files_of(spec: str) -> list[Path]:
-    """Find the files that a denoiser is read from: an exported model, a checkpoint, or those of a run folder."""
+    """Find the files that a denoiser is read from: an exported model, or a checkpoint with its run's config.yaml."""
     files = []
     for path in map(Path, parts_of(spec)):
-        inside = [path / name for name in ("config.yaml", "checkpoint.safetensors")] if path.is_dir() else [path]
-        files += [file for file in inside if file.is_file()]
-    return files
+        file = path / "checkpoint.safetensors" if path.is_dir() else path
+        files += [file.with_name("config.yaml"), file] if file.suffix == ".safetensors" else [file]
+    return [file for file in files if file.is_file()]
 
 
 def stamps_of(spec: str) -> tuple[Stamp, ...]:
