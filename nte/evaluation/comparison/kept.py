@@ -23,8 +23,13 @@ _KINDS = ("images", "flip")
 
 
 def unit_digest(unit: ClipUnit) -> str:
-    """Compute a digest of a clip's clip.json, of the denoisers with the bytes of their files, and of nte's version."""
-    info = json.dumps(Clip(unit.clip).info, sort_keys=True)
+    """Compute a digest of all that a unit's scores depend on.
+
+    That is the clip (clip.json; names, sizes and times of its frames), the denoisers with the bytes of their files, how
+    they are scored, and nte's version.
+    """
+    clip = Clip(unit.clip)
+    info = json.dumps([clip.info, clip.stamps()], sort_keys=True)
     how = json.dumps({**asdict(unit), "clip": ""}, sort_keys=True)
     files = [_digest_of(stamp) for spec in unit.denoisers for stamp in stamps_of(spec)]
     return sha256("\n".join([__version__, info, how, *files]).encode()).hexdigest()
