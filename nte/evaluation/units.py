@@ -15,8 +15,9 @@ from nte.evaluation.metric_table import Row
 from nte.evaluation.score_clip import ClipRun, Shown
 from nte.frames.channels import reference_of
 from nte.frames.clip import Clip
-from nte.jobs import Kind, in_processes, on_cluster, require_jobs, versions_of
+from nte.jobs import Kind, in_processes, on_cluster, require_jobs
 from nte.registry import load_denoiser, parts_of
+from nte.version import DENOISING, versions_of
 from nte.viewer.recorder import Recording, recorder_of
 
 Stamp: TypeAlias = tuple[Path, int, int]  # a file, its time of modification in ns, and its size in bytes
@@ -184,7 +185,7 @@ def _threads() -> int:
 
 
 def _versions() -> dict[str, str]:
-    return versions_of("torch", "numpy", "torchmetrics", "flip-evaluator")
+    return versions_of(*DENOISING, "torchmetrics", "flip-evaluator")
 
 
 EVALUATION = Kind("evaluate", share_threads, _versions)

@@ -31,6 +31,7 @@ from nte.frames.scalars import sequence_scalars
 from nte.motion.geometric import scatter_forward_motion
 from nte.recurrence import FORWARD
 from nte.training.plan import digest_of
+from nte.version import DENOISING, __version__, versions_of
 
 TILE = 64  # pixels; a crop of 256 reads 1.6 times its size
 FORMAT = "nte-tiles/1"
@@ -82,6 +83,7 @@ class ClipStore:
     ) -> None:  # fmt: skip
         self.clips, self.folder, self.prior = clips, folder, prior
         self._below = load_filter(prior) if prior else None
+        self._versions = (__version__, versions_of(*DENOISING)) if prior else ()
         self.channels = (*channels, SCATTERED) if scattered else tuple(channels)
         self._open: dict[Key, TiledClip] = {}
         self._told: set[int] = set()
@@ -192,7 +194,8 @@ class ClipStore:
             stamps = clip.stamps(sorted({0, *seeds}))
         except NteError as error:
             raise BrokenClipError(str(error)) from error
-        return digest_of(clip, FORMAT, TILE, self._kept(clip), self.prior, seeds, str(clip.folder.resolve()), stamps)
+        where, made_by = str(clip.folder.resolve()), (self.prior, *self._versions)
+        return digest_of(clip, FORMAT, TILE, self._kept(clip), *made_by, seeds, where, stamps)
 
 
 def means(count: int, first: int, most: int) -> list[tuple[int, ...]]:

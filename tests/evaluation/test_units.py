@@ -1,13 +1,16 @@
 """A clip as a unit of work: what its scores depend on, and with what denoisers are loaded again."""
 
+import importlib.metadata
 from pathlib import Path
 
 import pytest
 
 from nte.config import to_yaml
 from nte.evaluation.comparison.kept import unit_digest
-from nte.evaluation.units import ClipUnit, evaluate_clip
+from nte.evaluation.comparison.networks import TRAINING
+from nte.evaluation.units import EVALUATION, ClipUnit, evaluate_clip
 from nte.models.registry import make_network
+from nte.runtime.providers import PROVIDERS
 from nte.training.checkpoint import PLAIN, module_state, write_checkpoint
 from tests.training.runs import tiny_config
 
@@ -35,3 +38,18 @@ def test_a_run_with_another_configuration_is_another_denoiser(clip: Path, run: P
     config.write_text(config.read_text().replace("kernel_size: 3", "kernel_size: 5"))
     assert unit_digest(unit) != before
     assert "does not fit" in str(evaluate_clip(unit).failed)
+
+
+@pytest.mark.parametrize("package", ["torch", "pyoidn", *sorted({known.package for known in PROVIDERS.values()})])
+def test_scores_and_clusters_depend_on_the_versions_of_all_that_denoises(
+    clip: Path, monkeypatch: pytest.MonkeyPatch, package: str
+) -> None:
+    def found() -> tuple[str, dict[str, str], dict[str, str]]:
+        return unit_digest(unit_of(clip, "noisy")), EVALUATION.versions(), TRAINING.versions()
+
+    def version(name: str) -> str:
+        return "0.0.1" if name == package else installed(name)
+
+    before, installed = found(), importlib.metadata.version
+    monkeypatch.setattr(importlib.metadata, "version", version)
+    assert all(now != then for now, then in zip(found(), before, strict=True))
