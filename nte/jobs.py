@@ -9,7 +9,6 @@ from concurrent.futures import FIRST_COMPLETED, CancelledError, Future, ProcessP
 from concurrent.futures.process import BrokenProcessPool
 from contextlib import chdir, contextmanager, nullcontext
 from dataclasses import dataclass
-from importlib.metadata import PackageNotFoundError, version
 from itertools import islice
 from multiprocessing import active_children, get_context
 from pathlib import Path
@@ -211,17 +210,6 @@ def _token(folder: Path, kind: Kind) -> Iterator[Path]:
 def _neighbours(client: "Client") -> dict[str, int]:
     hosts = {address: worker["host"] for address, worker in client.scheduler_info()["workers"].items()}
     return {address: list(hosts.values()).count(host) for address, host in hosts.items()}
-
-
-def versions_of(*packages: str) -> dict[str, str]:
-    """Look up the versions of installed packages; "none" for one that is missing."""
-    found = {}
-    for name in packages:
-        try:
-            found[name] = version(name)
-        except PackageNotFoundError:
-            found[name] = "none"
-    return found
 
 
 def _versions(kind: Kind) -> dict[str, str]:
