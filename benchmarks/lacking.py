@@ -1,7 +1,7 @@
 """What a released model loses with the channels that frames lack: python -m benchmarks.lacking CLIP…
 
-Prints the mean PSNR in dB of frames 3 on, after the display transform, over the clips, beside Open Image Denoise with the
-same channels, and its gain in the clip where it is least, and where it is most.
+Prints the mean PSNR in dB of frames 3 on, after the display transform, over the clips, beside Open Image Denoise with
+the same channels, and its gain in the clip where it is least, and where it is most.
 """
 
 import warnings
