@@ -89,7 +89,7 @@ $(INSTALLED): pyproject.toml constraints.txt
 	$(BIN)/pip install --quiet --disable-pip-version-check -c constraints.txt -e '.[render,train,eval,import,cluster,oidn,compare,burst,openvino,video,view,docs,dev]'
 	@touch $@
 
-# Before a release, with a network: the lock file, known vulnerabilities of what is in it, and a bill of materials.
+# Before a release, with a network: the lock file, known vulnerabilities of what is in it, and its bill of materials.
 supply: $(INSTALLED)
 	$(PYTHON) -m venv build/supply
 	build/supply/bin/pip install --quiet --disable-pip-version-check uv pip-audit cyclonedx-bom
@@ -97,7 +97,7 @@ supply: $(INSTALLED)
 	build/supply/bin/uv pip compile --quiet pyproject.toml --all-extras -c constraints.txt --generate-hashes --universal \
 		--python-version 3.11.9 --no-annotate --no-header >> build/requirements.lock
 	mv build/requirements.lock requirements.lock
-	build/supply/bin/cyclonedx-py environment $(VENV) --pyproject pyproject.toml -o build/sbom.cdx.json
+	build/supply/bin/cyclonedx-py requirements requirements.lock --pyproject pyproject.toml -o build/sbom.cdx.json
 	build/supply/bin/pip-audit -r requirements.lock --require-hashes --disable-pip
 
 # The fast tests in two more environments: with the lowest version that each bound of pyproject.toml allows, and with

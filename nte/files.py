@@ -13,15 +13,45 @@ from pathlib import Path
 
 from nte.errors import NteError
 
-_HERE = sha256(socket.gethostname().encode()).hexdigest()[:8]
-_OWNER = re.compile(r"\.(?P<host>[0-9a-f]{8})_(?P<process>\d+)_[0-9a-f]{8}\.tmp$")
+_OWNER = re.compile(r"\.(?P<host>[0-9a-f]{8})_(?P<process>\d+)_(?P<birth>[0-9a-f]{8})_[0-9a-f]{8}\.tmp$")
+_UNKNOWN = "0" * 8
 
 _held: set[int] = set()  # descriptors of the folders that this process has locked
 
 
+def _digest(text: str) -> str:
+    return sha256(text.encode()).hexdigest()[:8]
+
+
+def _machine() -> str:
+    """Digest of what the numbers of processes belong to: a machine, or one of the containers of that name on it."""
+    try:
+        numbers = os.readlink("/proc/self/ns/pid")
+    except OSError:
+        numbers = ""
+    return _digest(f"{socket.gethostname()} {numbers}")
+
+
+_HERE = _machine()
+
+
+def _birth(process: int) -> str:
+    """Digest of when a process has begun, since its number is given again, at the latest after a restart.
+
+    _UNKNOWN where the system does not tell.
+    """
+    try:
+        boot = Path("/proc/sys/kernel/random/boot_id").read_text()
+        since_boot = Path(f"/proc/{process}/stat").read_text(errors="replace").rpartition(")")[2].split()[19]
+    except (OSError, IndexError):
+        return _UNKNOWN
+    return _digest(boot + since_boot)
+
+
 def temporary_name(path: Path) -> Path:
-    """Make a hidden name beside `path` that tells who is writing: .NAME.HOST_PROCESS_TOKEN.tmp."""
-    return path.with_name(f".{path.name}.{_HERE}_{os.getpid()}_{secrets.token_hex(4)}.tmp")
+    """Make a hidden name beside `path` that tells who is writing: .NAME.HOST_PROCESS_BIRTH_TOKEN.tmp."""
+    process = os.getpid()
+    return path.with_name(f".{path.name}.{_HERE}_{process}_{_birth(process)}_{secrets.token_hex(4)}.tmp")
 
 
 @contextmanager
@@ -84,10 +114,15 @@ def sweep(folder: Path, name: str = "*") -> None:
 def is_abandoned(path: Path) -> bool:
     """Tell whether a temporary file's writer ran on this machine and is dead; one on another machine may be alive."""
     found = _OWNER.search(path.name)
-    if found is None or found["host"] != _HERE or int(found["process"]) == os.getpid():
+    if found is None or found["host"] != _HERE:
+        return False
+    process = int(found["process"])
+    if _UNKNOWN not in (born := {found["birth"], _birth(process)}):
+        return len(born) == 2  # another process has the number now
+    if process == os.getpid():
         return False
     try:
-        os.kill(int(found["process"]), 0)
+        os.kill(process, 0)
     except ProcessLookupError:
         return True
     except (OSError, OverflowError):  # somebody else's process is alive as well

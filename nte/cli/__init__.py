@@ -79,7 +79,8 @@ def main(argv: Sequence[str] | None = None) -> int:
         print(f"nte: {what}: give it smaller frames or more memory, or fewer --jobs", file=sys.stderr)
         return 2
     except KeyboardInterrupt:
-        print("nte: interrupted; nothing half-written is left", file=sys.stderr)
+        # No more than that: a second Ctrl-C kills workers, whose hidden files the next command sweeps.
+        print("nte: interrupted; every file is whole or absent", file=sys.stderr)
         return 130
 
 

@@ -82,7 +82,6 @@ class ClipStore:
         prior: str = "",
     ) -> None:  # fmt: skip
         self.clips, self.folder, self.prior = clips, folder, prior
-        self._below = load_filter(prior) if prior else None
         self._versions = (__version__, versions_of(*DENOISING)) if prior else ()
         self.channels = (*channels, SCATTERED) if scattered else tuple(channels)
         self._open: dict[Key, TiledClip] = {}
@@ -152,7 +151,8 @@ class ClipStore:
         kept = self._kept(clip)
         tiles = allocate(self._shape(clip), np.float32)
         # Besides the channels that are kept, those that give exposure, depth scale and scattered motion.
-        below = self._below
+        # Made for each clip, so that a store can be sent to a worker process: a denoiser may hold locks and devices.
+        below = load_filter(self.prior) if self.prior else None
         read = () if below is None else (*below.needs, *below.optional)
         wanted = dict.fromkeys((*self.channels, "color", "depth", "motion", *read))
         stored = [name for name in wanted if name in clip.channels]
