@@ -66,10 +66,11 @@ def operations(arguments: Sequence[str], folder: Path) -> int:
     return count
 
 
-# Operations of each command before which it is killed every day; torture draws more of them, and kills the others too.
+# Operations of each command before which it is killed every day; torture draws more of them, and kills the others too:
+# they take long, and are killed every day in test_killed_cluster.py (render) and in training/test_resume.py (train).
 MOMENTS = {
-    "denoise": (1, 14, 27), "loose frames": (9, 17), "estimate": (4, 12, 23), "evaluate": (4, 8, 12), "export": (9,),
-    "import": (8,), "view": (11,),
+    "compare": (9, 19, 30), "denoise": (1, 14, 27), "loose frames": (9, 17), "estimate": (4, 12, 23),
+    "evaluate": (4, 8, 12), "export": (9,), "import": (8,), "merge-burst": (7,), "view": (11,),
 }  # fmt: skip
 OFTEN = {"render": 50}  # kills in torture, where it is not 10
 

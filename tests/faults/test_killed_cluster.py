@@ -99,11 +99,12 @@ def test_the_same_command_ends_as_undisturbed(
 
     assert main(words(tmp_path / "undisturbed")) == 0
     expected, rng = contents(tmp_path / "undisturbed"), random.Random()
+    files = whole_files(tmp_path / "undisturbed")
     for number in range(rounds(f"killed {victim}s of a cluster", 1, 10)):
         out = tmp_path / f"out {number}"
         arguments = [*words(out), "--scheduler", restarted.cluster.address]
         # Files that are there when it is killed.
-        moment = rng.randint(1, len(expected) - 1) if number else len(expected) // 2
+        moment = rng.randint(1, files - 1) if number else files // 2
         with started(arguments) as client:
             wait_for(lambda: whole_files(out) >= moment or client.poll() is not None)  # noqa: B023
             restarted.kill(victim, client)
