@@ -1,5 +1,6 @@
 """What a reader does to the viewer's page, and what they see of it."""
 
+import base64
 import io
 from pathlib import Path
 from typing import Any
@@ -44,6 +45,13 @@ def seen(browser: Browser) -> npt.NDArray[np.float32]:
     """What the canvas shows, (3, H, W) in [0, 1]."""
     browser.mouse("move", 2, 2)
     image = Image.open(io.BytesIO(browser.picture("#canvas"))).convert("RGB")
+    return (np.asarray(image, np.float32) / 255).transpose(2, 0, 1)
+
+
+def drawn(browser: Browser) -> npt.NDArray[np.float32]:
+    """What was drawn on the canvas, without what lies above it, (3, H, W) in [0, 1]."""
+    url: str = browser.run("document.querySelector('#canvas').toDataURL()")
+    image = Image.open(io.BytesIO(base64.b64decode(url.partition(",")[2]))).convert("RGB")
     return (np.asarray(image, np.float32) / 255).transpose(2, 0, 1)
 
 

@@ -47,7 +47,7 @@ export function gridOf(count: number, width: number, height: number, clip: Clip)
   for (let columns = 1; columns <= count; columns++) {
     const rows = Math.ceil(count / columns);
     const zoom = Math.min(width / columns / clip.width, height / rows / clip.height);
-    if (zoom >= best.zoom) best = { columns, zoom };
+    if (zoom >= best.zoom * 0.99) best = { columns, zoom }; // alike: side by side, whatever was rounded
   }
   const rows = Math.ceil(count / best.columns);
   const cell = {

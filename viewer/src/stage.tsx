@@ -57,7 +57,7 @@ export function Stage() {
     let request = 0;
     const stop = effect(() => {
       arrived.value;
-      const { width, height } = size.value;
+      const { width, height, ratio } = size.value;
       const [found, now, index, shown] = [clip.value, seen(), frame.value, panes.value];
       const arrows = vectors.value && found && motionLayer.value ? motionLayer.value : null;
       cancelAnimationFrame(request);
@@ -66,7 +66,10 @@ export function Stage() {
       frameElement.current!.ariaBusy = "true"; // until all that is chosen is drawn
       request = requestAnimationFrame(() => {
         for (const one of [element, overlay.current!]) {
-          if (one.width !== width || one.height !== height) Object.assign(one, { width, height });
+          if (one.width === width && one.height === height) continue;
+          Object.assign(one, { width, height });
+          // The page may have given a fraction of a pixel more, which would blur all others.
+          Object.assign(one.style, { width: `${width / ratio}px`, height: `${height / ratio}px` });
         }
         paint.draw(shown, now, (pane) => [
           peek(found, pane.layer, index), pane.base ? peek(found, pane.base, index) : undefined]);
