@@ -17,7 +17,7 @@ from nte.motion.camera import motion_of, points_from_depth
 
 ENOUGH = 200  # least number of surface pixels that can tell
 MOVES_PX = 2.0  # least median length of the vectors given, or predicted
-NEAR_PX, NEAR = 1.0, 0.2  # vectors that are no farther apart agree: pixels, share of the longer one
+NEAR_PX, NEAR = 0.5, 0.1  # vectors that are no farther apart agree: pixels, share of the longer one
 MOST = 0.05  # cameras are in doubt if a smaller share of the pixels agrees
 
 

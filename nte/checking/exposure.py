@@ -64,9 +64,10 @@ class ExposureTally:
         block = max(1, min(BLOCK, min(frame.size) // ALONG))
         height, width = (-(-side // block) for side in frame.size)
         # The blocks of a picture that is turned over are the same, turned over.
-        sums = F.adaptive_avg_pool2d(torch.where(good, both, 0.0), (height, width)).double()
+        light = torch.where(good, both, 0.0)
+        sums = F.adaptive_avg_pool2d(light, (height, width)).double()
         color, reference = sums[:, :3].mean(1), sums[:, 3:].mean(1)
-        lit = [float((image > 0).any(1).float().mean()) for image in torch.where(good, both, 0.0).split(3, 1)]
+        lit = [float((image > 0).any(1).float().mean()) for image in (light[:, :3], light[:, 3:])]
         self._lit = max(self._lit[0], lit[0]), max(self._lit[1], lit[1])
         if (lit[0] > 0) != (lit[1] > 0):  # a frame without one of them says nothing of their scale
             return

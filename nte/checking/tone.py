@@ -17,10 +17,10 @@ from nte.frames.frame import Frame
 SIDE = 4  # pixels: side of a block
 A_STOP = 2  # bins in a factor of two of brightness
 BINS, MIDDLE = 512, 256  # bins from 2^−128 to 2^128: radiance may have any unit
-ENOUGH, SHARE = 60, 0.004  # least number of values in a bin that tells, and least share of all values
+ENOUGH, SHARE = 120, 0.004  # least number of values in a bin that tells, and least share of all values
 CHANNELS = 3  # the noise of three channels is that of one
 SURE = 3.0  # standard errors of the mean of a bin that count as noise
-TRUSTED = 0.25  # greatest relative standard error of a bin that tells: fewer samples may have missed all the light
+TRUSTED = 0.2  # greatest relative standard error of a bin that tells: fewer samples may have missed all the light
 BENT = 1.05  # least ratio between bins, beyond noise; measured: 0.99 at most in right clips, 1.07 to 30 with curves
 STOPS = 2  # stops of brightness that the bins must span to tell a gentle curve from none
 EXPECTED = "a multiple of color: linear light, not clipped, no tone curve, not encoded for display"

@@ -34,7 +34,7 @@ def test_right_cameras_predict_what_stands_still() -> None:
     assert not list(judge_cameras(found))
 
 
-@pytest.mark.parametrize(("scale", "change"), [(30.0, None), (1 / 30, None), (1.0, np.diag([1.0, -1, 1, 1]))])
+@pytest.mark.parametrize(("scale", "change"), [(30.0, None), (1 / 30, None), (1.0, np.diag([-1.0, 1, 1, 1]))])
 def test_another_unit_or_axis_is_a_doubt(scale: float, change: Floats | None) -> None:
     (finding,) = judge_cameras(predictions(scale, change))
     assert finding.doubt
