@@ -21,7 +21,7 @@ demo: $(INSTALLED)
 	$(BIN)/nte export runs/quickstart --out demo/quickstart.onnx --force
 	$(BIN)/nte denoise data/quickstart/test/rooms_000 --denoiser demo/quickstart.onnx --out demo/denoised --png --force
 	$(BIN)/nte evaluate --clips data/quickstart/test --out demo/report --force \
-		--denoisers noisy taa:clamp=none taa taa:clamp=clip oidn:quality=fast oidn demo/quickstart.onnx
+		--denoisers noisy taa:clamp=none taa taa:clamp=clip oidn:quality=fast oidn demo/quickstart.onnx steady
 
 test: $(INSTALLED)
 	$(BIN)/pytest -n auto --maxprocesses 8 --dist worksteal -m "not slow"
@@ -86,10 +86,10 @@ bench: $(INSTALLED)
 $(INSTALLED): pyproject.toml constraints.txt
 	@$(PYTHON) -c "import sys; sys.version_info >= (3, 11) or sys.exit('nte needs Python 3.11 or newer, this is ' + sys.version.split()[0] + ': make PYTHON=python3.11 …')"
 	$(PYTHON) -m venv $(VENV)
-	$(BIN)/pip install --quiet --disable-pip-version-check -c constraints.txt -e '.[render,train,eval,import,cluster,compare,burst,openvino,video,view,docs,dev]'
+	$(BIN)/pip install --quiet --disable-pip-version-check -c constraints.txt -e '.[render,train,eval,import,cluster,oidn,compare,burst,openvino,video,view,docs,dev]'
 	@touch $@
 
-# Before a release, with a network: the lock file, known vulnerabilities of what is in it, and a bill of materials.
+# Before a release, with a network: the lock file, known vulnerabilities of what is in it, and its bill of materials.
 supply: $(INSTALLED)
 	$(PYTHON) -m venv build/supply
 	build/supply/bin/pip install --quiet --disable-pip-version-check uv pip-audit cyclonedx-bom
@@ -97,7 +97,7 @@ supply: $(INSTALLED)
 	build/supply/bin/uv pip compile --quiet pyproject.toml --all-extras -c constraints.txt --generate-hashes --universal \
 		--python-version 3.11.9 --no-annotate --no-header >> build/requirements.lock
 	mv build/requirements.lock requirements.lock
-	build/supply/bin/cyclonedx-py environment $(VENV) --pyproject pyproject.toml -o build/sbom.cdx.json
+	build/supply/bin/cyclonedx-py requirements requirements.lock --pyproject pyproject.toml -o build/sbom.cdx.json
 	build/supply/bin/pip-audit -r requirements.lock --require-hashes --disable-pip
 
 # The fast tests in two more environments: with the lowest version that each bound of pyproject.toml allows, and with
@@ -112,7 +112,7 @@ compat-lowest compat-newest: $(INSTALLED)
 	$(BIN)/python -m tests.lowest > build/lowest.txt
 	build/uv/bin/uv venv --quiet --clear --python $(PYTHON) $(VENV)/$@
 	build/uv/bin/uv pip install --quiet --python $(VENV)/$@ $(VERSIONS) \
-		-e '.[render,train,eval,import,cluster,compare,burst,openvino,video,view,docs,dev]'
+		-e '.[render,train,eval,import,cluster,oidn,compare,burst,openvino,video,view,docs,dev]'
 	$(VENV)/$@/bin/pytest -n auto --maxprocesses 8 --dist worksteal -m "not slow"
 
 clean:

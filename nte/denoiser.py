@@ -1,5 +1,6 @@
 """The protocol that every denoiser follows, and functions that run one over a sequence."""
 
+import warnings
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from dataclasses import dataclass, field, replace
 from functools import wraps
@@ -15,6 +16,10 @@ from nte.frames.usable import known_cap, light_cap, usable_frame
 from nte.options import Options
 
 State = Any  # what a denoiser carries from frame to frame
+
+
+class MissingChannelWarning(UserWarning):
+    """Warning that frames lack channels without which the result is worse."""
 
 
 @dataclass(frozen=True)
@@ -49,10 +54,12 @@ class Denoiser(Protocol):
 
     needs: tuple[str, ...]  # channels that every frame must have
     optional: tuple[str, ...] = ()  # channels that are used where a frame has them
+    wants: tuple[str, ...] = ()  # those of `optional` whose absence costs so much that a session warns of it
     target: str = "color"  # the channel whose reference the denoiser approximates
     extras: tuple[str, ...] = ()  # names of further outputs that a step returns on request
     components: tuple[str, ...] = ()  # light components that are denoised separately; each is also an extra
     prior: str = ""  # a denoiser by name, whose image of the frame is the channel `prior` (nte.filters.prior)
+    label: str = ""  # what errors call it; "" for the name of its class
     device: str | None = None  # `sanitised` converts frames to PyTorch tensors on this device; None: no conversion
 
     def step(self, frame: Frame, state: State | None, extras: tuple[str, ...] = ()) -> tuple[Result, State]:
@@ -172,7 +179,7 @@ def require_channels(denoiser: Denoiser, available: Iterable[str], where: object
     have = tuple(available)
     missing = [name for name in denoiser.needs if name not in have]
     if missing:
-        name = type(denoiser).__name__
+        name = denoiser.label or type(denoiser).__name__
         what = f"{where}: {name} needs {', '.join(missing)}, which is missing; there is {', '.join(have)}"
         raise NteError(what + way_to(missing))
 
@@ -185,7 +192,7 @@ def require_extras(denoiser: Denoiser, asked: Iterable[str], where: object = "")
     if unknown := [name for name in asked if name not in denoiser.extras]:
         name = f"{where}: " if where else ""
         instead = expected_one_of(unknown[0], denoiser.extras)
-        raise NteError(f"{name}{type(denoiser).__name__} has no extra '{unknown[0]}'{instead}")
+        raise NteError(f"{name}{denoiser.label or type(denoiser).__name__} has no extra '{unknown[0]}'{instead}")
 
 
 def require_size(frame: Frame, history: Array) -> None:
@@ -260,5 +267,9 @@ class Session:
         require_channels(self.denoiser, frame.channels, f"frame {frame.index}")
         require_extras(self.denoiser, extras)
         self._bad.look(frame)
+        if self._state is None and (missing := [name for name in self.denoiser.wants if name not in frame]):
+            where = f"frame {frame.index}: {self.denoiser.label or type(self.denoiser).__name__}"
+            what = f"{where} does without {', '.join(missing)}, which costs quality"
+            warnings.warn(what, MissingChannelWarning, stacklevel=2)
         result, self._state = self.denoiser.step(frame, self._state, extras)
         return result

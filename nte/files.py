@@ -13,15 +13,45 @@ from pathlib import Path
 
 from nte.errors import NteError
 
-_HERE = sha256(socket.gethostname().encode()).hexdigest()[:8]
-_OWNER = re.compile(r"\.(?P<host>[0-9a-f]{8})_(?P<process>\d+)_[0-9a-f]{8}\.tmp$")
+_OWNER = re.compile(r"\.(?P<host>[0-9a-f]{8})_(?P<process>\d+)_(?P<birth>[0-9a-f]{8})_[0-9a-f]{8}\.tmp$")
+_UNKNOWN = "0" * 8
 
 _held: set[int] = set()  # descriptors of the folders that this process has locked
 
 
+def _digest(text: str) -> str:
+    return sha256(text.encode()).hexdigest()[:8]
+
+
+def _machine() -> str:
+    """Digest of what the numbers of processes belong to: a machine, or one of the containers of that name on it."""
+    try:
+        numbers = os.readlink("/proc/self/ns/pid")
+    except OSError:
+        numbers = ""
+    return _digest(f"{socket.gethostname()} {numbers}")
+
+
+_HERE = _machine()
+
+
+def _birth(process: int) -> str:
+    """Digest of when a process has begun, since its number is given again, at the latest after a restart.
+
+    _UNKNOWN where the system does not tell.
+    """
+    try:
+        boot = Path("/proc/sys/kernel/random/boot_id").read_text()
+        since_boot = Path(f"/proc/{process}/stat").read_text(errors="replace").rpartition(")")[2].split()[19]
+    except (OSError, IndexError):
+        return _UNKNOWN
+    return _digest(boot + since_boot)
+
+
 def temporary_name(path: Path) -> Path:
-    """Make a hidden name beside `path` that tells who is writing: .NAME.HOST_PROCESS_TOKEN.tmp."""
-    return path.with_name(f".{path.name}.{_HERE}_{os.getpid()}_{secrets.token_hex(4)}.tmp")
+    """Make a hidden name beside `path` that tells who is writing: .NAME.HOST_PROCESS_BIRTH_TOKEN.tmp."""
+    process = os.getpid()
+    return path.with_name(f".{path.name}.{_HERE}_{process}_{_birth(process)}_{secrets.token_hex(4)}.tmp")
 
 
 @contextmanager
@@ -33,26 +63,37 @@ def writing(path: Path) -> Iterator[None]:
         raise NteError(f"{path}: cannot be written: {error.strerror or error}") from error
 
 
-def write_whole(path: Path, write: Callable[[Path], object]) -> None:
-    """Call `write` with a temporary name beside `path`, then rename the result, so that the file is whole or absent.
+@contextmanager
+def whole(path: Path) -> Iterator[Path]:
+    """Yield a temporary name beside `path`; the file of that name is renamed after the block, or removed if it raises.
 
-    Leftovers of this file from killed processes are removed first. Raises NteError, with the temporary file removed, if
-    writing fails (no space left, no permission).
+    Leftovers of this file from killed processes are removed first. Raises NteError if it cannot be renamed.
     """
-    path = Path(path)
     sweep(path.parent, path.name)
     temporary = temporary_name(path)
     try:
-        write(temporary)
-        with temporary.open("rb") as file:
-            os.fsync(file.fileno())
-        temporary.replace(path)
-    except (OSError, RuntimeError) as error:
-        reason = getattr(error, "strerror", None) or error
-        raise NteError(f"{path}: cannot be written: {reason}") from error
+        yield temporary
+        with writing(path):
+            with temporary.open("rb") as file:
+                os.fsync(file.fileno())
+            temporary.replace(path)
     finally:
         with suppress(OSError):  # from a folder that cannot be written to: the error above says so
             temporary.unlink(missing_ok=True)
+
+
+def write_whole(path: Path, write: Callable[[Path], object]) -> None:
+    """Call `write` with a temporary name beside `path`, so that the file is whole or absent.
+
+    Raises NteError, with the temporary file removed, if writing fails (no space left, no permission).
+    """
+    path = Path(path)
+    try:
+        with whole(path) as temporary:
+            write(temporary)
+    except (OSError, RuntimeError) as error:
+        reason = getattr(error, "strerror", None) or error
+        raise NteError(f"{path}: cannot be written: {reason}") from error
 
 
 def sweep(folder: Path, name: str = "*") -> None:
@@ -73,10 +114,15 @@ def sweep(folder: Path, name: str = "*") -> None:
 def is_abandoned(path: Path) -> bool:
     """Tell whether a temporary file's writer ran on this machine and is dead; one on another machine may be alive."""
     found = _OWNER.search(path.name)
-    if found is None or found["host"] != _HERE or int(found["process"]) == os.getpid():
+    if found is None or found["host"] != _HERE:
+        return False
+    process = int(found["process"])
+    if _UNKNOWN not in (born := {found["birth"], _birth(process)}):
+        return len(born) == 2  # another process has the number now
+    if process == os.getpid():
         return False
     try:
-        os.kill(int(found["process"]), 0)
+        os.kill(process, 0)
     except ProcessLookupError:
         return True
     except (OSError, OverflowError):  # somebody else's process is alive as well

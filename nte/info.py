@@ -19,7 +19,7 @@ def describe(source: Path) -> str:
     A network is described with its cost: parameters, multiply-accumulates per pixel, receptive field. Raises NteError
     for anything else.
     """
-    if not source.exists():
+    if not source.is_file() and not any((source / name).is_file() for name in ("clip.json", "config.yaml")):
         source = model_path(str(source)) or source
     if (source / "clip.json").is_file():
         return _clip(Clip(source))

@@ -4,12 +4,13 @@ Work is a list of units, such as the clips of a recipe. A unit depends on nothin
 whole or absent, so nothing has to be locked: a unit whose worker dies is done again by another one.
 """
 
+import time
+import warnings
 from collections.abc import Callable, Iterator, Mapping
 from concurrent.futures import FIRST_COMPLETED, CancelledError, Future, ProcessPoolExecutor, wait
 from concurrent.futures.process import BrokenProcessPool
 from contextlib import chdir, contextmanager, nullcontext
 from dataclasses import dataclass
-from importlib.metadata import PackageNotFoundError, version
 from itertools import islice
 from multiprocessing import active_children, get_context
 from pathlib import Path
@@ -22,6 +23,7 @@ from nte.interrupt import StoppedError, stop_when_told, stoppable, stopping_work
 from nte.version import __version__
 
 if TYPE_CHECKING:
+    import distributed
     from distributed import Client, Worker
 
 Unit = TypeVar("Unit")
@@ -29,6 +31,12 @@ Result = TypeVar("Result")
 
 QUEUED = 500  # units that a scheduler has at a time, more than a cluster has workers
 PATIENCE = 10  # seconds within which a scheduler must answer and have a worker
+RETURN = 300  # seconds within which workers must be back, once all have gone: a batch system may start others
+LOOK = 1  # seconds without a result after which we look whether there are workers
+
+
+class NoWorkersWarning(UserWarning):
+    """Warning that a cluster has lost its last worker, and that its work waits for another."""
 
 
 @dataclass(frozen=True)
@@ -132,7 +140,8 @@ def on_cluster(
 
     units: name → unit. Every worker must see `folder`, where the results go, and whatever files a unit names under the
     same paths, and have the same versions of nte and of what the work depends on. A unit whose worker dies is done
-    again by another. Raises NteError where no scheduler answers, a worker does not fit, or a unit fails.
+    again by another. Raises NteError where no scheduler answers, no worker is left for RETURN seconds, a worker does
+    not fit, or a unit fails.
     """
     try:
         import dask
@@ -159,7 +168,7 @@ def on_cluster(
         name = ""
         try:
             begin(QUEUED)
-            for future in ended:
+            for future in _as_they_end(ended, client, kind, address):
                 name = running.pop(future)
                 begin(1)
                 done(name, future.result())
@@ -188,6 +197,42 @@ def _connected(distributed: ModuleType, address: str) -> Iterator["Client"]:
         yield client
 
 
+def _as_they_end(
+    ended: "distributed.as_completed", client: "Client", kind: Kind, address: str
+) -> Iterator["distributed.Future"]:
+    """Yield futures as they end. Raises NteError where there is nobody left to end them: Dask would wait forever."""
+    start = f"start some with: dask worker {address} --nthreads 1"
+    seen = looked = time.monotonic()  # when there were workers; when we looked
+    told = False
+    while not ended.is_empty():
+        if ended.has_ready():
+            yield next(ended)
+            seen = time.monotonic()
+            continue
+        with ended.thread_condition:
+            ended.thread_condition.wait(0.1)  # as its __next__ does
+        if (now := time.monotonic()) < looked + LOOK:
+            continue
+        if _has_workers(client):
+            seen, told = now, False
+        elif now - seen > RETURN:
+            again = f"{start}, and {kind.verb} again, what is done is kept"
+            raise NteError(f"the scheduler at {address} has lost its last worker: {again}")
+        elif now - seen > PATIENCE and not told:
+            told = True
+            text = f"the scheduler at {address} has no workers left: {start}; this waits for {RETURN} seconds"
+            warnings.warn(text, NoWorkersWarning, stacklevel=2)
+        looked = time.monotonic()
+
+
+def _has_workers(client: "Client") -> bool:
+    """Tell whether the scheduler has workers; true where it does not answer, which the client notices by itself."""
+    try:
+        return bool(client.sync(client.scheduler.ncores, callback_timeout=PATIENCE))
+    except (OSError, TimeoutError):
+        return True
+
+
 @contextmanager
 def _or(lost: str, distributed: ModuleType) -> Iterator[None]:
     """Raise NteError with the text `lost` if the scheduler goes away within the block."""
@@ -211,17 +256,6 @@ def _token(folder: Path, kind: Kind) -> Iterator[Path]:
 def _neighbours(client: "Client") -> dict[str, int]:
     hosts = {address: worker["host"] for address, worker in client.scheduler_info()["workers"].items()}
     return {address: list(hosts.values()).count(host) for address, host in hosts.items()}
-
-
-def versions_of(*packages: str) -> dict[str, str]:
-    """Look up the versions of installed packages; "none" for one that is missing."""
-    found = {}
-    for name in packages:
-        try:
-            found[name] = version(name)
-        except PackageNotFoundError:
-            found[name] = "none"
-    return found
 
 
 def _versions(kind: Kind) -> dict[str, str]:

@@ -90,7 +90,7 @@ def model_of(spec: str) -> tuple[Path, str] | None:
     if spec.endswith(_MODEL) or marked:
         return (Path(spec), "") if spec.endswith(_MODEL) else (Path(path + _MODEL), text)
     name, _, text = spec.partition(":")
-    released = None if isdir(spec) else model_path(name)
+    released = None if isfile(Path(spec, "config.yaml")) else model_path(name)
     return None if released is None else (released, text)
 
 

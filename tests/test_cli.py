@@ -270,7 +270,7 @@ def test_sigterm_is_an_interruption(
         assert main(["info", "clip"]) == 130
     finally:
         signal.signal(signal.SIGINT, on_interrupt)
-    assert capsys.readouterr().err == "nte: interrupted; nothing half-written is left\n"
+    assert capsys.readouterr().err == "nte: interrupted; every file is whole or absent\n"
     assert signal.getsignal(signal.SIGTERM) is before
 
 

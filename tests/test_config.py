@@ -101,7 +101,6 @@ RIVALS = {
     "ntasd": {"loss.occlusion": 0.0, "network.motion": "traditional"},
     "ntasd_no_feedback": {"loss.occlusion": 0.0, "network.motion": "traditional", "network.feed_warped": False},
     "kpcn": {"network.scales": 1, "network.temporal": False, "network.feed_warped": False},
-    "single_frame": {"network.temporal": False, "network.feed_warped": False},
     "no_temporal_kernel": {"network.temporal": False},
     "mean": {"network.downsample": "mean"},
     "scales_1": {"network.scales": 1},
@@ -112,7 +111,6 @@ RIVALS = {
     "loss_linear": {"loss.space": "linear"},
     "loss_display": {"loss.space": "display"},
     "feature_history": {"network.feature_history": 8},
-    "statistics": {"network.moments": True, "network.history_length": True},
 }
 
 

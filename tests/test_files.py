@@ -1,9 +1,11 @@
 """Files stay whole and folders have one writer, also when processes are killed or the disk is read-only."""
 
 import os
+import shutil
 import signal
 import subprocess
 import sys
+from collections.abc import Callable
 from pathlib import Path
 
 import pytest
@@ -39,7 +41,7 @@ def test_what_a_killed_writer_left_is_gone_after_the_next_write(tmp_path: Path) 
     (left,) = tmp_path.glob(".other.txt.*")
     assert len(list(tmp_path.iterdir())) == 3
     assert is_abandoned(left)
-    mine, elsewhere = temporary_name(tmp_path / name), tmp_path / f".{name}.00000000_1_00000000.tmp"
+    mine, elsewhere = temporary_name(tmp_path / name), tmp_path / f".{name}.00000000_1_00000000_00000000.tmp"
     for path in (mine, elsewhere, tmp_path / f".{name}.tmp", tmp_path / f".{name}.mine.tmp"):
         path.write_text("somebody is writing, or nobody knows")
     write_whole(tmp_path / name, lambda path: path.write_text("whole"))
@@ -84,14 +86,23 @@ def test_a_folder_is_no_file_to_write(path: Path) -> None:
         pass
 
 
-def test_a_file_has_one_writer_and_is_not_replaced_without_force(tmp_path: Path) -> None:
+def name_of_parent(path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    """The temporary name that the process which has started this one would make."""
+    with monkeypatch.context() as patch:
+        patch.setattr(os, "getpid", os.getppid)
+        return temporary_name(path)
+
+
+def test_a_file_has_one_writer_and_is_not_replaced_without_force(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     path = tmp_path / "new" / "model[1].onnx"
     with only_writer_of(path, force=False):
         write_whole(path, lambda temporary: temporary.write_text("first"))
     assert list(path.parent.iterdir()) == [path]
     with pytest.raises(NteError, match=r"model\[1\]\.onnx: exists: .*--force"), only_writer_of(path, force=False):
         pass
-    alive = temporary_name(path).name.replace(f"_{os.getpid()}_", f"_{os.getppid()}_")
+    alive = name_of_parent(path, monkeypatch).name
     other = path.with_name(alive.replace("model", "other.model"))
     other.touch()  # of another file
     with only_writer_of(path, force=True):
@@ -106,6 +117,36 @@ def test_a_file_has_one_writer_and_is_not_replaced_without_force(tmp_path: Path)
     with pytest.raises(NteError, match="wrong input"), only_writer_of(tmp_path / "none" / "a", force=False):
         raise NteError("wrong input")
     assert not (tmp_path / "none").exists()
+
+
+@pytest.mark.skipif(not Path("/proc/self/stat").exists(), reason="this system does not tell when a process began")
+@pytest.mark.parametrize("now", [os.getpid, os.getppid])
+def test_a_leftover_whose_number_another_process_has_now_is_one(now: Callable[[], int], tmp_path: Path) -> None:
+    """As after a reboot, or in a container that is started again: its first process has the number 1 each time."""
+    path = tmp_path / "model.onnx"
+    command = [
+        sys.executable,
+        "-c",
+        f"from nte.files import *; print(temporary_name(Path({str(path)!r})), os.getpid())",
+    ]
+    left, _, number = subprocess.run(command, stdout=subprocess.PIPE, text=True, check=True).stdout.rpartition(" ")
+    Path(left.replace(f"_{int(number)}_", f"_{now()}_")).touch()
+    with only_writer_of(path, force=False):
+        assert len(list(tmp_path.iterdir())) == 1
+    assert not list(tmp_path.iterdir())
+
+
+@pytest.mark.slow
+def test_containers_with_one_name_leave_each_others_files_alone(tmp_path: Path) -> None:
+    """A container has numbers of its own: that of a live process outside is nobody's there, or somebody else's."""
+    apart = ["unshare", "--pid", "--fork", "--mount-proc"]
+    if shutil.which("unshare") is None or subprocess.run([*apart, "true"], capture_output=True, check=False).returncode:
+        pytest.skip("this machine lets us make no namespaces")
+    mine = temporary_name(tmp_path / "model.onnx")
+    mine.touch()
+    code = "import sys; from pathlib import Path; from nte.files import sweep; sweep(Path(sys.argv[1]))"
+    subprocess.run([*apart, sys.executable, "-c", code, str(tmp_path)], check=True)
+    assert mine.exists()
 
 
 def test_links_are_refused_at_any_depth_and_not_followed(tmp_path: Path) -> None:

@@ -29,3 +29,8 @@ def test_whatever_nte_asks_for_is_locked() -> None:
     asked = [*project["dependencies"], *(one for extra in project["optional-dependencies"].values() for one in extra)]
     names = {plain(found[0]) for one in asked if (found := re.match(r"[A-Za-z0-9._-]+", one))}
     assert names - {plain(project["name"])} <= set(entries(ROOT / "requirements.lock"))
+
+
+def test_the_bill_of_materials_is_of_what_is_locked_and_not_of_what_somebody_has_installed() -> None:
+    (line,) = [line for line in (ROOT / "Makefile").read_text("utf-8").splitlines() if "cyclonedx-py" in line]
+    assert "cyclonedx-py requirements requirements.lock" in line

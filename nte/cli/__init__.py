@@ -14,6 +14,7 @@ from nte.cli import (
     bench,
     check,
     compare,
+    demo,
     denoise,
     estimate,
     evaluate,
@@ -31,7 +32,8 @@ from nte.interrupt import terminable
 from nte.version import __version__
 
 _COMMANDS = (
-    render, train, evaluate, compare, export, denoise, estimate, import_clip, bench, merge_burst, check, info, view,
+    demo, render, train, evaluate, compare, export, denoise, estimate, import_clip, bench, merge_burst, check, info,
+    view,
 )  # fmt: skip
 _OF_THE_SYSTEM = {
     errno.EACCES, errno.EPERM, errno.EROFS, errno.ENOSPC, errno.EDQUOT, errno.EFBIG, errno.EIO, errno.ENAMETOOLONG,
@@ -77,7 +79,8 @@ def main(argv: Sequence[str] | None = None) -> int:
         print(f"nte: {what}: give it smaller frames or more memory, or fewer --jobs", file=sys.stderr)
         return 2
     except KeyboardInterrupt:
-        print("nte: interrupted; nothing half-written is left", file=sys.stderr)
+        # No more than that: a second Ctrl-C kills workers, whose hidden files the next command sweeps.
+        print("nte: interrupted; every file is whole or absent", file=sys.stderr)
         return 130
 
 

@@ -27,9 +27,9 @@ def add(commands: Commands) -> None:
     parser.add_argument("--frames", type=parse_frames, metavar="FIRST-LAST", help=text)
     parser.add_argument("--exposure", type=float, help="linear factor of the sequence (default: estimated once)")
     parser.add_argument("--png", action="store_true", help="a picture beside each frame")
-    parser.add_argument("--video", type=Path, metavar="FILE.mp4", help="a video of all pictures")
+    parser.add_argument("--video", type=Path, metavar="FILE.mp4", help="a video of all pictures (.mp4, .webp)")
     parser.add_argument("--fps", type=float, default=24.0, help="frames of the video per second (default: 24)")
-    text = "a picture of the sequence's middle frame, its left half noisy"
+    text = "a picture whose left half is noisy: of the middle frame (.png), or a moving one of all (.mp4, .webp)"
     parser.add_argument("--before-after", type=Path, metavar="FILE.png", help=text)
     text = (
         "view transform of the pictures: nte (exposure, x/(1+x), sRGB), standard (sRGB, as the renderer's own; default "

@@ -19,7 +19,8 @@ resampled at all: each resample moves the mean of a method with S > 1 seeds by
     sd / √S · t,   t from Student's distribution with S − 1 degrees of freedom,
 
 where sd is the standard deviation over seeds of the mean over clips. For one seed nothing can be said, and the interval
-is that over clips. tests/evaluation/test_bootstrap.py measures how often intervals cover the truth.
+is that over clips. One clip says nothing about others, however many the seeds, and has no interval.
+tests/evaluation/test_bootstrap.py measures how often intervals cover the truth.
 """
 
 from typing import NamedTuple
@@ -53,20 +54,22 @@ def difference_interval(ours: npt.ArrayLike, theirs: npt.ArrayLike, level: float
     """Compute the mean difference ours − theirs and its interval, over clips and seeds together.
 
     ours: (S, N), scores of S seeds on N clips. theirs: (T, N), of the same clips. Resamples 10 000 times with a fixed
-    seed. level: the share of resampled differences inside the interval.
+    seed. level: the share of resampled differences inside the interval. One clip has no interval: low and high are the
+    mean.
     """
     sides = np.atleast_2d(np.asarray(ours, float)), np.atleast_2d(np.asarray(theirs, float))
     differences = sides[0].mean(0) - sides[1].mean(0)
+    clips, mean = len(differences), float(differences.mean())
+    if clips == 1:
+        return Interval(mean, mean, mean)
     rng = np.random.default_rng(0)
-    chosen = rng.integers(len(differences), size=(RESAMPLES, len(differences)))
-    clips, mean = len(differences), differences.mean()
+    chosen = rng.integers(clips, size=(RESAMPLES, clips))
     resampled = differences[chosen].mean(1)
-    if clips > 1:
-        resampled = mean + (resampled - mean) * np.sqrt(clips / rng.chisquare(clips - 1, RESAMPLES))
+    resampled = mean + (resampled - mean) * np.sqrt(clips / rng.chisquare(clips - 1, RESAMPLES))
     for side in sides:
         seeds = len(side)
         if seeds > 1:
             deviation = side.mean(1).std(ddof=1) / seeds**0.5
             resampled = resampled + deviation * rng.standard_t(seeds - 1, RESAMPLES)
     low, high = np.quantile(resampled, [(1 - level) / 2, (1 + level) / 2])
-    return Interval(float(mean), float(low), float(high))
+    return Interval(mean, float(low), float(high))

@@ -74,7 +74,7 @@ def evaluate(
         _require_free(out, force or is_unfinished(out, command))
         begin(out, command)
         clear(out)
-        recording = Recording(out / FOLDER, played, CHANNELS)
+        recording = Recording(out / FOLDER, played, CHANNELS, extras=True)
         units = {
             label: ClipUnit(label, clip.folder, tuple(loaded), first, named, device, recording=recording)
             for label, clip in opened.items()

@@ -1,6 +1,10 @@
-"""What the viewer gets of a frame: its channels, the outputs of denoisers and their FLIP maps. Needs NumPy only."""
+"""What the viewer gets of a frame: its channels, the outputs of denoisers, their FLIP maps and kernels.
+
+Needs NumPy only.
+"""
 
 from collections.abc import Mapping, Sequence
+from typing import TYPE_CHECKING
 
 import numpy as np
 import numpy.typing as npt
@@ -8,6 +12,9 @@ import numpy.typing as npt
 from nte.frames.channels import CHANNELS, reference_of
 from nte.frames.frame import Array, Frame
 from nte.viewer.recorder import INPUT, REFERENCE, Layer, Recorder
+
+if TYPE_CHECKING:
+    from nte.models.applied import Application
 
 DISOCCLUDED = "disoccluded"
 
@@ -45,6 +52,24 @@ def record_extras(recorder: Recorder, index: int, spec: str, extras: Mapping[str
         image = _image(values * 1.0)  # masks become numbers
         if image.ndim == 3:
             recorder.add(index, Layer("extra", spec, name), image)
+
+
+def record_kernels(
+    recorder: Recorder, index: int, spec: str, components: Sequence[str], applications: "Sequence[Application]"
+) -> None:
+    """Record the kernels that a denoiser's networks applied to a frame, if those of this frame are kept.
+
+    components: the light components that the denoiser has. applications: what `nte.models.applied.overheard` found.
+    """
+    size = sum(2 * one.number for one in applications)  # half floats
+    if not size or not recorder.keeps_kernels(index, spec, size):
+        return
+    several = [""] if len(applications) == 1 else map(str, range(1, len(applications) + 1))
+    lights = components if len(components) == len(applications) else several
+    for light, application in zip(lights, applications, strict=True):
+        for name, every, weights, further in application.applied(*recorder.size):
+            layer = Layer("kernel", spec, f"{light} {name}".strip(), every, further)
+            recorder.add(index, layer, weights.cpu().numpy())
 
 
 def _image(values: Array) -> npt.NDArray[np.generic]:

@@ -12,7 +12,7 @@ from nte.denoiser import Denoiser, Noisy, Session
 from nte.errors import NteError
 from nte.evaluation.metric_table import METRICS, Row
 from nte.evaluation.metrics import Scores, region_mean, regions_of, score, temporal_l1, temporal_l1_floor
-from nte.evaluation.record import record_extras, record_frame, record_output
+from nte.evaluation.record import record_extras, record_frame, record_kernels, record_output
 from nte.evaluation.targets import Truth, displayed, picture, read_truth
 from nte.evaluation.timed import Timed
 from nte.frames.channels import reference_of
@@ -21,6 +21,7 @@ from nte.frames.frame import Array, Frame
 from nte.frames.reference import BadReferenceWarning, describe_bad_pixels
 from nte.frames.scalars import sequence_exposure
 from nte.frames.show import RGB, heat, quantise
+from nte.models.applied import overheard
 from nte.viewer.recorder import Recorder
 
 SCORED = tuple(metric.name for metric in METRICS if metric.name != "ms_per_frame")
@@ -90,7 +91,8 @@ class ClipRun:
             record_frame(self.recorder, frame, self.targets, regions.get("disoccluded"))
         for run in list(self.runs):
             try:
-                images = self._step(run, on_device)
+                with overheard() as applications:
+                    images = self._step(run, on_device)
             except NteError as error:
                 self._drop(run, str(error))
                 continue
@@ -107,6 +109,7 @@ class ClipRun:
                 scorer.before = image
             if self.recorder:
                 record_extras(self.recorder, index, run.spec, run.further)
+                record_kernels(self.recorder, index, run.spec, run.denoiser.components, applications)
         if self.recorder:
             self.recorder.end_frame(index)
 

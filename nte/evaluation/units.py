@@ -15,8 +15,9 @@ from nte.evaluation.metric_table import Row
 from nte.evaluation.score_clip import ClipRun, Shown
 from nte.frames.channels import reference_of
 from nte.frames.clip import Clip
-from nte.jobs import Kind, in_processes, on_cluster, require_jobs, versions_of
+from nte.jobs import Kind, in_processes, on_cluster, require_jobs
 from nte.registry import load_denoiser, parts_of
+from nte.version import DENOISING, versions_of
 from nte.viewer.recorder import Recording, recorder_of
 
 Stamp: TypeAlias = tuple[Path, int, int]  # a file, its time of modification in ns, and its size in bytes
@@ -122,12 +123,12 @@ def require_scorable(label: str, clip: Clip, denoisers: Mapping[str, Denoiser], 
 
 
 def files_of(spec: str) -> list[Path]:
-    """Find the files that a denoiser is read from: an exported model, a checkpoint, or those of a run folder."""
+    """Find the files that a denoiser is read from: an exported model, or a checkpoint with its run's config.yaml."""
     files = []
     for path in map(Path, parts_of(spec)):
-        inside = [path / name for name in ("config.yaml", "checkpoint.safetensors")] if path.is_dir() else [path]
-        files += [file for file in inside if file.is_file()]
-    return files
+        file = path / "checkpoint.safetensors" if path.is_dir() else path
+        files += [file.with_name("config.yaml"), file] if file.suffix == ".safetensors" else [file]
+    return [file for file in files if file.is_file()]
 
 
 def stamps_of(spec: str) -> tuple[Stamp, ...]:
@@ -184,7 +185,7 @@ def _threads() -> int:
 
 
 def _versions() -> dict[str, str]:
-    return versions_of("torch", "numpy", "torchmetrics", "flip-evaluator")
+    return versions_of(*DENOISING, "torchmetrics", "flip-evaluator")
 
 
 EVALUATION = Kind("evaluate", share_threads, _versions)

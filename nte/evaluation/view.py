@@ -1,7 +1,9 @@
 """`nte view`: clips in the viewer, with what denoisers make of them, and scores where they can be had."""
 
+import sys
 import warnings
 from collections.abc import Callable, Iterable, Mapping
+from contextlib import AbstractContextManager, nullcontext
 from dataclasses import replace
 from importlib.util import find_spec
 from pathlib import Path
@@ -10,7 +12,7 @@ from typing import TYPE_CHECKING
 from nte.denoiser import Denoiser, Session, require_channels
 from nte.errors import DISTRIBUTION, NteError
 from nte.evaluation.metric_table import Row
-from nte.evaluation.record import record_extras, record_frame, record_output
+from nte.evaluation.record import record_extras, record_frame, record_kernels, record_output
 from nte.files import already_there, only_writer
 from nte.frames.channels import reference_of
 from nte.frames.clip import Clip, clip_labels, find_clips
@@ -20,6 +22,7 @@ from nte.viewer.recorder import FOLDER, Recorder, Recording, recorder_of
 
 if TYPE_CHECKING:
     from nte.evaluation.score_clip import ClipRun
+    from nte.models.applied import Application
 
 Advance = Callable[[int, int, str], None]  # frames done, frames in all, clip and frame
 _SCORING = ("torch", "torchmetrics", "flip_evaluator")
@@ -132,6 +135,7 @@ class _Plain:
     def __init__(self, clip: Clip, denoisers: Mapping[str, Denoiser], recorder: Recorder) -> None:
         self.clip, self.recorder = clip, recorder
         self.sessions = {name: Session(denoiser) for name, denoiser in denoisers.items()}
+        recorder.centre(recorder.recording.first)  # of which kernels are kept
 
     def advance(self, index: int) -> None:
         """Read a frame, let every denoiser step, and record the outputs."""
@@ -142,17 +146,28 @@ class _Plain:
             denoiser = session.denoiser
             visible = {key: frame[key] for key in (*denoiser.needs, *denoiser.optional) if key in frame}
             try:
-                result = session.step(replace(frame, channels=visible), denoiser.extras)
+                with _overheard() as applications:
+                    result = session.step(replace(frame, channels=visible), denoiser.extras)
             except NteError as error:
                 self.recorder.drop(name, str(error))
                 del self.sessions[name]
                 continue
             record_output(self.recorder, index, name, denoiser.target, result.image)
             record_extras(self.recorder, index, name, result.extras)
+            record_kernels(self.recorder, index, name, denoiser.components, applications)
 
     def rows(self) -> list[Row]:
         """Return no rows: nothing is scored."""
         return []
+
+
+def _overheard() -> "AbstractContextManager[list[Application]]":
+    """Collect the kernels that networks apply; there are no networks where nobody has imported PyTorch."""
+    if "torch" not in sys.modules:
+        return nullcontext([])
+    from nte.models.applied import overheard
+
+    return overheard()
 
 
 def _data(entries: list[Row], rows: list[Row]) -> Row:

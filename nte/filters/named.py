@@ -20,7 +20,7 @@ NAMES: dict[str, tuple[str, str, str]] = {
     "motion_blur": ("nte.filters.motion_blur", "MotionBlur", "eval"),
     "post_blur": ("nte.filters.post_blur", "PostBlur", "eval"),
     "mcguire": ("nte.filters.mcguire", "McGuire", "eval"),
-    "oidn": ("nte.filters.oidn", "Oidn", "compare"),
+    "oidn": ("nte.filters.oidn", "Oidn", "oidn"),
 }
 
 

@@ -6,6 +6,7 @@ Afra, «Intel Open Image Denoise», 2019–; used through the package pyoidn. It
 import threading
 import weakref
 from collections.abc import Iterator
+from contextlib import contextmanager
 from dataclasses import dataclass
 from typing import Any, Literal, TypeAlias
 
@@ -13,7 +14,7 @@ import numpy as np
 import numpy.typing as npt
 
 from nte.denoiser import Filter, Result, State, sanitised
-from nte.errors import NteError, needs_extra
+from nte.errors import NteError, lacking_memory, needs_extra
 from nte.frames.clip import Pixels
 from nte.frames.frame import Frame
 from nte.options import Options
@@ -57,7 +58,7 @@ class Oidn(Filter[OidnOptions]):
         try:
             import pyoidn
         except ImportError as error:
-            raise needs_extra("compare", "oidn", error) from error
+            raise needs_extra("oidn", "oidn", error) from error
         self.target = self.options.target
         self.needs = (self.target,)
         self._denoise = pyoidn.denoise
@@ -69,13 +70,16 @@ class Oidn(Filter[OidnOptions]):
         arrays = frame.numpy()
         prefilter, clean_aux = self._switches(frame)
         color = _interleaved(arrays[self.target])
-        albedo = _interleaved(arrays["albedo"]) if "albedo" in frame else [None] * len(color)
-        normal = _interleaved(arrays["normal"]) if "normal" in frame else [None] * len(color)
+        has_albedo = "albedo" in frame  # without it OIDN takes no normals either
+        albedo = _interleaved(arrays["albedo"]) if has_albedo else [None] * len(color)
+        normal = _interleaved(arrays["normal"]) if has_albedo and "normal" in frame else [None] * len(color)
         denoised = []
         for image, *guides in zip(color, albedo, normal, strict=True):
             if prefilter:
                 guides = list(self._prefilters(guides))
-            denoised.append(self._denoise(image, *guides, hdr=True, clean_aux=clean_aux, quality=self.options.quality))
+            with _its_errors():
+                how = {"hdr": True, "clean_aux": clean_aux, "quality": self.options.quality}
+                denoised.append(self._denoise(image, *guides, **how))
         image = np.ascontiguousarray(np.stack(denoised).transpose(0, 3, 1, 2))
         return Result(image), ()
 
@@ -83,15 +87,26 @@ class Oidn(Filter[OidnOptions]):
         """Return the options in effect for a frame like this one, as a user would type them."""
         prefilter, clean_aux = self._switches(frame)
         found = f"quality={self.options.quality},clean_aux={clean_aux},prefilter={prefilter}".lower()
-        return found if any(name in frame for name in GUIDES) else f"quality={self.options.quality}, without guides"
+        return found if "albedo" in frame else f"quality={self.options.quality}, without guides"
 
     def _switches(self, frame: Frame) -> tuple[bool, bool]:
         """The values of prefilter and clean_aux for a frame."""
-        if not any(name in frame for name in GUIDES):
+        if "albedo" not in frame:
             return False, False
         clean, given, prefilter = bool(frame.clean_guides), self.options.clean_aux, self.options.prefilter
         prefilter = not clean and given is None if prefilter is None else prefilter
         return prefilter, clean or prefilter if given is None else given
+
+
+@contextmanager
+def _its_errors() -> Iterator[None]:
+    """Turn OIDN's errors into ours, such as a library that cannot be loaded: pyoidn does so for the first image."""
+    try:
+        yield
+    except (OSError, RuntimeError) as error:
+        if lacking_memory(error):
+            raise
+        raise NteError(f"Open Image Denoise fails: {' '.join(str(error).split())}: install pyoidn again") from error
 
 
 class _Prefilters:
@@ -117,8 +132,9 @@ class _Prefilters:
 
         with self._turn:
             if self._device is None:
-                self._device = pyoidn.Device()
-                self._device.commit()
+                with _its_errors():
+                    self._device = pyoidn.Device()
+                    self._device.commit()
                 weakref.finalize(self, _release, self._device, self._filters)
             if name not in self._filters:
                 self._filters[name] = pyoidn.Filter(self._device, pyoidn.OIDN_FILTER_TYPE_RT)

@@ -181,6 +181,17 @@ class Clip:
                 arrays[name] = self._pick(stored, name, path)
         return Frame({name: a[None] for name, a in arrays.items()}, index=index, **self._about(index))
 
+    def stamps(self, seeds: Iterable[int] = (0,)) -> list[tuple[str, int, int]]:
+        """Return name, size in bytes and time of modification in ns of each frame's file, for each of some noise seeds.
+
+        They tell whether pixels may have changed, and read none. Raises NteError for a file that cannot be read.
+        """
+        paths = [frame_path(self.folder, index, seed) for seed in seeds for index in range(len(self))]
+        try:
+            return [(path.name, (stat := path.stat()).st_size, stat.st_mtime_ns) for path in paths]
+        except OSError as error:
+            raise NteError(f"{error.filename}: cannot be read: {error.strerror}") from error
+
     def _read(self, path: Path) -> dict[str, Pixels]:
         return read_frame(path, (self.height, self.width))
 

@@ -10,7 +10,7 @@ from nte.models.kernels import Downsample, apply_kernels, average, combine_scale
 from nte.models.prediction import ScaleKernels
 
 _AROUND = 9  # pixels of half the resolution
-_LEAST_WEIGHT = 1e-12  # a kernel with less total weight on the pixels that it may read has selected only others
+LEAST_WEIGHT = 1e-12  # a kernel with less total weight on the pixels that it may read has selected only others
 
 
 class Filtered(NamedTuple):
@@ -142,7 +142,7 @@ def apply_masked(image: Tensor, weight: Tensor, kernels: Tensor) -> tuple[Tensor
     """
     summed = apply_kernels(torch.cat([image * weight, weight], 1), kernels)
     total = summed[:, -1:]
-    known = total > _LEAST_WEIGHT
+    known = total > LEAST_WEIGHT
     return summed[:, :-1] / torch.where(known, total, 1.0) * known, known
 
 

@@ -33,6 +33,12 @@ def average(image: Tensor, weights: Tensor) -> Tensor:
     return apply_kernels(image, weights) / weights.sum(1, keepdim=True)
 
 
+def around(image: Tensor, kernels: Tensor) -> Tensor:
+    """Gather what each tap of kernels (N, K·K, H, W) reads of an image (N, 1, H, W), as (N, K·K, H, W)."""
+    padded = F.pad(image, [math.isqrt(int(kernels.shape[1])) // 2] * 4, mode="replicate")
+    return torch.cat([padded[:, :, rows, columns] for rows, columns in _windows(padded, kernels)], 1)
+
+
 class _ApplyKernels(torch.autograd.Function):
     """The sum over taps, with its own backward pass.
 

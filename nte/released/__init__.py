@@ -1,4 +1,4 @@
-"""The models that come with nte, by name: NAME.onnx, its weights NAME.safetensors, and its card NAME.md.
+"""The models that come with nte, by name: NAME.onnx, its weights NAME.safetensors, and its card NAME.md; and a clip.
 
 Each .onnx file carries its checksum, which is verified whenever it is loaded (nte.runtime.description).
 """
@@ -7,6 +7,7 @@ from pathlib import Path
 
 FOLDER = Path(__file__).parent
 DEFAULT = "steady"  # what nte denoise takes if nothing is said
+CLIP = FOLDER / "toys"  # ten frames to look at (datasets/blender/toys.sh)
 
 
 def names() -> list[str]:

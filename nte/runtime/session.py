@@ -41,6 +41,7 @@ class OnnxDenoiser(Denoiser):
         self.needs: tuple[str, ...] = tuple(self.info["needs"])
         self.optional = tuple(self.info["optional"])
         self.target = self.info["target"]
+        self.label = self.path.stem
         self.prior: str = self.info.get("prior", "")  # the denoiser that makes the channel `prior`
         kept = {"image", *(tensor.source for tensor in self._recurrent.values())}
         self.components = tuple(name for name in COMPONENTS if DENOISED + name in self._outputs)

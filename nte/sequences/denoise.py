@@ -13,13 +13,12 @@ from nte.files import only_writer, refuse_to_replace, remove
 from nte.frames.channels import CHANNELS
 from nte.frames.clip_info import write_clip_info
 from nte.frames.exr_copy import copy_exr
-from nte.frames.frame import Frame
-from nte.frames.scalars import given_exposure, sequence_scalars
+from nte.frames.frame import About, Frame
+from nte.frames.scalars import given_exposure, known_scalars, sequence_scalars
 from nte.overlap import ahead, behind
 from nte.progress import Progress
 from nte.sequences.pictures import Denoised, Pictures, PictureSettings
-from nte.sequences.sources import open_source
-from nte.sequences.video import write_video
+from nte.sequences.sources import first_frame, open_source
 from nte.unfinished import begin, finish, is_unfinished
 
 
@@ -71,22 +70,16 @@ def denoise_files(
                     remove(path)  # until its frames are all there
             planes = source.layers(source.warm_up + number, image.pixels)
             copy_exr(files[number], written[number], planes, dark_counts)
-            return replace(image, picture=drawn.write(image))
+            drawn.write(image)
+            return image
 
-        def finished() -> Iterator[Denoised]:
-            nonlocal done
-            images = _denoised(ahead(source.frames), Session(denoiser), exposure, source.warm_up)
+        # A range is denoised with the exposure and the scale of depth that the whole sequence has.
+        first = first_frame(sources, denoiser.target, map_name, overrides) if wanted else None
+        images = _denoised(ahead(source.frames), Session(denoiser), exposure, source.warm_up, first)
+        with drawn.videos():
             for done in behind(write, images):
                 progress.advance(1)
                 progress.say(written[done.number].name)
-                yield done
-
-        if pictures.video:
-            shown = (image.picture for image in finished() if image.picture is not None)
-            write_video(pictures.video, shown, pictures.fps)
-        else:
-            for _ in finished():
-                pass
         if source.clip and done and info:
             write_clip_info(out, {**source.clip.info, "seeds": 1, "exposure": done.exposure})
         finish(out)
@@ -95,17 +88,25 @@ def denoise_files(
     return written
 
 
-def _denoised(frames: Iterable[Frame], session: Session, exposure: float | None, warm_up: int) -> Iterator[Denoised]:
+def _denoised(
+    frames: Iterable[Frame], session: Session, exposure: float | None, warm_up: int, first: Frame | None
+) -> Iterator[Denoised]:
     """Denoise the frames of a sequence in their order, all with one exposure: the given one, or that of the first.
 
-    warm_up: how many are denoised for the history of those after them alone.
+    warm_up: how many are denoised for the history of those after them alone. first: the first frame of the sequence, if
+    these begin later; its scale of depth counts, too.
     """
     scale = None if exposure is None else np.array([exposure], np.float32)
     stated = scale is not None
+    about: About = {}
+    if first is not None:
+        depth_scale = known_scalars(first if scale is None else replace(first, exposure=scale))[1]
+        about = {} if np.isnan(depth_scale).any() else {"depth_scale": depth_scale}
     for number, frame in enumerate(frames, -warm_up):
         if scale is None:
-            stated, scale = given_exposure(frame) is not None, sequence_scalars(frame)[0]
-        image = session.denoise(replace(frame, exposure=scale))[0]
+            told = frame if first is None else first
+            stated, scale = given_exposure(told) is not None, sequence_scalars(told)[0]
+        image = session.denoise(replace(frame, exposure=scale, **about))[0]
         if number >= 0:
             yield Denoised(number, frame[session.denoiser.target][0], image, float(scale[0]), stated)
 

@@ -1,6 +1,7 @@
-"""Pictures of a denoised sequence: one beside each frame, those of a video, and one that is half noisy."""
+"""Pictures of a denoised sequence: one beside each frame, those of a video, and those that are half noisy."""
 
-from collections.abc import Sequence
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -12,16 +13,17 @@ from nte.frames.channels import CHANNELS
 from nte.frames.clip import Pixels
 from nte.frames.show import RGB, show, write_png
 from nte.frames.views import find_view
-from nte.sequences.video import require_video
+from nte.sequences.video import FORMATS, open_video, require_video
 
 
 @dataclass(frozen=True)
 class PictureSettings:
     """What is written besides the denoised frames.
 
-    png: a picture beside each frame. video: a file (.mp4) of all pictures, `fps` a second. before_after: a file (.png)
-    of the frame in the middle of the sequence, noisy on the left and denoised on the right. view: the view
-    transform, see `nte.frames.views.find_view`; None takes `standard` for frames of another renderer, `nte` for others.
+    png: a picture beside each frame. video: a file (.mp4, .webp) of all pictures, `fps` a second. before_after: noisy
+    on the left and denoised on the right, of the frame in the middle of the sequence (.png) or of all frames (.mp4,
+    .webp). view: the view transform, see `nte.frames.views.find_view`; None takes `standard` for frames of another
+    renderer, `nte` for others.
     """
 
     png: bool = False
@@ -35,7 +37,7 @@ class PictureSettings:
 class Denoised:
     """A frame of a sequence: its number, the image before and after (C, H, W), and the exposure of the denoiser.
 
-    stated: whether the exposure was given, and not estimated. picture: the denoised image as it is shown, if it is.
+    stated: whether the exposure was given, and not estimated.
     """
 
     number: int
@@ -43,7 +45,6 @@ class Denoised:
     pixels: Pixels
     exposure: float
     stated: bool
-    picture: RGB | None = None
 
 
 class Pictures:
@@ -54,34 +55,49 @@ class Pictures:
     """
 
     def __init__(self, settings: PictureSettings, target: str, written: Sequence[Path], usual: str) -> None:
-        for path, ending in ((settings.video, ".mp4"), (settings.before_after, ".png")):
-            if path and path.suffix.lower() != ending:
-                raise NteError(f"{path}: expected a name that ends in {ending}")
+        for path, endings in ((settings.video, [*FORMATS]), (settings.before_after, [".png", *FORMATS])):
+            if path and path.suffix.lower() not in endings:
+                raise NteError(f"{path}: expected a name that ends in {' or '.join(endings)}")
         if settings.view and CHANNELS[target].kind != "radiance":
             raise NteError(f"view {settings.view}: the denoiser gives '{target}', which is no light and has no view")
-        if settings.video:
-            require_video(settings.fps)
+        extra = [path for path in (settings.video, settings.before_after) if path]
+        self._moving = [path for path in extra if path.suffix.lower() in FORMATS]
+        for path in self._moving:
+            require_video(path, settings.fps)
         self._settings, self._target = settings, target
         self._beside = [path.with_suffix(".png") for path in written] if settings.png else []
         self._middle = len(written) // 2
         self.name = settings.view or usual
         self._view = find_view(self.name)
-        extra = [path for path in (settings.video, settings.before_after) if path]
         self.files = (*self._beside, *extra)
+        self._add: dict[Path, Callable[[RGB], None]] = {}  # to the videos that are open
 
-    def write(self, image: Denoised) -> RGB | None:
-        """Write the pictures of a frame, and return the denoised one (H, W, 3); None if nothing shows it."""
-        settings = self._settings
-        halves = settings.before_after is not None and image.number == self._middle
+    @contextmanager
+    def videos(self) -> Iterator[None]:
+        """Keep the videos open, to which `write` adds; they are whole after the block, or absent if it raises."""
+        with ExitStack() as stack:
+            for path in self._moving:
+                self._add[path] = stack.enter_context(open_video(path, self._settings.fps))
+            yield
+
+    def write(self, image: Denoised) -> None:
+        """Write the pictures of a frame; the frames come in their order."""
+        settings, both = self._settings, self._settings.before_after
+        halves = both is not None and (both in self._moving or image.number == self._middle)
         if not (settings.png or settings.video or halves):
-            return None
+            return
         after = self._draw(image.pixels, image)
         if settings.png:
             write_png(self._beside[image.number], after)
-        if settings.before_after and halves:
-            make_folder(settings.before_after.parent)
-            write_png(settings.before_after, _halves(self._draw(image.noisy, image), after))
-        return after
+        if settings.video:
+            self._add[settings.video](after)
+        if both and halves:
+            joined = _halves(self._draw(image.noisy, image), after)
+            if both in self._moving:
+                self._add[both](joined)
+            else:
+                make_folder(both.parent)
+                write_png(both, joined)
 
     def _draw(self, pixels: Pixels, image: Denoised) -> RGB:
         """Draw light with the view transform, and anything else as the table of channels says.

@@ -56,6 +56,11 @@ def open_source(
     return source._replace(warm_up=len(source.files) - len(wanted))
 
 
+def first_frame(sources: Sequence[Path], target: str, map_name: str | None, overrides: Sequence[str]) -> Frame:
+    """Read the first frame of the whole sequence, from which its exposure is known."""
+    return next(iter(_open(sources, target, map_name, overrides, lambda numbers: slice(0, 1)).frames))
+
+
 def _open(sources: Sequence[Path], target: str, map_name: str | None, overrides: Sequence[str], part: Part) -> Source:
 
     def ours(index: int, image: Pixels) -> Planes:

@@ -1,56 +1,94 @@
-"""Videos of pictures: H.264 in an MP4 file, by PyAV."""
+"""Videos of pictures by PyAV: H.264 in an MP4 file, or an animated WebP, which a page shows like a picture."""
 
-from collections.abc import Iterable
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass, field
 from fractions import Fraction
 from pathlib import Path
-from typing import Final
+from typing import TYPE_CHECKING, Final, cast
 
 import numpy as np
 
 from nte.errors import NteError, needs_extra
-from nte.files import make_folder, write_whole
+from nte.files import make_folder, whole, writing
 from nte.frames.show import RGB
 
-CODEC: Final = "libx264"
+if TYPE_CHECKING:
+    from av.container import OutputContainer
+    from av.video.frame import VideoFrame
+    from av.video.stream import VideoStream
+
+
+@dataclass(frozen=True)
+class _Format:
+    muxer: str
+    codec: str
+    pixels: str
+    options: dict[str, str]
+    about: dict[str, str] = field(default_factory=dict)  # of the file
+
+
+FORMATS: Final = {
+    ".mp4": _Format("mp4", "libx264", "yuv420p", {"crf": "18"}),
+    # Whole pictures, which are repeated for ever: libwebp_anim leaves out what changes little, in blocks.
+    ".webp": _Format("webp", "libwebp", "bgra", {"quality": "80"}, {"loop": "0"}),
+}
 _BT709, _SRGB_CURVE = 1, 13  # of ITU-T H.273, by which players know the colours
 
 
-def require_video(fps: float) -> None:
-    """Raise NteError if PyAV is not installed, cannot encode H.264, or `fps` is no rate of a video."""
+def require_video(path: Path, fps: float) -> None:
+    """Raise NteError if PyAV is not installed, cannot encode what `path` ends in, or `fps` is no rate of a video."""
+    codec = FORMATS[path.suffix.lower()].codec
     try:
         import av
     except ImportError as error:
         raise needs_extra("video", "a video", error) from error
-    if CODEC not in av.codecs_available:
-        raise NteError(f"this PyAV has no encoder {CODEC}, so it makes no video: install PyAV from PyPI, or use --png")
+    if codec not in av.codecs_available:
+        raise NteError(f"{path}: this PyAV has no encoder {codec}: install PyAV from PyPI, or use --png")
     if not 0 < fps <= 1000:
         raise NteError(f"fps is {fps:g}, expected a number of frames per second above 0, at most 1000")
 
 
-def write_video(path: Path, pictures: Iterable[RGB], fps: float) -> None:
-    """Encode pictures (H, W, 3), all of one size, as they come; the file is whole or absent.
+@contextmanager
+def open_video(path: Path, fps: float) -> Iterator[Callable[[RGB], None]]:
+    """Yield a function that adds a picture (H, W, 3); all have one size. The file is whole after the block, or absent.
 
     An odd width or height gets one more column or row, since H.264 stores colours for 2×2 pixels. Raises NteError if
     the file cannot be written, and what `require_video` raises.
     """
-    require_video(fps)
-    make_folder(path.parent)
-    write_whole(path, lambda temporary: _encode(temporary, pictures, fps))
-
-
-def _encode(path: Path, pictures: Iterable[RGB], fps: float) -> None:
+    require_video(path, fps)
     import av
 
-    with av.open(str(path), "w", format="mp4") as file:
-        stream = None
-        for picture in pictures:
-            even = np.pad(picture, [(0, picture.shape[0] % 2), (0, picture.shape[1] % 2), (0, 0)], mode="edge")
-            if stream is None:
-                stream = file.add_stream(CODEC, rate=Fraction(fps).limit_denominator(1001), options={"crf": "18"})
-                stream.height, stream.width, stream.pix_fmt = even.shape[0], even.shape[1], "yuv420p"
-                stream.color_primaries = stream.colorspace = _BT709
-                stream.color_trc = _SRGB_CURVE
-            frame = av.VideoFrame.from_ndarray(even, format="rgb24")
-            file.mux(stream.encode(frame.reformat(format="yuv420p", dst_colorspace="ITU709")))
-        if stream is not None:
-            file.mux(stream.encode())
+    form = FORMATS[path.suffix.lower()]
+    make_folder(path.parent)
+    with whole(path) as temporary:
+        with writing(path):
+            file = av.open(str(temporary), "w", format=form.muxer, container_options=form.about)
+        try:
+            stream: VideoStream | None = None
+
+            def add(picture: RGB) -> None:
+                nonlocal stream
+                even = np.pad(picture, [(0, picture.shape[0] % 2), (0, picture.shape[1] % 2), (0, 0)], mode="edge")
+                frame = av.VideoFrame.from_ndarray(even, format="rgb24")
+                with writing(path):
+                    stream = stream or _begin(file, form, frame, fps)
+                    file.mux(stream.encode(frame.reformat(format=form.pixels, dst_colorspace="ITU709")))
+
+            yield add
+            with writing(path):
+                if stream is not None:
+                    file.mux(stream.encode())
+                file.close()
+        finally:
+            file.close()
+
+
+def _begin(file: "OutputContainer", form: _Format, frame: "VideoFrame", fps: float) -> "VideoStream":
+    rate = Fraction(fps).limit_denominator(1001)
+    stream = cast("VideoStream", file.add_stream(form.codec, rate=rate, options=form.options))
+    stream.height, stream.width, stream.pix_fmt = frame.height, frame.width, form.pixels
+    if form.muxer == "mp4":
+        stream.color_primaries = stream.colorspace = _BT709
+        stream.color_trc = _SRGB_CURVE
+    return stream

@@ -28,7 +28,7 @@ def read_weights(source: Path) -> InitialWeights:
 
     An existing run wins over a name. Raises NteError if there is no such checkpoint, or if it is damaged.
     """
-    if not source.exists():
+    if not source.is_file() and not (source / CHECKPOINT).is_file():
         source = weights_path(str(source)) or source
     folder, name = (source.parent, source.name) if source.suffix == ".safetensors" else (source, CHECKPOINT)
     if not (folder / name).is_file():

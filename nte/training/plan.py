@@ -27,7 +27,7 @@ class Plan:
 
     processes: int  # number of processes that share a step, `data.batch` sequences each
     steps: list[int]  # number of steps of every phase
-    clips: list[list[str]]  # [name, digest] of each training clip, in order
+    clips: list[list[str]]  # [name, digest of clip.json, digest of frames] of each training clip, in order
     validation: list[list[str]]  # the same for validation clips
     init: str = ""  # digest of the weights of `init_from`; empty if the run begins with new ones
 
@@ -56,8 +56,18 @@ class Plan:
 
 
 def digests(clips: Sequence[Clip]) -> list[list[str]]:
-    """List [name, digest of clip.json] of each clip; clip.json includes the number of frames."""
-    return [[clip.name, digest_of(clip)] for clip in clips]
+    """List [name, digest of clip.json, digest of the sizes of all frames' files] of each clip."""
+    return [[clip.name, digest_of(clip), _digest_of_frames(clip)] for clip in clips]
+
+
+def _digest_of_frames(clip: Clip) -> str:
+    """Digest of files' sizes, which other pixels change, as they are compressed.
+
+    Not of their times: a copy of the data, as on another machine, has new ones, and whoever is refused there loses a
+    training, whereas a cache with other times is only made again.
+    """
+    sizes = [size for _, size, _ in clip.stamps(range(clip.seeds))]
+    return sha256(repr(sizes).encode()).hexdigest()[:16]
 
 
 def digest_of(clip: Clip, *more: object) -> str:
@@ -67,7 +77,7 @@ def digest_of(clip: Clip, *more: object) -> str:
 
 def _difference(saved: list[list[str]], now: list[list[str]]) -> str:
     """The first difference in words; empty if there is none."""
-    before, after = [{name for name, _ in clips} for clips in (saved, now)]
+    before, after = [{clip[0] for clip in clips} for clips in (saved, now)]
     if missing := sorted(before - after):
         return f"'{missing[0]}' is missing"
     if new := sorted(after - before):
@@ -77,6 +87,8 @@ def _difference(saved: list[list[str]], now: list[list[str]]) -> str:
             return f"'{is_[0]}' stands where '{was[0]}' stood"
         if was[1] != is_[1]:
             return f"'{is_[0]}' has another clip.json"
+        if was[2:] and was[2:] != is_[2:]:  # older plans say nothing of frames
+            return f"'{is_[0]}' has other frames"
     return "" if len(saved) == len(now) else f"there are {len(now)} for {len(saved)}"
 
 
@@ -88,7 +100,9 @@ def _read(path: Path) -> Plan:
         plan = Plan(**{field.name: loaded[field.name] for field in fields(Plan)})
         well_formed = type(plan.processes) is int and all(type(n) is int for n in plan.steps)
         well_formed = well_formed and type(plan.init) is str
-        if not well_formed or any([str(n), str(d)] != [n, d] for n, d in (*plan.clips, *plan.validation)):
+        lists = [*plan.clips, *plan.validation]
+        well_formed = well_formed and all(len(clip) in (2, 3) and all(type(s) is str for s in clip) for clip in lists)
+        if not well_formed:
             raise ValueError("another type of value than expected")
     except (OSError, ValueError, TypeError, KeyError, RecursionError) as error:
         raise NteError(f"{path}: not a plan of ours, or damaged: {error}: {ANEW}") from error

@@ -16,7 +16,6 @@ import platform
 import shutil
 from collections.abc import Mapping
 from dataclasses import asdict, replace
-from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
 
 import torch
@@ -31,6 +30,7 @@ from nte.training.checkpoint import BEST, CHECKPOINT, load_module, read_checkpoi
 from nte.training.config import TrainConfig, read_train_config
 from nte.training.plan import ANEW, OTHER_RUN, PLAN, Plan
 from nte.training.schedule import Schedule
+from nte.version import DENOISING, versions_of
 
 DECODED = "decoded"
 _LEFTOVERS = ".*.tmp"  # files that a killed process was writing
@@ -199,12 +199,6 @@ def _choices(config: TrainConfig) -> dict[str, object]:
 
 
 def _versions() -> str:
-    packages = (DISTRIBUTION, "torch", "numpy", "lightning-fabric", "safetensors", "omegaconf", "OpenEXR")
-    found: dict[str, object] = {"python": platform.python_version(), "machine": platform.machine()}
-    for package in packages:
-        try:
-            found[package] = version(package)
-        except PackageNotFoundError:
-            found[package] = None
-    found["threads"] = torch.get_num_threads()
-    return json.dumps(found, indent=1) + "\n"
+    here = {"python": platform.python_version(), "machine": platform.machine()}
+    packages = versions_of(DISTRIBUTION, *DENOISING, "lightning-fabric", "safetensors", "omegaconf", "OpenEXR")
+    return json.dumps({**here, **packages, "threads": torch.get_num_threads()}, indent=1) + "\n"

@@ -24,13 +24,14 @@ from nte.errors import NteError
 from nte.files import make_folder, sweep, temporary_name
 from nte.filters.named import load_filter
 from nte.frames.channels import PRIOR, REFERENCES, width_of
-from nte.frames.clip import Clip, Pixels, frame_path
+from nte.frames.clip import Clip, Pixels
 from nte.frames.frame import Frame
 from nte.frames.reference import BadReferenceWarning, count_bad_pixels, describe_bad_pixels
 from nte.frames.scalars import sequence_scalars
 from nte.motion.geometric import scatter_forward_motion
 from nte.recurrence import FORWARD
 from nte.training.plan import digest_of
+from nte.version import DENOISING, __version__, versions_of
 
 TILE = 64  # pixels; a crop of 256 reads 1.6 times its size
 FORMAT = "nte-tiles/1"
@@ -81,7 +82,7 @@ class ClipStore:
         prior: str = "",
     ) -> None:  # fmt: skip
         self.clips, self.folder, self.prior = clips, folder, prior
-        self._below = load_filter(prior) if prior else None
+        self._versions = (__version__, versions_of(*DENOISING)) if prior else ()
         self.channels = (*channels, SCATTERED) if scattered else tuple(channels)
         self._open: dict[Key, TiledClip] = {}
         self._told: set[int] = set()
@@ -150,7 +151,8 @@ class ClipStore:
         kept = self._kept(clip)
         tiles = allocate(self._shape(clip), np.float32)
         # Besides the channels that are kept, those that give exposure, depth scale and scattered motion.
-        below = self._below
+        # Made for each clip, so that a store can be sent to a worker process: a denoiser may hold locks and devices.
+        below = load_filter(self.prior) if self.prior else None
         read = () if below is None else (*below.needs, *below.optional)
         wanted = dict.fromkeys((*self.channels, "color", "depth", "motion", *read))
         stored = [name for name in wanted if name in clip.channels]
@@ -188,12 +190,12 @@ class ClipStore:
 
     def _digest(self, clip: Clip, seeds: tuple[int, ...]) -> str:
         """Digest of all that the tiles are made from, so that a clip that is rendered again has other tiles."""
-        paths = [frame_path(clip.folder, i, s) for s in sorted({0, *seeds}) for i in range(len(clip))]
         try:
-            stats = [(path.name, (stat := path.stat()).st_size, stat.st_mtime_ns) for path in paths]
-        except OSError as error:
-            raise BrokenClipError(f"{error.filename}: cannot be read: {error.strerror}") from error
-        return digest_of(clip, FORMAT, TILE, self._kept(clip), self.prior, seeds, str(clip.folder.resolve()), stats)
+            stamps = clip.stamps(sorted({0, *seeds}))
+        except NteError as error:
+            raise BrokenClipError(str(error)) from error
+        where, made_by = str(clip.folder.resolve()), (self.prior, *self._versions)
+        return digest_of(clip, FORMAT, TILE, self._kept(clip), *made_by, seeds, where, stamps)
 
 
 def means(count: int, first: int, most: int) -> list[tuple[int, ...]]:

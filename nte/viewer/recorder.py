@@ -1,7 +1,7 @@
 """The pixels of a clip on their way to the viewer: what each image shows, and which frames are kept."""
 
 import re
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass, field
 from hashlib import sha256
 from pathlib import Path
@@ -21,16 +21,24 @@ REFERENCE, INPUT = "reference", "noisy input"
 BRIGHTENED = {"indirect": 10.0}  # indirect light is a small part of a picture; papers print it ten times as bright
 
 Entry: TypeAlias = dict[str, Any]  # what the page knows of a clip or a layer, as JSON
-Group = Literal["image", "flip", "extra", "channel"]
+Group = Literal["image", "flip", "extra", "channel", "kernel"]
+
+KERNEL_BYTES = 256_000_000  # for a denoiser's kernels on a clip, as half floats: two frames of 1280×720, or 33 of 256²
 
 
 @dataclass(frozen=True)
 class Layer:
-    """What an image shows. group: an image that is compared, its FLIP map, another output of a denoiser, a channel."""
+    """What an image shows.
+
+    group: an image that is compared, its FLIP map, another output of a denoiser, a channel, or kernels, which are no
+    image: the numbers of a pixel are a square of weights, row by row, and others with names.
+    """
 
     group: Group
     of: str  # the denoiser's specification, "reference", "noisy input", or the channel
-    channel: str  # what it shows: a target, a channel, or the name of an extra
+    channel: str  # what it shows: a target, a channel, or the name of an extra or a kernel
+    every: int = 1  # of kernels: so many pixels of the image share one, along each axis
+    further: tuple[str, ...] = ()  # of kernels: the names of the numbers after the square
 
     @property
     def shown(self) -> str:
@@ -46,7 +54,7 @@ class Recording:
     folder: Path  # FOLDER beside the page
     span: int | None = None
     channels: tuple[str, ...] | None = None  # None: all
-    extras: bool = False  # the further outputs of denoisers as well
+    extras: bool = False  # the further outputs of denoisers as well, and kernels
     first: int = 0
     last: int | None = None
 
@@ -71,18 +79,36 @@ class Recorder:
 
     def add(self, index: int, layer: Layer, values: Values) -> None:
         """Write an image (C, H, W), float or uint8, of frame `index`; frames come in order."""
-        if not self.wants(index) or values.shape[1:] != self.size:
+        size = tuple(-(-length // layer.every) for length in self.size)
+        if not self.wants(index) or values.shape[1:] != size:
             return
         kept = self._there.setdefault(layer, _Kept(slug(layer.group, layer.of, layer.channel)))
         if values.dtype == np.uint8:
             kept.picture = len(values) == 3
         else:
             values = np.asarray(values, np.float32)
-            if layer.shown not in ("radiance", "reflectance", "labels"):
+            if layer.group != "kernel" and layer.shown not in ("radiance", "reflectance", "labels"):
                 kept.scale = max(kept.scale, scale_of(layer.channel, values))
         kept.components, kept.frames = len(values), [*kept.frames, index]
         name = f"{self.folder.name}/{kept.key}/{index:04d}"
         write_layer(self._path(kept, index), name, values, type_of(layer.channel, values))
+
+    def keeps_kernels(self, index: int, spec: str, size: int) -> bool:
+        """Tell whether a denoiser's kernels of frame `index` are kept, which take `size` bytes.
+
+        They are many times as large as an image. So they are kept of the chosen frame and those that follow, as many as
+        KERNEL_BYTES has room for; those of frames before it are deleted.
+        """
+        if self._centre is None or not self.recording.extras:
+            return False
+        start, room = max(self._centre, self.recording.first), KERNEL_BYTES // size
+        if not room:
+            much, most = (f"{number / 1e6:.0f} MB" for number in (size, KERNEL_BYTES))
+            note = f"The kernels of {spec} are not kept: those of one frame take {much}, more than {most}."
+            self.notes += [] if note in self.notes else [note]
+        layers = [layer for layer in self._there if (layer.group, layer.of) == ("kernel", spec)]
+        self._keep(lambda frame: frame >= start, layers)
+        return start <= index < start + room
 
     def centre(self, index: int) -> None:
         """Choose the frame that is in the middle of the span."""
@@ -102,8 +128,8 @@ class Recorder:
             start = max(0, min(self._centre - span // 2, self.frames - span))
             self._keep(lambda f: start <= f < start + span)
 
-    def _keep(self, wanted: Callable[[int], bool]) -> None:
-        for kept in self._there.values():
+    def _keep(self, wanted: Callable[[int], bool], layers: Iterable[Layer] | None = None) -> None:
+        for kept in [self._there[layer] for layer in (self._there if layers is None else layers)]:
             for index in kept.frames:
                 if not wanted(index):
                     remove(self._path(kept, index))
@@ -161,6 +187,9 @@ def _described(layer: Layer, kept: _Kept, frames: list[int]) -> Entry:
     shown = layer.shown or {1: "heat", 2: "motion"}.get(kept.components, "radiance")
     if kept.picture or layer.group == "flip":
         row, shown = None, "picture" if kept.picture else "flip"
+    components = list(row.components) if row else list("RGB" if kept.picture else "XYZ"[: kept.components])
+    if layer.group == "kernel":
+        shown, components = "kernel", ["" for _ in range(kept.components - len(layer.further))] + [*layer.further]
     return {
         "key": kept.key,
         "group": layer.group,
@@ -168,7 +197,8 @@ def _described(layer: Layer, kept: _Kept, frames: list[int]) -> Entry:
         "channel": layer.channel,
         "shown": shown,
         "unit": row.unit if row else "",
-        "components": list(row.components) if row else list("RGB" if kept.picture else "XYZ"[: kept.components]),
+        "components": components,
+        "every": layer.every,
         "scale": kept.scale or 1.0,
         "brightened": BRIGHTENED.get(layer.channel.removeprefix("reference_"), 1.0) if shown == "radiance" else 1.0,
         "frames": None if kept.frames == frames else kept.frames,

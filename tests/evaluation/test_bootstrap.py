@@ -88,6 +88,11 @@ def test_one_seed_is_the_bootstrap_over_clips_and_sides_swap() -> None:
     assert difference_interval(ours, theirs) == found  # the same numbers each time
 
 
+def test_one_clip_has_no_interval_however_many_seeds() -> None:
+    found = difference_interval([[3.0], [1.0], [2.0]], [[0.5]])
+    assert found == (1.5, 1.5, 1.5)
+
+
 def test_few_seeds_that_differ_widen_the_interval() -> None:
     ours = np.zeros((3, 50)) + np.array([[-1], [0], [1]])
     found = difference_interval(ours, np.zeros((1, 50)))

@@ -198,6 +198,14 @@ def test_clips_that_are_done_are_kept_and_tables_alone_evaluate_nothing(
     assert lines_of(brighter) == lines_of(summary)
 
 
+def test_a_clip_with_other_pixels_is_evaluated_again(config: Path, data: Path, tmp_path: Path) -> None:
+    before = compare(config, data, tmp_path / "out")
+    write_clip(data / "test/other_000", noisy_frames(3, seed=9))  # as from a render with another seed: same clip.json
+    after = compare(config, data, tmp_path / "out")
+    assert lines_of(after, 1) != lines_of(before, 1)
+    assert lines_of(after) == lines_of(before)
+
+
 def test_pictures_are_of_some_clips_and_numbers_of_all(config: Path, data: Path, tmp_path: Path) -> None:
     config.write_text(TEXT.replace("region: moving", "pictures: 1"))
     compare(config, data, tmp_path / "out")

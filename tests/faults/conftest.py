@@ -5,7 +5,7 @@ from pathlib import Path
 
 import pytest
 
-from nte import Denoiser, load_denoiser
+from nte import Denoiser, load_denoiser, released
 from nte.filters.named import NAMES
 from nte.filters.prior import complete
 from nte.training.run import load_run
@@ -15,7 +15,7 @@ from tests.training.runs import tiny_config
 
 FILTERS = (
     *NAMES, "taa:clamp=none", "trmv:target=visibility", "svgf:target=components", "estimate+taa",
-    "align_accumulate:motion=geometric",
+    "align_accumulate:motion=geometric", *released.names(),
 )  # fmt: skip
 
 
@@ -28,7 +28,7 @@ def maker(name: str) -> Callable[[], Denoiser]:
 def make(request: pytest.FixtureRequest) -> Callable[[], Denoiser]:
     """Make a new denoiser of the kind that is this test's turn."""
     name: str = request.param
-    if "oidn" in name:
+    if "oidn" in name or name in released.names():
         pytest.importorskip("pyoidn")
     return maker(name)
 

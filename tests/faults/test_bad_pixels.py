@@ -9,7 +9,7 @@ import numpy as np
 import numpy.typing as npt
 import pytest
 
-from nte import Denoiser, Frame, load_denoiser
+from nte import Denoiser, Frame, load_denoiser, released
 from nte.denoiser import Session
 from nte.filters.composition import EACH, Composition
 from nte.filters.named import NAMES, filter_type, parse
@@ -146,8 +146,9 @@ MEMORIES: dict[str, Callable[[Any], Memory | None]] = {
 MIXED = "composite:visibility=trmv,glossy=[taa:clamp=none,alpha=0.2],indirect=[align_accumulate:motion=geometric]"
 OFTEN = (*NAMES, "taa:clamp=none", "estimate+taa", MIXED)
 COMPONENTWISE = ("taa:target=components", "svgf:target=components", "asvgf:target=components")
-NEURAL = ("network", "network.onnx", *NETWORKS)
-NEURAL_OFTEN = ("network", "network.onnx", "mixing", "on top", "rae", "separated")
+RELEASED = tuple(released.names())
+NEURAL = ("network", "network.onnx", *NETWORKS, *RELEASED)
+NEURAL_OFTEN = ("network", "network.onnx", "mixing", "on top", "rae", "separated", *RELEASED)
 FILLED = ("taa", "svgf", "asvgf", "align_taa", "align_accumulate")  # history stands in for a frame without light
 
 
@@ -194,9 +195,9 @@ def network_file(tmp_path_factory: pytest.TempPathFactory) -> Path:
 def make(spec: str, network_file: Path) -> Denoiser:
     if spec == "network":
         return small_network(demodulate=True, feed_masks=True)
-    if spec in NEURAL and spec != "network.onnx":
+    if spec in NETWORKS:
         return complete(light_network(spec))
-    if "oidn" in spec:
+    if "oidn" in spec or spec in RELEASED:
         pytest.importorskip("pyoidn")
     return load_denoiser(str(network_file) if spec == "network.onnx" else spec)
 

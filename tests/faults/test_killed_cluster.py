@@ -165,3 +165,46 @@ def test_a_receiver_that_takes_longer_than_the_client_waits_for_a_scheduler(
 
         with pytest.raises(NteError, match=r"the scheduler at .* is gone"):
             jobs.on_cluster(COUNTING, partial(np.full, 1000), units, tmp_path, cluster.address, done)
+
+
+def nap(value: int) -> int:
+    time.sleep(0.05)
+    return value
+
+
+def test_work_whose_last_worker_is_killed_says_so_and_ends_in_a_line(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(jobs, "RETURN", 4)
+    monkeypatch.setattr(jobs, "PATIENCE", 2)
+    units = {f"unit {number}": number for number in range(1000)}
+    with Cluster(tmp_path / "cluster", workers=1) as cluster:
+        killed = list[float]()
+
+        def done(name: str, result: object) -> None:
+            killed.append(time.monotonic())
+            cluster.workers[0].kill()
+
+        with (
+            pytest.warns(jobs.NoWorkersWarning, match=r"has no workers left: start some with: dask worker tcp://"),
+            pytest.raises(NteError, match=r"has lost its last worker: start some with: .*, and count again, what is"),
+        ):
+            jobs.on_cluster(COUNTING, nap, units, tmp_path, cluster.address, done)
+        assert time.monotonic() - killed[0] < BOUND
+        assert [path.name for path in tmp_path.iterdir()] == ["cluster"]
+
+
+def test_work_whose_last_worker_is_killed_goes_on_with_another(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(jobs, "PATIENCE", 2)
+    units, seen = {f"unit {number}": number for number in range(50)}, dict[str, object]()
+    with Cluster(tmp_path / "cluster", workers=1) as cluster:
+
+        def done(name: str, result: object) -> None:
+            seen[name] = result
+            if len(seen) == 3:
+                cluster.workers[0].kill()
+                threading.Timer(4, cluster.add_worker).start()
+
+        with pytest.warns(jobs.NoWorkersWarning):
+            jobs.on_cluster(COUNTING, nap, units, tmp_path, cluster.address, done)
+    assert seen == units

@@ -5,7 +5,6 @@ import json
 import numpy as np
 import pytest
 
-from tests.faults.conftest import maker
 from tests.faults.numbers import NAMES, NUMBERS, numbers
 
 pytestmark = pytest.mark.filterwarnings("ignore::nte.motion.correspondence.FewerLevelsWarning")
@@ -14,7 +13,7 @@ EXPECTED = json.loads(NUMBERS.read_text())
 
 @pytest.mark.parametrize("name", NAMES)
 def test_a_denoiser_gives_the_numbers_that_it_gave(name: str) -> None:
-    np.testing.assert_allclose(numbers(maker(name)), EXPECTED[name], rtol=2e-3, atol=2e-4)
+    np.testing.assert_allclose(numbers(name), EXPECTED[name], rtol=2e-3, atol=2e-4)
 
 
 def test_each_has_its_own_numbers() -> None:

@@ -25,7 +25,8 @@ def whole_frame(index: int) -> Frame:
     nearer[..., 3 * index : 3 * index + 12, 5 * index : 5 * index + 15] = 0.4
     turned = np.roll(frame["normal"], index, 1)
     changed = {name: frame[name] * nearer for name in ("depth", "shutter_depth", "position", "roughness")}
-    changed["previous_forward_motion"] = frame["previous_forward_motion"] + 4 * (frame["depth"] > changed["depth"])
+    uncovered = frame["depth"] > changed["depth"]
+    changed["previous_forward_motion"] = frame["previous_forward_motion"] + np.float32(4) * uncovered
     albedo = np.float32(0.9) * frame["albedo"]
     return frame.with_channels(**changed, normal=turned, geometric_normal=turned.copy(), diffuse_albedo=albedo)
 

@@ -213,7 +213,7 @@ def test_a_switch_that_is_none_names_the_choices(key: str) -> None:
 
 def test_a_missing_pyoidn_names_the_extra(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setitem(sys.modules, "pyoidn", None)
-    raises(r"pip install 'nte-denoiser\[compare\]'", Oidn)
+    raises(r"pip install 'nte-denoiser\[oidn\]'", Oidn)
 
 
 @pytest.mark.parametrize("quality", OidnOptions.choices("quality"))
@@ -227,3 +227,24 @@ def test_one_bright_pixel_stays_where_it_is(quality: str, bright: float) -> None
         denoise(Oidn(OidnOptions(quality)), color=noisy),
     )
     assert image[..., 110:].mean() == pytest.approx(expected[..., 110:].mean(), rel=0.02)
+
+
+def test_normals_without_albedo_are_left_out() -> None:
+    """OIDN has no network for colour and normals alone."""
+    noisy, _ = noisy_gradient()
+    normal = np.zeros_like(noisy)
+    normal[:, 2] = 1
+    np.testing.assert_array_equal(denoise(Oidn(), color=noisy, normal=normal), denoise(Oidn(), color=noisy))
+
+
+def test_a_library_that_fails_is_one_line(monkeypatch: pytest.MonkeyPatch) -> None:
+    """The package is imported without its library, which is loaded for the first image."""
+
+    def fails(*_: object, **__: object) -> None:
+        raise OSError("cannot load library 'libOpenImageDenoise.so':\n version `GLIBC_2.99' not found")
+
+    monkeypatch.setattr(pyoidn, "denoise", fails)
+    noisy, _ = noisy_gradient()
+    with pytest.raises(NteError, match=r"^Open Image Denoise fails: cannot load .* not found: install") as error:
+        denoise(Oidn(), color=noisy)
+    assert "\n" not in str(error.value)

@@ -373,11 +373,12 @@ def test_a_clip_says_whether_its_guides_are_clean(tmp_path: Path) -> None:
 
 
 def test_one_writer_and_nothing_that_came_meanwhile_is_replaced(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     source, map_path = engine(tmp_path, scene())
-    other = temporary_name(tmp_path / "clip")
-    other = other.with_name(other.name.replace(f"_{os.getpid()}_", f"_{os.getppid()}_"))
+    with monkeypatch.context() as patch:
+        patch.setattr(os, "getpid", os.getppid)
+        other = temporary_name(tmp_path / "clip")
     other.mkdir()
     assert run(source, map_path, tmp_path / "clip") == 2
     assert "clip: another process is writing it" in capsys.readouterr().err

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 import torch
 
-from nte.denoiser import Session
+from nte.denoiser import MissingChannelWarning, Session
 from nte.errors import NteError
 from nte.filters.prior import complete
 from nte.frames.clip import Clip, frame_path, write_frame
@@ -67,7 +67,8 @@ def test_trains_is_exported_and_brings_its_prior_along(clip: Clip, tmp_path: Pat
     trained, model = load_denoiser(run), tmp_path / "model.onnx"
     export_onnx(load_run(run), model, progress=lambda line: None)
     exported = load_denoiser(model)
-    assert {*trained.needs} == {*exported.needs} == NEEDS
+    assert {*trained.needs, *trained.wants} == {*exported.needs, *exported.wants} == NEEDS
+    assert {*trained.needs} == {*exported.needs} == {"color", "motion"}  # those of taa
     assert "prior is made by taa:alpha=0.5" in describe(run)
     assert "prior: made by taa:alpha=0.5" in describe(model)
     session, graph = Session(trained), Session(exported)
@@ -88,3 +89,31 @@ def test_what_cannot_be_a_prior_is_refused() -> None:
         network.prior = spec
         with pytest.raises(NteError, match=message):
             complete(network)
+
+
+@pytest.mark.parametrize(
+    ("missing", "alike"),
+    [
+        (("motion",), True),
+        (("albedo", "normal", "depth"), True),
+        (("albedo", "normal", "depth", "motion"), True),
+        (("depth",), False),
+        (("albedo", "normal"), False),
+        (("normal",), False),
+    ],
+)
+def test_the_released_model_does_without_what_a_frame_lacks(missing: tuple[str, ...], alike: bool, clip: Clip) -> None:
+    """It is Open Image Denoise where nothing tells what became of a surface, and has a history where something does."""
+    channels = [name for name in ("color", "albedo", "normal", "depth", "motion") if name not in missing]
+    ours, theirs = Session(load_denoiser("steady")), Session(load_denoiser("oidn"))
+    with pytest.warns(MissingChannelWarning, match=f"frame 0: steady does without {', '.join(missing)}, which"):
+        first = ours.denoise(clip.frame(0, channels))
+    reference = clip.frame(3)["reference"]
+    images = [(first, theirs.denoise(clip.frame(0, channels)))]
+    images += [(ours.denoise(frame), theirs.denoise(frame)) for frame in (clip.frame(i, channels) for i in (1, 2, 3))]
+    error, other = (np.abs(image - reference).mean() for image in images[-1])
+    if alike:
+        assert error == pytest.approx(other, rel=0.02)
+    else:
+        assert error < 0.985 * other
+    assert all(np.isfinite(image).all() for image, _ in images)

@@ -34,6 +34,16 @@ def test_a_description_that_cannot_be_is_refused(model: Path, tmp_path: Path, ke
     assert "\n" not in str(error.value)
 
 
+def test_damage_to_the_checksum_does_not_switch_it_off(model: Path, tmp_path: Path) -> None:
+    content = model.read_bytes()
+    start = content.index(b'"sha256": "') + len(b'"sha256": "')
+    letter = next(i for i in range(start, start + 64) if content[i : i + 1].isalpha())
+    damaged = tmp_path / "damaged.onnx"
+    damaged.write_bytes(content[:letter] + content[letter : letter + 1].upper() + content[letter + 1 :])
+    with pytest.raises(NteError, match=r"damaged\.onnx: 'sha256' in the model's metadata is '[0-9A-Fa-f]*"):
+        OnnxDenoiser(damaged)
+
+
 def of_nan(weights: np.ndarray) -> np.ndarray:
     weights = weights.copy()
     weights[-1, 0] = np.nan

@@ -89,7 +89,7 @@ def test_scalars_extras_and_providers_that_are_wrong(exported: OnnxDenoiser, mod
     for exposure in ([0.0], [-1.0], [np.nan], [1.0, 2.0]):
         with pytest.raises(NteError, match=r"frame 0: exposure is .*expected a positive number"):
             exported.step(replace(frame, exposure=np.array(exposure, np.float32)), None)
-    with pytest.raises(NteError, match="OnnxDenoiser has no extra 'kernels', expected one of disoccluded, valid"):
+    with pytest.raises(NteError, match="model has no extra 'kernels', expected one of disoccluded, valid"):
         exported.step(frame, None, ("kernels",))
     with pytest.raises(NteError, match=r"--device abacus:0: no exported model runs there: expected one of cpu, "):
         load_denoiser(str(model), device="abacus:0")

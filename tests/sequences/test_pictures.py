@@ -18,7 +18,7 @@ from nte.frames.show import quantise, show
 from nte.frames.views import find_view
 from nte.sequences.denoise import denoise_files
 from nte.sequences.pictures import PictureSettings
-from nte.sequences.video import write_video
+from nte.sequences.video import open_video
 
 FRAMES = 4
 
@@ -68,13 +68,57 @@ def test_a_video_shows_every_frame_in_its_colours(tmp_path: Path) -> None:
         assert (stream.codec_context.colorspace, stream.codec_context.color_primaries) == (1, 1)
 
 
-def test_a_video_that_is_stopped_leaves_no_file(tmp_path: Path) -> None:
-    def pictures():
-        yield np.zeros((16, 16, 3), np.uint8)
-        raise KeyboardInterrupt
+def test_a_moving_picture_shows_both_halves_of_every_frame_for_ever(noisy_disc: Path, tmp_path: Path) -> None:
+    moving, film = tmp_path / "both.webp", tmp_path / "film.webp"
+    settings = PictureSettings(png=True, before_after=moving, video=film, fps=12.5)
+    written = denoise_files([noisy_disc], Taa(TaaOptions("none")), tmp_path / "out", pictures=settings)
+    exposure = float(Clip(tmp_path / "out").info["exposure"])
+    with Image.open(moving) as both, Image.open(film) as alone:
+        frames = [getattr(picture, "n_frames", 1) for picture in (both, alone)]
+        assert (*frames, both.info["loop"]) == (len(written), len(written), 0)
+        for index, path in enumerate(written):
+            both.seek(index)
+            both.load()  # only then Pillow knows the duration
+            alone.seek(index)
+            assert both.info["duration"] == 80
+            before = show("color", read_frame(frame_path(noisy_disc, index))["color"], exposure).pixels.astype(int)
+            after = picture_of(path.with_suffix(".png")).astype(int)
+            found, filmed = (np.asarray(picture.convert("RGB")).astype(int) for picture in (both, alone))
+            middle = after.shape[1] // 2
+            left, right = np.s_[:, :middle], np.s_[:, middle + 1 :]
+            lost = np.abs(found[left] - before[left]).mean()  # noise has much colour, of which WebP keeps a quarter
+            assert lost < 8
+            assert index == 0 or lost < 0.5 * np.abs(found[left] - after[left]).mean()
+            assert np.abs(found[right] - after[right]).mean() < 8
+            assert np.abs(filmed - after).mean() < 8
 
-    with pytest.raises(KeyboardInterrupt):
-        write_video(tmp_path / "film.mp4", pictures(), 24)
+
+def test_a_moving_picture_follows_light_that_changes_slowly(tmp_path: Path) -> None:
+    """Encoders of animations like to keep what hardly changes, in blocks that are seen."""
+    ramp = np.linspace(60, 100, 96)[:, None] + np.linspace(0, 40, 128)
+    pictures = [np.repeat((ramp + i)[..., None], 3, 2).round().astype(np.uint8) for i in range(10)]
+    with open_video(tmp_path / "slow.webp", 24) as add:
+        for picture in pictures:
+            add(picture)
+    with Image.open(tmp_path / "slow.webp") as found:
+        for index, picture in enumerate(pictures):
+            found.seek(index)
+            assert np.abs(np.asarray(found.convert("RGB")).astype(int) - picture).max() <= 3
+
+
+@pytest.mark.parametrize("name", ["film.mp4", "film.webp"])
+@pytest.mark.parametrize("error", [KeyboardInterrupt(), OSError("another file")])
+def test_a_video_that_is_stopped_leaves_no_file_and_the_error_as_it_is(
+    name: str, error: BaseException, tmp_path: Path
+) -> None:
+    def stopped() -> None:
+        with open_video(tmp_path / name, 24) as add:
+            add(np.zeros((16, 16, 3), np.uint8))
+            raise error
+
+    with pytest.raises(type(error)) as caught:
+        stopped()
+    assert caught.value is error
     assert not list(tmp_path.iterdir())
 
 
@@ -102,8 +146,8 @@ def test_bad_pixels_of_the_noisy_image_are_magenta(tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ("options", "message"),
     [
-        (["--video", "film.avi"], "film.avi: expected a name that ends in .mp4"),
-        (["--before-after", "both.jpg"], "both.jpg: expected a name that ends in .png"),
+        (["--video", "film.avi"], "film.avi: expected a name that ends in .mp4 or .webp"),
+        (["--before-after", "both.jpg"], "both.jpg: expected a name that ends in .png or .mp4 or .webp"),
         (["--view", "agx2", "--png"], "no view 'agx2' in ocio://default, which has "),
         (["--video", "film.mp4", "--fps", "0"], "fps is 0, expected a number of frames per second above 0"),
         (["--video", "film.mp4", "--fps", "nan"], "fps is nan, expected a number"),
@@ -138,5 +182,8 @@ def test_a_view_is_for_light_only(tmp_path: Path) -> None:
 
 def test_without_pyav_the_extra_is_named(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setitem(sys.modules, "av", None)
-    with pytest.raises(NteError, match=r"a video needs the package 'av': .*\[video\]"):
-        write_video(tmp_path / "film.mp4", iter([]), 24)
+    with (
+        pytest.raises(NteError, match=r"a video needs the package 'av': .*\[video\]"),
+        open_video(tmp_path / "film.mp4", 24),
+    ):
+        pass

@@ -6,13 +6,14 @@ import numpy as np
 import pytest
 
 from nte.cli import main
-from nte.denoiser import Result
+from nte.denoiser import Noisy, Result
 from nte.errors import NteError
 from nte.filters.taa import Taa
-from nte.frames.clip import Clip, frame_path, read_frame
+from nte.frames.clip import Clip, frame_path, read_frame, write_frame
 from nte.frames.exr import read_layers
 from nte.frames.frame import Frame
 from nte.frames.numbering import by_number
+from nte.frames.scalars import sequence_scalars
 from nte.sequences.denoise import denoise_files
 from nte.sequences.sources import WARM_UP
 from tests.importing.producers import blender, scene
@@ -53,6 +54,32 @@ def test_a_part_of_numbered_frames_is_that_of_the_whole(tmp_path: Path, first: i
             np.testing.assert_allclose(
                 read_frame(ours)["color"], read_frame(theirs)["color"], rtol=0, atol=0 if start <= WARM_UP else 0.06
             )
+
+
+def test_a_part_has_the_exposure_and_the_depth_of_the_whole(tmp_path: Path) -> None:
+    """The light grows, and the camera withdraws: the first frame that is read is no measure of the sequence."""
+
+    class Keeping(Noisy):
+        needs = ("color", "depth")
+
+        def __init__(self) -> None:
+            super().__init__()
+            self.seen: dict[int, tuple[float, float]] = {}
+
+        def step(self, frame: Frame, state: object, extras: tuple[str, ...] = ()) -> tuple[Result, object]:
+            exposure, depth = sequence_scalars(frame)
+            self.seen[int(frame["color"][0, 0, 0, 0] * 8)] = float(exposure[0]), float(depth[0])
+            return super().step(frame, state, extras)
+
+    folder = tmp_path / "shot"
+    for i in range(40):
+        light, far = np.full((3, 8, 8), (i + 1) / 8, np.float32), np.full((1, 8, 8), i + 1, np.float32)
+        write_frame(folder / f"shot.{i:04d}.exr", {"color": light, "depth": far})
+    whole, part = Keeping(), Keeping()
+    denoise_files([folder], whole, tmp_path / "whole")
+    denoise_files([folder], part, tmp_path / "part", wanted=range(38, 40))
+    assert len({exposure for exposure, _ in whole.seen.values()}) == 1
+    assert [part.seen[i + 1] for i in (38, 39)] == [(whole.seen[1][0], 1.0)] * 2
 
 
 def test_some_frames_of_a_denoised_clip_are_replaced_and_it_stays_one(noisy_disc: Path, tmp_path: Path) -> None:

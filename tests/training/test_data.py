@@ -1,5 +1,8 @@
 """What a step trains on: a function of (seed, step), within what may be trained on."""
 
+import os
+import subprocess
+import sys
 from pathlib import Path
 
 import numpy as np
@@ -216,6 +219,40 @@ def test_worker_processes_give_the_same_batches(clips: list[Clip]) -> None:
     there = list(training_loader(steps(clips, workers=2, **RANDOM), 3, 9))
     assert len(here) == len(there) == 6
     assert all(same(a, b) for a, b in zip(here, there, strict=True))
+
+
+AFTER_A_VALIDATION = """
+import sys
+from nte import load_denoiser
+from nte.denoiser import Session
+from nte.frames.clip import Clip
+from nte.training.config import DataConfig
+from nte.training.data import TrainingBatches, training_loader
+from tests.training.test_data import CHANNELS, same
+
+def steps(clip, workers):
+    config = DataConfig(clips=["."], frames=3, crop=8, batch=1, workers=workers)
+    return TrainingBatches([clip], (*CHANNELS, "prior"), config, 1, 0, 1, prior="oidn:quality=fast")
+
+if __name__ == "__main__":
+    clip = Clip(sys.argv[1])
+    Session(load_denoiser("oidn:quality=fast")).denoise(clip.frame(0))
+    here, there = (list(training_loader(steps(clip, workers), 0, 2)) for workers in (0, 1))
+    assert all(same(a, b) for a, b in zip(here, there, strict=True))
+    print(*sorted(here[0][0]))
+"""
+
+
+@pytest.mark.slow
+def test_workers_make_a_prior_also_where_this_process_has_made_one(clips: list[Clip], tmp_path: Path) -> None:
+    """As a validation does before the loader of a resumed run. OIDN hangs in a fork of a process that has used it."""
+    pytest.importorskip("pyoidn")
+    script = tmp_path / "after_a_validation.py"
+    script.write_text(AFTER_A_VALIDATION)
+    environment = os.environ | {"PYTHONPATH": str(Path(__file__).parents[2])}
+    command = [sys.executable, script, clips[0].folder]
+    said = subprocess.run(command, env=environment, timeout=240, capture_output=True, text=True, check=False)
+    assert "prior" in said.stdout.split(), said.stderr
 
 
 @pytest.mark.slow

@@ -54,6 +54,20 @@ def test_other_clips_are_refused_and_named(tmp_path: Path) -> None:
     refused(tmp_path, clips, r"trained on other clips: 'disc_001' has another clip.json in data.clips", *EPOCHS)
 
 
+def test_other_frames_are_refused_and_a_copy_of_the_same_is_not(
+    finished: Path, tmp_path: Path, noisy_disc: Path
+) -> None:
+    run, data = copied(finished, tmp_path), tmp_path / "data" / noisy_disc.name
+    shutil.copytree(noisy_disc, data, copy_function=shutil.copyfile)  # with new times, as from another machine
+    text = (run / "config.yaml").read_text()
+    (run / "config.yaml").write_text(text.replace(str(noisy_disc), str(data)))
+    train(tiny_config(tmp_path, data, "resume=true"), device="cpu")
+    disc_clip(data, seed=9, size=(24, 40), start=(10.0, 12.0), radius=6.0)
+    refused(tmp_path, data, r"trained on other clips: 'disc' has other frames in data.clips: restore it, or")
+    change_plan(run, lambda plan: [clip.pop() for key in ("clips", "validation") for clip in plan[key]])
+    train(tiny_config(tmp_path, data, "resume=true"), device="cpu")  # from when plans had no digests of frames
+
+
 def test_the_same_clips_elsewhere_are_the_same(tmp_path: Path) -> None:
     clips = clip_folder(tmp_path / "clips", 2)
     run = train(tiny_config(tmp_path, clips, *EPOCHS), device="cpu")
@@ -81,6 +95,7 @@ def change_plan(run: Path, change: Callable[[dict[str, Any]], object]) -> None:
         (lambda p: p["validation"].clear(), "'disc' is new in data.validation"),
         (lambda p: p.pop("clips"), r"plan.json: not a plan of ours, or damaged: 'clips'"),
         (lambda p: p.update(clips=[["a"]]), r"plan.json: not a plan of ours, or damaged: "),
+        (lambda p: p["clips"][0].append("0123"), r"plan.json: not a plan of ours, or damaged: another type"),
         (lambda p: p.update(clips=[[1, 2]]), r"plan.json: not a plan of ours, or damaged: "),
         (lambda p: p.update(processes="2"), r"plan.json: not a plan of ours, or damaged: another type"),
     ],

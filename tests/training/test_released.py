@@ -4,6 +4,7 @@ import shutil
 from pathlib import Path
 
 import numpy as np
+import onnx
 import pytest
 import torch
 
@@ -63,6 +64,14 @@ def test_a_run_of_that_name_wins(ours: Path, finished: Path) -> None:
     assert read_weights(Path("tiny")).source == Path("tiny")
 
 
+def test_another_folder_of_that_name_does_not(ours: Path) -> None:
+    """Such as what somebody has denoised with it: nte denoise renders --out tiny."""
+    Path("tiny").mkdir()
+    assert isinstance(load_denoiser("tiny"), OnnxDenoiser)
+    assert read_weights(Path("tiny")).source == ours / "tiny.safetensors"
+    assert describe(Path("tiny")) == describe(ours / "tiny.onnx")
+
+
 def test_who_mistypes_a_name_is_told(ours: Path) -> None:
     with pytest.raises(NteError, match=r"'tini' is no denoiser, did you mean tiny\?"):
         load_denoiser("tini")
@@ -93,7 +102,12 @@ def test_each_that_ships_is_whole(name: str) -> None:
     config = load_train_config(ROOT / "configs" / f"{name}.yaml", [])
     network = make_network(config.network)
     count = len(network.state_dict())
-    assert begin_with(network, read_weights(Path(name))).endswith(f"{count} of {count} tensors fit")
+    weights = read_weights(Path(name))
+    assert begin_with(network, weights).endswith(f"{count} of {count} tensors fit")
+    graph = onnx.load(str(released.FOLDER / f"{name}.onnx")).graph
+    stored = {tensor.name: onnx.numpy_helper.to_array(tensor) for tensor in graph.initializer}
+    alike = [key for key, value in weights.tensors.items() if np.array_equal(stored.get(key), value)]
+    assert len(alike) > 0.9 * count  # the exporter folds a few into others
     assert "**Limits.**" in (released.FOLDER / f"{name}.md").read_text("utf-8")
 
 

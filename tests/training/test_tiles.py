@@ -1,5 +1,6 @@
 """Decoded clips: the same pixels from memory, from files, and from the clip itself; files whole or absent."""
 
+import importlib.metadata
 import os
 import warnings
 from multiprocessing import get_context
@@ -86,6 +87,18 @@ def test_a_clip_that_is_rendered_again_is_decoded_again(tmp_path: Path) -> None:
     second = ClipStore([Clip(clip.folder)], CHANNELS, tmp_path / "cache").get(0, 0).crop(*everything)["color"]
     assert torch.equal(second[0], first[0])
     assert torch.equal(second[1], 2 * first[1])
+
+
+@pytest.mark.parametrize(("prior", "folders"), [("", 1), ("noisy", 2)])
+def test_what_another_denoiser_made_is_made_again_by_another_version_of_it(
+    clip: Clip, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, prior: str, folders: int
+) -> None:
+    channels = (*CHANNELS, "prior") if prior else CHANNELS
+    ClipStore([clip], channels, tmp_path, prior=prior).get(0, 0)
+    installed = importlib.metadata.version
+    monkeypatch.setattr(importlib.metadata, "version", lambda name: "9.9" if name == "pyoidn" else installed(name))
+    ClipStore([clip], channels, tmp_path, prior=prior).get(0, 0)
+    assert len([*tmp_path.iterdir()]) == folders
 
 
 def test_a_full_disk_is_one_line_and_leaves_nothing(

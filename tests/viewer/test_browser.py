@@ -1,55 +1,49 @@
 """The viewer in a real browser, from disk: what is seen is what the files hold, and every control does what it says."""
 
-import io
 from collections.abc import Iterator
 from pathlib import Path
-from typing import Any
 
 import numpy as np
-import numpy.typing as npt
 import pytest
-from PIL import Image
 
 from nte.evaluation.evaluate import evaluate
 from nte.evaluation.view import view
 from nte.frames.clip import Clip
-from nte.frames.show import display, heat, show
+from nte.frames.show import heat, show
 from nte.registry import load_denoiser
-from nte.viewer.page import write_page
-from nte.viewer.recorder import Layer, Recorder, Recording, exposure_of
 from tests.evaluation.conftest import noisy_frames
 from tests.synthetic import disc_clip, write_clip
 from tests.viewer.browser import Browser, needs_chromium
 from tests.viewer.reading import data_of, layer_of, pixels_of
+from tests.viewer.steering import (
+    SIZE,
+    WINDOW,
+    choose,
+    colour_at,
+    displayed,
+    frame_of,
+    numbers,
+    pixels_seen,
+    place_of,
+    point,
+    seen,
+    slide,
+    window_at,
+)  # fmt: skip
 
 pytestmark = [pytest.mark.slow, needs_chromium]
 
 NASTY = "<b>x&y"
 SOME = (21, 17)  # a pixel, x and y
-SIZE = (40, 56)  # height and width of the first clip
-WINDOW = (500, 700)  # small: the graphics card is a program here
 LABEL = (slice(0, 5), slice(0, 30))  # rows and columns that the image's name covers
 
 
 @pytest.fixture(scope="module")
-def browser(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Browser]:
-    found = Browser(tmp_path_factory.mktemp("profile"))
-    found.size(*WINDOW)
-    yield found
-    found.close()
-
-
-@pytest.fixture(scope="module")
-def clip(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    return write_clip(tmp_path_factory.mktemp("clips") / "disc", noisy_frames(5))
-
-
-@pytest.fixture(scope="module")
-def page(clip: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
+def page(noisy_clip: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
     """Two clips of different sizes with two denoisers; the second has no reference."""
     other = disc_clip(tmp_path_factory.mktemp("other") / NASTY, frames=2, size=(24, 30), seed=2, start=(10.0, 12.0))
     denoisers = {spec: load_denoiser(spec) for spec in ("taa", "svgf")}
-    return view([clip, other], denoisers, tmp_path_factory.mktemp("view") / "out")
+    return view([noisy_clip, other], denoisers, tmp_path_factory.mktemp("view") / "out")
 
 
 RESET = """
@@ -85,89 +79,7 @@ def opened(loaded: Browser, page: Path) -> Iterator[Browser]:
     loaded.size(*WINDOW)
 
 
-def choose(browser: Browser, selector: str, text: str) -> None:
-    """Choose an option of a menu by its text."""
-    browser.run(
-        f"""(() => {{
-          const menu = document.querySelector({selector!r});
-          menu.value = [...menu.options].find(option => option.text === {text!r}).value;
-          menu.dispatchEvent(new Event("change", {{bubbles: true}}));
-        }})()"""
-    )
-    browser.settle()
-
-
-def slide(browser: Browser, selector: str, value: float) -> None:
-    browser.run(
-        f"""(() => {{
-          const slider = document.querySelector({selector!r});
-          slider.value = {value};
-          slider.dispatchEvent(new Event("input", {{bubbles: true}}));
-        }})()"""
-    )
-    browser.settle()
-
-
-def seen(browser: Browser) -> npt.NDArray[np.float32]:
-    """What the canvas shows, (3, H, W) in [0, 1]."""
-    browser.mouse("move", 2, 2)
-    image = Image.open(io.BytesIO(browser.picture("#canvas"))).convert("RGB")
-    return (np.asarray(image, np.float32) / 255).transpose(2, 0, 1)
-
-
-def place_of(
-    room: tuple[float, float], size: tuple[int, int], x: npt.ArrayLike, y: npt.ArrayLike
-) -> tuple[npt.NDArray[np.int64], npt.NDArray[np.int64]]:
-    """Row and column of the middle of an image pixel, while the whole image (height, width) is seen in a pane."""
-    zoom = int(min(room[1] / size[1], room[0] / size[0]))
-    top, left = ((r - zoom * s) / 2 for r, s in zip(room, size, strict=True))
-    at = [np.floor(start + (np.asarray(i) + 0.5) * zoom).astype(int) for start, i in ((top, y), (left, x))]
-    return at[0], at[1]
-
-
-def pixels_seen(browser: Browser, size: tuple[int, int]) -> npt.NDArray[np.float32]:
-    """The colours (3, H, W) that the canvas shows of every pixel of an image (height, width)."""
-    picture = seen(browser)
-    y, x = np.mgrid[: size[0], : size[1]]
-    rows, columns = place_of(picture.shape[1:], size, x, y)
-    return picture[:, rows, columns]
-
-
-def colour_at(browser: Browser, size: tuple[int, int], x: int, y: int) -> npt.NDArray[np.float32]:
-    return pixels_seen(browser, size)[:, y, x]
-
-
-def window_at(browser: Browser, size: tuple[int, int], x: int, y: int) -> tuple[float, float]:
-    """Where the middle of an image pixel lies in the window."""
-    box = browser.box("#canvas")
-    row, column = place_of((box["height"], box["width"]), size, x, y)
-    return box["x"] + float(column), box["y"] + float(row)
-
-
-def point(browser: Browser, size: tuple[int, int], x: int, y: int) -> None:
-    browser.mouse("move", *window_at(browser, size, x, y))
-    browser.settle()
-
-
-def numbers(browser: Browser) -> dict[str, list[float]]:
-    """The table of numbers: layer → values."""
-    rows: dict[str, list[str]] = browser.run(
-        """Object.fromEntries([...document.querySelectorAll(".numbers tr")].map(row =>
-          [row.dataset.layer, [...row.querySelectorAll("td:not(.unit)")].map(cell => cell.lastChild.textContent)]))"""
-    )
-    known = {name: texts for name, texts in rows.items() if "–" not in texts}  # those of this frame
-    return {name: [float(text.replace("−", "-")) for text in texts] for name, texts in known.items()}
-
-
-def frame_of(browser: Browser) -> int:
-    return int(browser.run("document.querySelector('#canvas').dataset.frame"))
-
-
-def displayed(clip: Path, values: npt.NDArray[Any], stops: float = 0.0) -> npt.NDArray[np.float32]:
-    return display(np.asarray(values, np.float32), exposure_of(Clip(clip)) * 2**stops).astype(np.float32)
-
-
-def test_the_number_under_the_pointer_is_the_files(opened: Browser, clip: Path) -> None:
+def test_the_number_under_the_pointer_is_the_files(opened: Browser, noisy_clip: Path) -> None:
     x, y = SOME
     opened.run("document.querySelector('.numbers input').click()")  # every channel
     for index in (0, 3):
@@ -177,7 +89,7 @@ def test_the_number_under_the_pointer_is_the_files(opened: Browser, clip: Path) 
         point(opened, SIZE, x, y)
         opened.settle()
         assert opened.run("document.querySelector('#pixel').textContent") == f"x {x}, y {y}"
-        frame, found = Clip(clip).frame(index), numbers(opened)
+        frame, found = Clip(noisy_clip).frame(index), numbers(opened)
         for name, title in (("color", "noisy input"), ("reference", "reference"), ("albedo", "albedo")):
             expected = frame[name][0, :, y, x].astype(np.float16).astype(float)
             assert found[title] == pytest.approx(expected.tolist(), rel=1e-5), name
@@ -185,25 +97,25 @@ def test_the_number_under_the_pointer_is_the_files(opened: Browser, clip: Path) 
             assert found[name] == pytest.approx(frame[name][0, :, y, x].tolist(), rel=1e-5), name
 
 
-def test_the_pixel_is_where_the_pointer_is_and_has_its_colour(opened: Browser, clip: Path) -> None:
+def test_the_pixel_is_where_the_pointer_is_and_has_its_colour(opened: Browser, noisy_clip: Path) -> None:
     """Numbers and picture are of one place: the colours of many pixels are those of the file, displayed."""
     opened.press("f")  # the left image alone
     opened.settle()
     picture = pixels_seen(opened, SIZE)
     index = frame_of(opened)
-    expected = displayed(clip, Clip(clip).frame(index)["color"][0].astype(np.float16))
+    expected = displayed(noisy_clip, Clip(noisy_clip).frame(index)["color"][0].astype(np.float16))
     for part in (picture, expected):
         part[:, *LABEL] = 0
     np.testing.assert_allclose(picture, expected, atol=1.1 / 255)
 
 
-def test_the_split_moves(opened: Browser, clip: Path, page: Path) -> None:
+def test_the_split_moves(opened: Browser, noisy_clip: Path, page: Path) -> None:
     box = opened.box("#canvas")
     size = SIZE
     choose(opened, "#right", "reference")
     index = frame_of(opened)
-    left = displayed(clip, pixels_of(page, index, "image", "noisy input"))
-    right = displayed(clip, pixels_of(page, index, "image", "reference"))
+    left = displayed(noisy_clip, pixels_of(page, index, "image", "noisy input"))
+    right = displayed(noisy_clip, pixels_of(page, index, "image", "reference"))
     middle = box["x"] + box["width"] / 2
     height = box["y"] + 40
     for target, expected in ((0.9, left), (0.1, right)):
@@ -217,23 +129,23 @@ def test_the_split_moves(opened: Browser, clip: Path, page: Path) -> None:
     assert opened.box(".divider")["x"] == pytest.approx(box["x"] + 0.15 * box["width"], abs=8)
 
 
-def test_the_exposure_slider_changes_pixels(opened: Browser, clip: Path) -> None:
+def test_the_exposure_slider_changes_pixels(opened: Browser, noisy_clip: Path) -> None:
     opened.press("f")
     index = frame_of(opened)
-    color = Clip(clip).frame(index)["color"][0].astype(np.float16)
+    color = Clip(noisy_clip).frame(index)["color"][0].astype(np.float16)
     x, y = SOME
     before = colour_at(opened, SIZE, x, y)
     for stops in (2.0, -3.0):
         slide(opened, "#exposure", stops)
         np.testing.assert_allclose(
-            colour_at(opened, SIZE, x, y), displayed(clip, color, stops)[:, y, x], atol=1.1 / 255
+            colour_at(opened, SIZE, x, y), displayed(noisy_clip, color, stops)[:, y, x], atol=1.1 / 255
         )
     opened.press("\\")
     opened.settle()
     np.testing.assert_array_equal(colour_at(opened, SIZE, x, y), before)
     opened.press("]")
     opened.settle()
-    expected = displayed(clip, color, 0.5)[:, y, x]
+    expected = displayed(noisy_clip, color, 0.5)[:, y, x]
     np.testing.assert_allclose(colour_at(opened, SIZE, x, y), expected, atol=1.1 / 255)
 
 
@@ -275,7 +187,7 @@ def test_keys_choose_frames_and_images(opened: Browser) -> None:
     assert frame_of(opened) == 1
 
 
-def test_playing_advances_with_all_images_in_step(opened: Browser, page: Path, clip: Path) -> None:
+def test_playing_advances_with_all_images_in_step(opened: Browser, page: Path, noisy_clip: Path) -> None:
     opened.press("a")
     opened.press("Home")
     opened.settle()
@@ -300,7 +212,7 @@ def test_playing_advances_with_all_images_in_step(opened: Browser, page: Path, c
     row, column = place_of((height, width), SIZE, *SOME)
     x, y = SOME
     for corner, name in (((0, 0), "taa"), ((0, width + 4), "svgf"), ((height + 4, 0), "noisy input")):
-        expected = displayed(clip, pixels_of(page, stopped, "image", name))[:, y, x]
+        expected = displayed(noisy_clip, pixels_of(page, stopped, "image", name))[:, y, x]
         found = picture[:, corner[0] + row, corner[1] + column]
         np.testing.assert_allclose(found, expected, atol=1.1 / 255)
 
@@ -321,11 +233,46 @@ def test_zoom_keeps_the_pixel_under_the_pointer(opened: Browser) -> None:
     assert opened.run("document.querySelector('#pixel').textContent") == "x 0, y 0"
 
 
+def test_two_sides_show_the_same_place_at_any_zoom(opened: Browser) -> None:
+    opened.press("b")
+    choose(opened, "#right", "noisy input")
+    box = opened.box("#canvas")
+    width = int(box["width"] - 4) // 2
+    for delta in (-480, -300, 120):
+        opened.mouse("wheel", box["x"] + 0.7 * width, box["y"] + 0.3 * box["height"], deltaX=0, deltaY=delta)
+        opened.settle()
+        picture = seen(opened)[:, 40:]  # below the names
+        np.testing.assert_array_equal(picture[:, :, :width], picture[:, :, width + 4 : 2 * width + 4])
+        assert picture.std() > 0.05
+    x, y = box["x"] + 0.7 * width, box["y"] + 0.3 * box["height"]
+    opened.mouse("move", x, y)
+    opened.settle()
+    spot = opened.run("document.querySelector('#pixel').textContent")
+    opened.mouse("move", x + width + 4, y)
+    opened.settle()
+    assert opened.run("document.querySelector('#pixel').textContent") == spot
+
+
+def test_flip_changes_between_the_two(opened: Browser, noisy_clip: Path, page: Path) -> None:
+    index = frame_of(opened)
+    x, y = SOME
+    opened.press("f")
+    for name in ("noisy input", "taa", "noisy input"):
+        opened.settle()
+        expected = displayed(noisy_clip, pixels_of(page, index, "image", name))[:, y, x]
+        np.testing.assert_allclose(colour_at(opened, SIZE, x, y), expected, atol=1.1 / 255)
+        opened.press("f")
+
+
 @pytest.mark.parametrize(
-    "name", ["albedo", "normal", "depth", "instance", "motion", "history_length of svgf", "FLIP of taa", "reference"]
-)
+    "name",
+    [
+        "albedo", "normal", "depth", "instance", "motion", "history_length of svgf", "alpha of svgf", "disoccluded",
+        "FLIP of taa", "reference",
+    ],
+)  # fmt: skip
 def test_every_kind_of_layer_looks_the_same_without_webgl_and_as_in_python(
-    browser: Browser, page: Path, clip: Path, name: str
+    browser: Browser, page: Path, noisy_clip: Path, name: str
 ) -> None:
     pictures = []
     for fragment in ("", "#2d"):
@@ -339,7 +286,7 @@ def test_every_kind_of_layer_looks_the_same_without_webgl_and_as_in_python(
     if name in ("albedo", "normal", "depth", "motion"):
         data = data_of(page.read_text("utf-8"))
         scale = layer_of(data, "channel", name, name)["scale"]
-        pictures.append(show(name, Clip(clip).frame(index)[name][0], scale=scale).pixels.transpose(2, 0, 1) / 255)
+        pictures.append(show(name, Clip(noisy_clip).frame(index)[name][0], scale=scale).pixels.transpose(2, 0, 1) / 255)
     elif name.startswith("FLIP"):
         pictures.append(heat(pixels_of(page, index, "flip", "taa")[0] / np.float32(255), "magma"))
     for picture in pictures:
@@ -348,7 +295,9 @@ def test_every_kind_of_layer_looks_the_same_without_webgl_and_as_in_python(
         np.testing.assert_allclose(other, pictures[0], atol=1.6 / 255)
 
 
-def test_differences_and_signed_errors_are_those_of_what_is_displayed(opened: Browser, page: Path, clip: Path) -> None:
+def test_differences_and_signed_errors_are_those_of_what_is_displayed(
+    opened: Browser, page: Path, noisy_clip: Path
+) -> None:
     index = frame_of(opened)
     x, y = SOME
     choose(opened, "#left", "noisy input")
@@ -356,7 +305,8 @@ def test_differences_and_signed_errors_are_those_of_what_is_displayed(opened: Br
     opened.press("d")
     opened.settle()
     ours, theirs, truth = (
-        displayed(clip, pixels_of(page, index, "image", name))[:, y, x] for name in ("noisy input", "taa", "reference")
+        displayed(noisy_clip, pixels_of(page, index, "image", name))[:, y, x]
+        for name in ("noisy input", "taa", "reference")
     )
     expected = np.clip(np.abs(ours - theirs) * 4, 0, 1)
     np.testing.assert_allclose(colour_at(opened, SIZE, x, y), expected, atol=4 / 255)
@@ -441,22 +391,13 @@ def test_the_page_fits_800_pixels_in_light_and_dark(opened: Browser, dark: bool)
     opened.dark(False)
 
 
-def test_a_file_that_is_lost_is_said_and_the_rest_goes_on(browser: Browser, clip: Path, tmp_path: Path) -> None:
-    page = view([clip], {"taa": load_denoiser("taa")}, tmp_path / "out")
-    (lost,) = (tmp_path / "out").glob("layers/disc/image_taa_color/0002.js")
-    lost.unlink()
-    browser.open(page)
-    choose(browser, "#right", "taa")
-    for _ in range(5):
-        browser.press("ArrowRight")
-        browser.settle()
-        said = browser.run("[...document.querySelectorAll('.name')].some(n => n.textContent.includes('not there'))")
-        assert said == (frame_of(browser) == 2)
-
-
-def test_the_report_of_an_evaluation_opens_and_says_its_numbers(browser: Browser, clip: Path, tmp_path: Path) -> None:
+def test_the_report_of_an_evaluation_opens_and_says_its_numbers(
+    browser: Browser, noisy_clip: Path, tmp_path: Path
+) -> None:
     other = write_clip(tmp_path / "clips" / "two", noisy_frames(3, seed=5, size=(30, 44)))
-    found = evaluate([clip, other], {NASTY: load_denoiser("taa"), "noisy": load_denoiser("noisy")}, tmp_path / "out")
+    found = evaluate(
+        [noisy_clip, other], {NASTY: load_denoiser("taa"), "noisy": load_denoiser("noisy")}, tmp_path / "out"
+    )
     browser.open(tmp_path / "out" / "index.html")
     browser.settle()
     cells = browser.run("[...document.querySelectorAll('#means tbody td:nth-child(2)')].map(c => c.textContent)")
@@ -467,20 +408,4 @@ def test_the_report_of_an_evaluation_opens_and_says_its_numbers(browser: Browser
     assert browser.run("[...document.querySelectorAll('.name')].map(n => n.textContent)")[1] in (NASTY, "noisy")
     browser.press("ArrowRight")
     browser.settle()
-    assert browser.errors == []
-
-
-def test_two_thousand_frames(browser: Browser, tmp_path: Path) -> None:
-    recorder = Recorder(Recording(tmp_path / "layers"), "long", (6, 8), 2000, 1.0)
-    for i in range(2000):
-        recorder.add(i, Layer("image", "noisy input", "color"), np.full((3, 6, 8), i / 1000, np.float32))
-    data = {"title": "long", "summary": "", "note": "", "notes": [], "clips": [recorder.entry()], "rows": []}
-    browser.open(write_page(tmp_path, data | {"metrics": [], "tables": [], "about": []}))
-    for key, index in (("End", 1999), ("ArrowLeft", 1998), ("Home", 0)):
-        browser.press(key)
-        browser.settle()
-        assert frame_of(browser) == index
-    slide(browser, "#frame", 1234)
-    point(browser, (6, 8), 4, 3)
-    assert numbers(browser)["noisy input"] == pytest.approx([float(np.float16(1.234))] * 3)
     assert browser.errors == []

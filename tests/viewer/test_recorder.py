@@ -5,7 +5,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from nte.viewer.recorder import Layer, Recorder, Recording, slug, titled
+from nte.viewer.recorder import KERNEL_BYTES, Layer, Recorder, Recording, slug, titled
 
 IMAGE, FLIP = Layer("image", "taa", "color"), Layer("flip", "taa", "color")
 
@@ -100,3 +100,55 @@ def test_titles_replace_specifications(tmp_path: Path) -> None:
     given = recorder(tmp_path, frames=1)
     record(given)
     assert titled(given.entry(), {"taa": "ours"})["layers"][0]["of"] == "ours"
+
+
+def record_kernels(given: Recorder, chosen: dict[int, int], size: int) -> list[int]:
+    """Record kernels of 3×3 taps of every frame; size: what they are said to take, in bytes. Return what is on disk."""
+    layer = Layer("kernel", "net", "kernel at 1/2", 2, ("α",))
+    for index in range(given.frames):
+        if index in chosen:
+            given.centre(chosen[index])
+        if given.keeps_kernels(index, "net", size):
+            given.add(index, layer, np.full((10, 2, 3), index, np.float32))
+        given.end_frame(index)
+    given.end()
+    return sorted(int(path.stem) for path in given.folder.glob("kernel_*/*.js"))
+
+
+@pytest.mark.parametrize(
+    ("span", "chosen", "kept"),
+    [
+        (None, {}, []),  # nothing is chosen
+        (None, {0: 0}, [0, 1, 2]),
+        (None, {1: 1, 2: 2, 8: 8}, [8, 9, 10]),  # those of a frame that was chosen before are gone
+        (None, {18: 18}, [18, 19]),
+        (4, {8: 8}, [8, 9]),  # the frames 6 to 9 are played
+    ],
+)
+def test_kernels_are_kept_of_few_frames_from_the_chosen_one_on(
+    tmp_path: Path, span: int | None, chosen: dict[int, int], kept: list[int]
+) -> None:
+    given = recorder(tmp_path, span=span, extras=True)
+    assert record_kernels(given, chosen, KERNEL_BYTES // 3) == kept
+    assert given.entry()["frames"] == kept
+    assert given.notes == []
+
+
+def test_kernels_start_with_the_range_that_is_shown(tmp_path: Path) -> None:
+    assert record_kernels(recorder(tmp_path, extras=True, first=5), {1: 1}, KERNEL_BYTES // 2) == [5, 6]
+
+
+def test_kernels_that_are_too_large_are_said_once(tmp_path: Path) -> None:
+    given = recorder(tmp_path, extras=True)
+    assert record_kernels(given, {1: 1}, 2 * KERNEL_BYTES) == []
+    assert given.notes == ["The kernels of net are not kept: those of one frame take 512 MB, more than 256 MB."]
+
+
+def test_kernels_are_described_by_their_taps(tmp_path: Path) -> None:
+    given = recorder(tmp_path, frames=1, extras=True)
+    record_kernels(given, {0: 0}, 1)
+    (kernel,) = given.entry()["layers"]
+    assert (kernel["group"], kernel["of"], kernel["channel"], kernel["shown"]) == (
+        "kernel", "net", "kernel at 1/2", "kernel",
+    )  # fmt: skip
+    assert (kernel["every"], kernel["components"]) == (2, [*[""] * 9, "α"])

@@ -1,17 +1,18 @@
 // What Python writes into the page (nte.viewer.page, nte.viewer.recorder, nte.evaluation.report).
 
 export type Shown =
-  | "radiance" | "reflectance" | "direction" | "heat" | "labels" | "motion" | "picture" | "flip";
-export type Group = "image" | "flip" | "extra" | "channel";
+  | "radiance" | "reflectance" | "direction" | "heat" | "labels" | "motion" | "picture" | "flip" | "kernel";
+export type Group = "image" | "flip" | "extra" | "channel" | "kernel";
 
 export interface Layer {
   key: string; // its folder
   group: Group;
   of: string; // a denoiser, "reference", "noisy input", or a channel
-  channel: string; // the target, channel or extra that it shows
+  channel: string; // the target, channel, extra or kernel that it shows
   shown: Shown;
   unit: string;
-  components: string[];
+  components: string[]; // of a kernel: "" for each weight of the square, row by row, then names of further numbers
+  every: number; // of a kernel: so many pixels of the image share one, along each axis
   scale: number; // the value that gets the full colour
   brightened: number;
   frames: number[] | null; // null: all of the clip's
@@ -73,6 +74,7 @@ export function titleOf(layer: Layer): string {
   switch (layer.group) {
     case "image": return layer.channel === "color" ? layer.of : `${layer.of}, ${layer.channel}`;
     case "flip": return layer.channel === "color" ? `FLIP of ${layer.of}` : `FLIP of ${layer.of}, ${layer.channel}`;
+    case "kernel":
     case "extra": return `${layer.channel} of ${layer.of}`;
     case "channel": return layer.channel;
   }

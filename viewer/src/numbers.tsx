@@ -1,15 +1,16 @@
 // The numbers of the pixel under the pointer: linear values as the file has them, before exposure.
 import { data, titleOf } from "./data";
 import type { Layer } from "./data";
+import { Kernels } from "./kernels";
 import { arrived, isThere, load, peek, valueAt } from "./pixels";
-import { clip, everyChannel, frame, hovered, inSight } from "./state";
+import { clip, everyChannel, frame, hovered, inSight, layersOf, withKernels } from "./state";
 
 export function Numbers() {
   const found = clip.value!;
   const spot = hovered.value;
   const all = everyChannel.value;
   arrived.value;
-  const layers = all ? found.layers : inSight.value;
+  const layers = all ? found.layers.filter((layer) => layer.group !== "kernel") : inSight.value;
   if (all) for (const layer of layers) void load(found, layer, frame.value);
   return (
     <section class="numbers" aria-label="Values of the pixel">
@@ -19,6 +20,14 @@ export function Numbers() {
           <input type="checkbox" checked={all} onChange={(event) => (everyChannel.value = event.currentTarget.checked)} />
           {" "}every channel
         </label>
+        {layersOf("kernel").length > 0 && (
+          <label>
+            <input
+              id="with-kernels" type="checkbox" checked={withKernels.value}
+              onChange={(event) => (withKernels.value = event.currentTarget.checked)} />
+            {" "}kernels
+          </label>
+        )}
       </p>
       <table>
         <tbody>
@@ -31,6 +40,7 @@ export function Numbers() {
           ))}
         </tbody>
       </table>
+      {withKernels.value && <Kernels />}
     </section>
   );
 }
@@ -43,7 +53,7 @@ function values(layer: Layer, spot: { x: number; y: number } | null): string[] {
 }
 
 /** Seven digits: as many as a float has, and more than a half float. */
-function text(value: number): string {
+export function text(value: number): string {
   if (!Number.isFinite(value)) return String(value).replace("Infinity", "∞");
   return String(Number(value.toPrecision(7))).replace("-", "−");
 }

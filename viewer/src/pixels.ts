@@ -87,7 +87,9 @@ function settle(name: string, pixels: Pixels | null) {
 }
 
 async function decode({ type, shape }: About, text: string): Promise<Pixels> {
-  const packed = Uint8Array.from(atob(text), (letter) => letter.charCodeAt(0));
+  const letters = atob(text);
+  const packed = new Uint8Array(letters.length);
+  for (let i = 0; i < packed.length; i++) packed[i] = letters.charCodeAt(i); // Uint8Array.from takes 15 times as long
   const stream = new Blob([packed]).stream().pipeThrough(new DecompressionStream("deflate"));
   const apart = new Uint8Array(await new Response(stream).arrayBuffer());
   const [height, width, components] = shape;

@@ -24,7 +24,7 @@ function display(x: number, exposure: number): number {
   return encode(exposed / (1 + exposed));
 }
 
-function heat(t: number, table: "viridis" | "magma"): Colour {
+export function heat(t: number, table: "viridis" | "magma"): Colour {
   const colours = data.heat[table];
   const x = clamp(t) * (colours.length - 1);
   const i = Math.min(Math.floor(x), colours.length - 2);
@@ -50,6 +50,7 @@ function picture(v: Colour, grey: boolean, { shown, exposure, full, gain }: Look
     }
     case "motion": return fromHsv(Math.atan2(v[1], v[0]) / (2 * Math.PI), Math.min(Math.hypot(v[0], v[1]) / full, 1), 1);
     case "picture": return v;
+    case "kernel": return BAD; // is never in sight
     case "flip": return heat(v[0] * gain, "magma");
   }
 }

@@ -30,6 +30,7 @@ export const rate = signal(12); // frames a second
 export const hovered = signal<{ x: number; y: number } | null>(null); // image pixel
 export const hoveredFrame = signal<number | null>(null); // in the curves
 export const everyChannel = signal(false); // the numbers of all layers at the pixel
+export const withKernels = signal(false); // the kernels at the pixel
 
 export const clip = computed<Clip | null>(() => data.clips[clipIndex.value] ?? null);
 export const frame = computed(() => clip.value?.frames[position.value] ?? 0);

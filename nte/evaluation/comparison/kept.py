@@ -14,7 +14,7 @@ import numpy as np
 
 from nte.evaluation.metric_table import Row
 from nte.evaluation.score_clip import Shown
-from nte.evaluation.units import ClipScores, ClipUnit, Stamp, stamps_of
+from nte.evaluation.units import EVALUATION, ClipScores, ClipUnit, Stamp, stamps_of
 from nte.files import make_folder, write_whole
 from nte.frames.clip import Clip
 from nte.version import __version__
@@ -23,11 +23,17 @@ _KINDS = ("images", "flip")
 
 
 def unit_digest(unit: ClipUnit) -> str:
-    """Compute a digest of a clip's clip.json, of the denoisers with the bytes of their files, and of nte's version."""
-    info = json.dumps(Clip(unit.clip).info, sort_keys=True)
+    """Compute a digest of all that a unit's scores depend on.
+
+    That is the clip (clip.json; names, sizes and times of its frames), the denoisers with the bytes of their files, how
+    they are scored, and the versions of nte and of the packages that compute it.
+    """
+    clip = Clip(unit.clip)
+    info = json.dumps([clip.info, clip.stamps()], sort_keys=True)
     how = json.dumps({**asdict(unit), "clip": ""}, sort_keys=True)
+    versions = json.dumps(EVALUATION.versions())
     files = [_digest_of(stamp) for spec in unit.denoisers for stamp in stamps_of(spec)]
-    return sha256("\n".join([__version__, info, how, *files]).encode()).hexdigest()
+    return sha256("\n".join([__version__, versions, info, how, *files]).encode()).hexdigest()
 
 
 @cache  # every clip has the same denoisers

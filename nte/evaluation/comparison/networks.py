@@ -14,7 +14,7 @@ from nte.errors import NteError, naming
 from nte.evaluation.comparison.schema import Comparison
 from nte.evaluation.units import share_threads
 from nte.files import make_folder
-from nte.jobs import Kind, in_processes, on_cluster, versions_of
+from nte.jobs import Kind, in_processes, on_cluster
 from nte.models.registry import make_network
 from nte.training.checkpoint import PLAIN, module_state, write_checkpoint
 from nte.training.clips import BrokenClipWarning
@@ -23,6 +23,7 @@ from nte.training.initial import begin_with, read_weights
 from nte.training.loop import train
 from nte.training.material import needed_channels, open_material
 from nte.training.run import DECODED
+from nte.version import DENOISING, versions_of
 
 
 @dataclass(frozen=True)
@@ -170,7 +171,7 @@ def train_unit(unit: Training) -> str:
 
 
 def _versions() -> dict[str, str]:
-    return versions_of("torch", "numpy", "lightning-fabric")
+    return versions_of(*DENOISING, "lightning-fabric")  # a network may learn on top of another denoiser
 
 
 TRAINING = Kind("train", share_threads, _versions)

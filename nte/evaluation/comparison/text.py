@@ -95,7 +95,7 @@ def _margin(metric: Metric, margin: Summary | None) -> str:
     if margin is None:
         return "–"
     mean, low, high = (f"{margin[key]:+.{metric.digits}f}" for key in ("mean", "low", "high"))
-    return mean if margin["low"] == margin["high"] else f"{mean} ({low} … {high})"  # a single clip has no interval
+    return mean if margin["clips"] == 1 else f"{mean} ({low} … {high})"  # a single clip has no interval
 
 
 def _line(cells: list[str]) -> str:

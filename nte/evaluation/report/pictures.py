@@ -7,7 +7,10 @@ from nte.evaluation.metric_table import Row
 from nte.evaluation.score_clip import Shown
 from nte.viewer.recorder import FOLDER, Layer, Recorder, Recording
 
-NOTE = "Only one frame of this clip is kept, as a picture of 8 bits: exposure does not change it."
+NOTE = (
+    "Only one frame of this clip is kept, as a picture of 8 bits: exposure does not change it. "
+    "nte view CLIP --denoiser SPEC … shows every frame in linear light."
+)
 
 
 def picture_clips(shown: Sequence[Shown], out: Path) -> list[Row]:

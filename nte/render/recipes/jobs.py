@@ -5,8 +5,9 @@ plan. An interrupted clip keeps its whole frames, so a lost worker costs a frame
 given the same clip write the same bytes, each frame whole.
 """
 
-from nte.jobs import Kind, versions_of
+from nte.jobs import Kind
 from nte.render.engine.backend import load_mitsuba, share_cores
+from nte.version import versions_of
 
 
 def _versions() -> dict[str, str]:
