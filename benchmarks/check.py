@@ -21,9 +21,9 @@ import numpy as np
 
 from benchmarks.command import make_parser, run
 from nte.checking import CheckReport, check
-from nte.checking.flips import FLIPS, FRAMES, PICTURES, FlipTally
+from nte.checking.flips import FLIPS, PICTURES, FlipTally
 from nte.checking.late import SHOWN, LateTally
-from nte.checking.report import PAIRS
+from nte.checking.sample import FRAMES, PAIRS, spread
 from nte.frames.clip import Clip, Pixels, find_clips
 from nte.frames.frame import Frame
 
@@ -94,7 +94,7 @@ def turned(folders: Iterable[Path]) -> None:
     for folder, light in product(folders, ("reference", "color")):
         clip = Clip(folder)
         names = [name for name in (light, "color", *PICTURES) if name in clip.channels]
-        frames = [clip.frame(i, names).torch() for i in range(min(FRAMES, len(clip)))]
+        frames = [clip.frame(i, names).torch() for i in sorted(spread(FRAMES, 0, len(clip)))]
         if light not in clip.channels:
             continue
         for how, sides in {"": (), **FLIPS}.items():

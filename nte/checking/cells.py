@@ -24,6 +24,9 @@ from nte.frames.frame import Frame
 
 EXPLAINED = 0.01  # largest albedo error of a cell that vectors explain
 BETTER = 0.3  # a displacement contradicts the vectors only if its error is at most this share of theirs
+FEWEST = (
+    10  # least number of a cell's pixels that vectors lose: of 625 displacements one finds k more by chance if k < 7
+)
 ENOUGH = 0.2  # least share of a cell's pixels that must take part
 ALONE = 0.15  # greatest share of the displacements that explain a cell as well as the best one
 APART = 1.2  # pixels: least distance between the given vector and the true displacement in a contradiction
@@ -119,19 +122,20 @@ class _Pair(Textures):
         share of the suspect cells that was searched. One half of a cell's pixels decides which displacement is best,
         the other half how good it is: the best of hundreds explains noise by chance, but not twice.
         """
-        sizes = torch.bincount(self.cell[self.usable], minlength=self.cells)
+        usable = self.usable & ~self.uncovered(motion[0].flatten(1))
+        sizes = torch.bincount(self.cell[usable], minlength=self.cells)
         cells = (suspect & (sizes >= self.least)).nonzero()[:, 0]
         if not len(cells):
             return [], 1.0
         share = min(1.0, SEARCHED / len(cells))
         cells = cells[torch.linspace(0, len(cells) - 1, min(SEARCHED, len(cells))).round().long()]
-        chosen = (self.usable & torch.isin(self.cell, cells)).nonzero()[:, 0]
+        chosen = (usable & torch.isin(self.cell, cells)).nonzero()[:, 0]
         local = torch.searchsorted(cells, self.cell[chosen])
         half = 2 * local + self.centres[:, chosen].floor().sum(0).long() % 2
         steps = torch.arange(-self.reach, self.reach + 1, self.step)
         displacements = torch.cartesian_prod(steps, steps).float()
-        by_vectors = self.compare(chosen, motion[0].flatten(1)[:, chosen], self.wide)
-        given_wide = self._means(local, *by_vectors, self.least, len(cells))
+        compared = self.compare(chosen, motion[0].flatten(1)[:, chosen], self.wide)
+        given_wide = self._means(local, *compared, self.least, len(cells))
         halves = self._displaced(chosen, steps, half, 2 * len(cells))
         first, second = halves.view(len(displacements), -1, 2).unbind(2)
         found = []
@@ -142,8 +146,9 @@ class _Pair(Textures):
             best = int(first[:, i].masked_fill(~known, float("inf")).argmin())
             error = float(second[best, i])
             as_good = known & ((first[:, i] + second[:, i]) / 2 <= max(EXPLAINED / 2, 2 * error))
-            contradicts = error <= min(EXPLAINED, BETTER * float(given_wide[i].nan_to_num(1.0)))
-            if contradicts and as_good.sum() <= ALONE * known.sum():
+            by_vectors = float(given_wide[i].nan_to_num(1.0))
+            contradicts = by_vectors > EXPLAINED and error <= min(EXPLAINED, BETTER * by_vectors)
+            if contradicts and as_good.sum() <= ALONE * known.sum() and self._proves(cell, displacements[best], motion):
                 around = (displacements - displacements[best]).square().sum(1) <= AROUND**2
                 seen = displacements[as_good & around].mean(0)
                 mean = motion[0].flatten(1)[:, self.usable & (self.cell == cell)].nan_to_num().mean(1)
@@ -152,6 +157,24 @@ class _Pair(Textures):
                     found.append(Contradiction(cell, _pair(mean), _pair(seen), error))
         accompanied = sum(self._has_company(piece, found) for piece in found)
         return found if accompanied >= COMPANY * len(found) else [], share
+
+    def _proves(self, cell: int, displacement: Tensor, motion: Tensor) -> bool:
+        """Tell whether that a displacement explains a cell says anything: finer or stronger texture explains anything.
+
+        Such as the same texture farther away. There the pixels of the cell are found in reverse order as well; or what
+        is there is not found in the cell, clearly better than where `motion` leads. And if `motion` loses few pixels of
+        a texture that each frame samples anew, the best of hundreds of displacements finds all of them by chance.
+        """
+        pixels = (self.usable & (self.cell == cell)).nonzero()[:, 0]
+        target, _, within = self.target(self.centres[:, pixels] + displacement.unsqueeze(1))
+        pixels, target = pixels[within], target[within]
+        error, reverse = (float(self.error(of, target, self.wide).mean()) for of in (pixels, pixels.flip(0)))
+        back = float(self.error_back(pixels, target).mean())
+        there, _, inside = self.target(self.centres[:, pixels] + motion[0].flatten(1)[:, pixels])
+        back_by_vectors = float(self.error_back(pixels[inside], there[inside]).mean().nan_to_num(1.0))
+        if int((~inside | (self.error(pixels, there, self.wide) > EXPLAINED)).sum()) < FEWEST:
+            return False
+        return reverse > max(EXPLAINED, error / BETTER) and back <= max(EXPLAINED, BETTER * back_by_vectors)
 
     def _has_company(self, piece: Contradiction, found: list[Contradiction]) -> bool:
         """Tell whether one of the nearest other pieces moves nearly alike, which chance hardly ever finds."""

@@ -1,4 +1,4 @@
-"""A check that the reference has the scale and orientation of the colour, and is as linear: means of blocks."""
+"""A check that the reference has the scale and orientation of the colour: means of blocks."""
 
 from collections.abc import Iterator
 from math import exp, log
@@ -10,7 +10,8 @@ import torch.nn.functional as F
 from torch import Tensor
 
 from nte.checking.flips import FLIPS, ORIENTATION
-from nte.checking.values import Finding
+from nte.checking.tone import ToneTally
+from nte.checking.values import MANY, Finding
 from nte.frames.frame import Frame
 
 BLOCK, ALONG = 16, 4  # pixels, about: a block's side in images of at least so many blocks along the shorter side
@@ -20,7 +21,6 @@ ENOUGH = 12  # least number of blocks that tell an orientation
 LIT = 4  # least number of blocks that tell a scale
 UNLIKE = 0.05  # median difference of the logarithms from which on the blocks are not those of one picture
 FLIPPED = 0.25  # the picture was turned over if that leaves at most this share of the difference
-BENT, TOGETHER = 1.5, 0.95  # least exponent between the two that is told (or its inverse), and least correlation
 SAME = 1e-3  # relative difference of one image in half floats and in float32
 AGREE = 0.7  # share of blocks that must agree; with fewer it is noise or another light, not another scale
 FRAMES = 0.1  # share of the frames with a scale of their own from which on it is a fault; a few are only told
@@ -48,9 +48,10 @@ class ExposureTally:
     def __init__(self) -> None:
         self._color: Tensor | None = None
         self._reference: Tensor | None = None
-        self._lit = False, False  # color and reference show light in some frame
+        self._lit = 0.0, 0.0  # greatest share of a frame's pixels in which color and reference show light
         self._same = True  # so far colour and reference are one image
-        self._scales: list[_Scale] = []  # of frames that are lit
+        self._scales: dict[int, _Scale] = {}  # of frames that are lit
+        self._tones = ToneTally()
 
     def add(self, frame: Frame) -> None:
         """Add a PyTorch frame of batch 1, if it has both channels; pixels that are bad in one of them count as 0."""
@@ -63,14 +64,16 @@ class ExposureTally:
         block = max(1, min(BLOCK, min(frame.size) // ALONG))
         height, width = (-(-side // block) for side in frame.size)
         # The blocks of a picture that is turned over are the same, turned over.
-        sums = F.adaptive_avg_pool2d(torch.where(good, both, 0.0), (height, width)).double()
+        light = torch.where(good, both, 0.0)
+        sums = F.adaptive_avg_pool2d(light, (height, width)).double()
         color, reference = sums[:, :3].mean(1), sums[:, 3:].mean(1)
-        lit = bool(color.any()), bool(reference.any())
-        self._lit = self._lit[0] or lit[0], self._lit[1] or lit[1]
-        if lit[0] != lit[1]:  # a frame without one of them says nothing of their scale
+        lit = [float((image > 0).any(1).float().mean()) for image in (light[:, :3], light[:, 3:])]
+        self._lit = max(self._lit[0], lit[0]), max(self._lit[1], lit[1])
+        if (lit[0] > 0) != (lit[1] > 0):  # a frame without one of them says nothing of their scale
             return
         if scale := _scale(color, reference):
-            self._scales.append(scale)
+            self._scales[frame.index] = scale
+        self._tones.add(frame)
         self._color = color if self._color is None else self._color + color
         self._reference = reference if self._reference is None else self._reference + reference
 
@@ -78,10 +81,10 @@ class ExposureTally:
         """Yield a finding if colour is brighter or darker than the reference by about the same factor everywhere.
 
         It is a fault if the factor exceeds 1.5 and over 70 % of the blocks agree; also if that factor differs by as
-        much between frames, if only one of the two is black, and if the two are each other's mirror image. A reference
-        that is the colour itself, or a power of it, is only noted.
+        much between frames, if only one of the two is black, if the two are each other's mirror image, and if the
+        factor depends on brightness. A reference that is the colour itself is only noted.
         """
-        if self._lit[0] != self._lit[1]:
+        if min(self._lit) == 0 and max(self._lit) > MANY:  # in the dark a few of many samples may find a light
             dark = "reference" if self._lit[0] else "color"
             yield Finding(dark, "black everywhere", "the same light in color and reference")
             return
@@ -98,15 +101,16 @@ class ExposureTally:
             return
         if scale := _scale(self._color, self._reference):
             yield from self._judge_scale(scale)
-        if exponent := _exponent(self._color, self._reference):
-            found = f"rises as color to the power of {exponent:.2g}"
-            yield Finding("reference", found, "linear light in both, not encoded for display", False)
+
+    def not_judged(self) -> str:
+        """Say why the reference could not be judged; "" if it could."""
+        return self._tones.not_judged() if self._color is not None else ""
 
     def _judge_scale(self, whole: _Scale) -> Iterator[Finding]:
-        scales = self._scales or [whole]
-        blocks, means = median(scale.of_blocks for scale in scales), median(scale.of_means for scale in scales)
-        off = [s for s in scales if s.agree > AGREE and abs(s.without(blocks, means)) > log(FAILED)]
-        if off:
+        scales = self._scales or {0: whole}
+        blocks, means = (median(scale[i] for scale in scales.values()) for i in (0, 1))
+        brighter = {frame: scale.without(blocks, means) for frame, scale in scales.items()}
+        if off := [scales[i] for i, by in brighter.items() if scales[i].agree > AGREE and abs(by) > log(FAILED)]:
             factors = [exp(blocks), *(exp(scale.of_blocks) for scale in off)]
             between = f"{min(factors):.3g} to {max(factors):.3g}"
             found = f"color is {between} times as bright, as frames differ ({len(off)} of {len(scales)} do)"
@@ -115,6 +119,9 @@ class ExposureTally:
             if many:
                 return
             whole = whole._replace(of_blocks=blocks, of_means=means)  # of the other frames
+        if bent := list(self._tones.judge(brighter)):
+            yield from bent
+            return
         factor = whole.without(0, 0)
         if abs(factor) >= log(TOLD):
             agree = f"median of blocks; {whole.agree:.0%} of them agree"
@@ -131,18 +138,6 @@ def _scale(color: Tensor, reference: Tensor) -> _Scale | None:
     ratios = (color[lit] / reference[lit]).log()
     typical, of_means = float(ratios.median()), float((color.sum() / reference.sum()).log())
     return _Scale(typical, of_means, float(((ratios - typical).abs() < log(ALIKE)).double().mean()))
-
-
-def _exponent(color: Tensor, reference: Tensor) -> float:
-    """Find the power of colour that the reference is, block by block (1, h, w); 0 if it is about 1, or unknown."""
-    lit = (color > 0) & (reference > 0)
-    if int(lit.sum()) < ENOUGH:
-        return 0.0
-    logs = torch.stack([color[lit], reference[lit]]).log()
-    spread = logs.std(1)
-    exponent = float(spread[1] / spread[0].clamp(min=1e-30))
-    bent = not 1 / BENT < exponent < BENT
-    return exponent if bent and float(torch.corrcoef(logs)[0, 1]) > TOGETHER else 0.0
 
 
 def _unlike(color: Tensor, reference: Tensor) -> float:

@@ -19,7 +19,6 @@ FLIPS = {"upside down": (-2,), "mirrored left to right": (-1,), "turned by 180°
 AS_IT_IS = ""
 ORIENTATION = "the same orientation in every channel"
 PICTURES = (*GUIDES, "depth")  # channels that show the surfaces
-FRAMES = 4  # largest number of frames that are looked at
 BLOCKS = 64  # about so many blocks of pixels, of 2×2 or more, along the shorter side: their means have less noise
 LEAST = 12  # blocks along a side; smaller pictures tell nothing
 SHARP = (
@@ -29,18 +28,16 @@ BETTER = 2.0  # the peak of a guide that is turned over is at least this many ti
 
 
 class FlipTally:
-    """Tally of the correlations between the edges of light and guides, in the first frames of a clip."""
+    """Tally of the correlations between the edges of light and guides, in some frames of a clip."""
 
     def __init__(self) -> None:
         self._matches: dict[tuple[str, str], Tensor] = {}  # guide and flip → sum of correlations, by displacement
         self._light = ""
-        self._frames = 0
 
     def add(self, frame: Frame) -> None:
-        """Add a PyTorch frame of batch 1; only the first four count."""
-        self._frames += 1
+        """Add a PyTorch frame of batch 1."""
         height, width = (max(1, side // _block(frame.size)) for side in frame.size)
-        if self._frames > FRAMES or min(height, width) < LEAST:
+        if min(height, width) < LEAST:
             return
         self._light = "reference" if "reference" in frame else "color"
         light = edges(picture(frame, self._light, (height, width)))

@@ -20,7 +20,6 @@ from nte.frames.frame import Frame
 from nte.motion.camera import points_from_depth, project
 from nte.motion.warp import pixel_centres
 
-FRAMES = 4  # largest number of frames that are looked at
 ENOUGH = 200  # least number of surface points that can tell
 SAMPLED = 4096  # points of a frame that are looked at, up to twice as many
 EXACT = 2e-3  # a function fits if half of the points miss it by less than this share of the depths' spread
@@ -29,7 +28,6 @@ SAME_SCALE = 1.05  # greatest ratio of the units of depth and position
 FLAT = 0.02  # points whose least extent is a smaller share of the greatest lie in a plane, and tell no scale
 PANORAMA = 0.1  # a greater share of the points behind: no camera with a view axis sees them all
 BESIDE = 2.0  # px: greatest distance at which a camera sees half of the surfaces beside their own pixels
-BUFFER = 0.9  # if nearly all depths lie between this and 1, they look like those of a z-buffer
 FAR = 100.0  # a depth that many pixels share exactly, this many times the median of the others, is no surface
 
 
@@ -56,17 +54,14 @@ class GeometryTally:
     _alone_high: float = 0.0
     _others_high: float = 0.0
     _high: float = 0.0
-    _least: float = float("inf")  # depth that a tenth of a frame's surfaces do not reach
     _constant: int = 0  # pixels that share one large depth exactly
-    _frames: int = 0
     _shown_by: str = "position"  # what tells where surfaces are
     _blank: str = ""  # the channel that shows no surface there
 
     def add(self, frame: Frame) -> None:
-        """Add a PyTorch frame of batch 1; only the first four with depth or position count."""
-        if not ("depth" in frame or "position" in frame) or self._frames >= FRAMES:
+        """Add a PyTorch frame of batch 1; those without depth and position tell nothing."""
+        if not ("depth" in frame or "position" in frame):
             return
-        self._frames += 1
         depth = frame["depth"][0, 0].double().nan_to_num(0, 0, 0) if "depth" in frame else None
         if depth is not None:
             self._add_misses(frame, depth)
@@ -105,7 +100,6 @@ class GeometryTally:
                 self._others_high = max(self._others_high, float(others.max()))
         if hits.numel():
             self._high = max(self._high, float(hits.max()))
-            self._least = min(self._least, float(hits.kthvalue(-(-hits.numel() // 10)).values))
             same = hits == hits.max()
             if not same.all() and float(hits.max()) >= FAR * float(hits[~same].median()):
                 self._constant += int(same.sum())
@@ -132,9 +126,6 @@ class GeometryTally:
             share = f"{self._constant / self._pixels:.1%} of the pixels have exactly the greatest depth"
             found = f"{share}, {self._high:.4g}, over {FAR:.0f} times that of the others"
             yield Finding("depth", found, expected, False)
-        if not self._fits and BUFFER < self._least <= self._high <= 1:
-            found = f"nine tenths lie between {self._least:.4g} and {self._high:.4g}, as in a z-buffer"
-            yield Finding("depth", found, "distances along the view axis, in scene units", False)
 
     def _judge_depth(self) -> Iterator[Finding]:
         axis = median(fit.axis for fit in self._fits)
@@ -153,6 +144,9 @@ class GeometryTally:
             scale = median(scales)
             if not 1 / SAME_SCALE < scale < SAME_SCALE:
                 yield Finding("depth", f"is {scale:.4g} times as long as position shows", "the units of position")
+            elif max(scales) > SAME_SCALE**2 * min(scales):
+                found = f"is {min(scales):.4g} to {max(scales):.4g} times as long as position shows, as frames differ"
+                yield Finding("depth", found, "the units of position in all frames", False)
 
 
 def _positions(frame: Frame) -> Tensor | None:

@@ -14,12 +14,12 @@ import torch
 import torch.nn.functional as F
 from torch import Tensor
 
+from nte.checking.sample import FRAMES, spread
 from nte.checking.values import Finding
 from nte.frames.channels import GUIDES
 from nte.frames.clip import Clip
 from nte.frames.frame import Frame
 
-FRAMES = 4  # largest number of frames that are looked at
 STRONG = 0.15  # least step of albedo that counts as an edge
 FLAT = 0.05  # greatest variation of the two sides of an edge, as a share of the step
 PURE = 0.07  # a pixel this close to one side, as a share of the step, has that side's colour
@@ -85,18 +85,14 @@ class _Signs:
 
 
 class GuideTally:
-    """Tally of the signs of noise and aliasing in the first frames of a clip."""
+    """Tally of the signs of noise and aliasing in some frames of a clip."""
 
     def __init__(self) -> None:
         self._signs: dict[str, _Signs] = {}
         self._limit = ALIASED
-        self._frames = 0
 
     def add(self, frame: Frame) -> None:
-        """Add a PyTorch frame of batch 1; only the first four count."""
-        self._frames += 1
-        if self._frames > FRAMES:
-            return
+        """Add a PyTorch frame of batch 1."""
         borders = _silhouettes(frame)
         self._limit = ALIASED_ANYWHERE if borders is None else ALIASED
         for name in GUIDES:
@@ -135,14 +131,14 @@ def _shifted(image: Tensor, dy: int, dx: int) -> Tensor:
 
 
 def guides_are_clean(clip: Clip) -> bool:
-    """Tell whether the albedo and normals of a clip are antialiased and noise-free, as far as its first frames show.
+    """Tell whether the albedo and normals of a clip are antialiased and noise-free, as far as four of its frames show.
 
-    Looks at four frames at most. Also true if too few edges are visible to know; false if the clip has neither
+    Also true if too few edges are visible to know; false if the clip has neither
     albedo nor normals. Raises NteError for files that cannot be read.
     """
     guides = [name for name in GUIDES if name in clip.channels]
     names = [*guides, *(name for name in ("instance", "depth") if name in clip.channels)]
     tally = GuideTally()
-    for index in range(min(FRAMES, len(clip)) if guides else 0):
+    for index in sorted(spread(FRAMES, 0, len(clip))) if guides else ():
         tally.add(clip.frame(index, names).torch())
     return bool(guides) and not any(tally.judge())

@@ -14,7 +14,7 @@ from nte.motion.conventions import Convention
 Verdict = Literal["plausible", "undecidable", "implausible"]
 
 ENOUGH = 6  # least number of votes for a verdict
-WITHOUT_WORD = 0.1  # share of votes against the vectors up to which they are ignored
+WITHOUT_WORD = 0.05  # share of votes against the vectors up to which they are ignored; right ones have 0 to 0.01
 EXPLAINS_BAD, EXPLAINS_GOOD = 0.7, 0.8  # shares of votes against and for that a convention must explain to be named
 
 
@@ -32,8 +32,8 @@ def judge_votes(pairs: Sequence[Votes]) -> Judgement:
 
     Votes against the vectors count only if they come from at least half of the pairs that vote: one bad frame, or a
     cut, does not condemn the clip. Fewer than six votes, or votes that disagree, are undecidable, and so are votes
-    against the vectors that camera jitter explains. If those that count are more than a tenth of all votes, the vectors
-    are never plausible.
+    against the vectors that camera jitter explains. If those that count are more than a twentieth of all votes, the
+    vectors are never plausible.
     """
     judgement = _weigh(pairs)
     if judgement.verdict != "implausible" or _weigh(without_jitter(pairs)).verdict == "implausible":

@@ -6,9 +6,9 @@ from dataclasses import dataclass, field
 from pathlib import Path
 
 import torch
-from torch import Tensor
 
 from nte.checking.blank import BlankTally
+from nte.checking.cameras import Prediction, judge_cameras, prediction
 from nte.checking.cells import cell_votes
 from nte.checking.exposure import ExposureTally
 from nte.checking.flips import ORIENTATION, FlipTally
@@ -18,40 +18,20 @@ from nte.checking.guides import GuideTally
 from nte.checking.judge import Judgement, Verdict, judge_frames, judge_votes
 from nte.checking.late import LateTally
 from nte.checking.objects import object_votes
-from nte.checking.order import Order, depth_order, judge_order
+from nte.checking.order import Order, depth_order, is_known, judge_order
+from nte.checking.planes import PlaneTally
+from nte.checking.residuals import Mean, add_errors, visible_in_both
+from nte.checking.sample import FRAMES, PAIRS, spread
 from nte.checking.sky import SkyMotion, judge_sky, sky_motion
 from nte.checking.spaces import Spaces, changed_alike, judge_spaces
 from nte.checking.still import Stillness, stillness, without_motion
+from nte.checking.units import judge_units, unit_of
 from nte.checking.values import Finding, Tally, judge_values, tally_values
 from nte.checking.votes import Votes
 from nte.frames.clip import Clip
 from nte.frames.frame import Frame
 from nte.motion.conventions import Convention
-from nte.motion.geometric import Reprojection, frame_vectors, traditional_motion
-from nte.motion.warp import fetch_nearest, pixel_centres, warp
-
-MOVING_PX = 1.0
-CHANGING_ALBEDO = 0.02
-PAIRS = 12  # largest number of pairs of frames whose vectors are judged, spread over the clip
-COMPARED = ("albedo", "normal", "reference")
-
-
-@dataclass
-class Mean:
-    """A mean over pixels that are added frame by frame."""
-
-    total: float = 0.0
-    count: int = 0
-
-    def add(self, error: Tensor, where: Tensor) -> None:
-        """Add error (1, 1, H, W) at the pixels of the mask `where`."""
-        self.total += float(error[where].double().sum())
-        self.count += int(where.sum())
-
-    @property
-    def value(self) -> float:
-        """The mean; NaN without pixels."""
-        return self.total / self.count if self.count else float("nan")
+from nte.motion.geometric import frame_vectors
 
 
 @dataclass
@@ -74,6 +54,7 @@ class CheckReport:
     invalid: float  # share of all pixels whose vector leads out of the previous frame
     convention: Convention | None  # convention of the vectors: nte's, another one, or None if unknown
     telling_frame: int  # the frame with the most disoccluded pixels, for the picture
+    not_judged: dict[str, str]  # channel → why it could not be judged, though nothing was found
 
     @property
     def ratio(self) -> float:
@@ -91,7 +72,9 @@ class _Vectors:
     orders: list[Order] = field(default_factory=list)
     skies: list[SkyMotion] = field(default_factory=list)
     spaces: list[Spaces] = field(default_factory=list)
+    predictions: list[Prediction] = field(default_factory=list)
     returns: list[Returns] = field(default_factory=list)
+    units: list[float] = field(default_factory=list)
     errors: dict[tuple[str, str, str], Mean] = field(default_factory=lambda: defaultdict(Mean))
     disoccluded: Mean = field(default_factory=Mean)
     invalid: Mean = field(default_factory=Mean)
@@ -105,17 +88,21 @@ class _Vectors:
         self.invalid.add((~dual.valid).float(), everywhere)
         if (hidden := int(dual.disoccluded.sum())) > self.telling[0]:
             self.telling = hidden, current.index
-        _add_errors(self.errors, previous, current, dual)
+        add_errors(self.errors, previous, current, dual)
         if not vote:
             return
         self.still.append(stillness(previous, current))
         self.spaces.append(changed_alike(previous, current, visible_in_both(previous, current, dual)))
         if (of_sky := sky_motion(previous, current)) is not None:
             self.skies.append(of_sky)
+        if (predicted := prediction(previous, current)) is not None:
+            self.predictions.append(predicted)
         if found := returns(previous, current):
             self.returns.append(found)
         if "depth" in current and "depth" in previous:
             self.orders.append(depth_order(previous, current))
+            if (ratio := unit_of(previous, current)) is not None:
+                self.units.append(ratio)
         votes = Votes()
         if "albedo" in current:
             votes.add(cell_votes(previous, current))
@@ -129,6 +116,7 @@ class _Vectors:
         yield from judge_order(self.orders)
         yield from judge_sky(self.skies)
         yield from judge_spaces(self.spaces)
+        yield from judge_cameras(self.predictions)
         yield from judge_returns(self.returns)
 
 
@@ -146,41 +134,53 @@ def check(clip: Clip | Path | str) -> CheckReport:
     clip = clip if isinstance(clip, Clip) else Clip(clip)
     tallies: dict[str, Tally] = defaultdict(Tally)
     exposure, flips, guides, geometry = ExposureTally(), FlipTally(), GuideTally(), GeometryTally()
-    blank, late, vectors = BlankTally(), LateTally(), _Vectors()
-    voting = {round(1 + i * (len(clip) - 2) / max(PAIRS - 1, 1)) for i in range(PAIRS)}
+    blank, late, planes, vectors = BlankTally(), LateTally(), PlaneTally(), _Vectors()
+    looked, voting = spread(FRAMES, 0, len(clip)), spread(PAIRS, 1, len(clip))
     previous: Frame | None = None
     for frame in clip:
         current = frame.torch()
         tally_values(tallies, current)
         blank.add(current)
         exposure.add(current)
-        flips.add(current)
-        guides.add(current)
-        geometry.add(current)
+        if current.index in looked:
+            flips.add(current)
+            guides.add(current)
+            geometry.add(current)
+            planes.add(current)
         if previous is not None and current.index in voting:
             late.add(previous, current)
         if previous is not None and "motion" in current:
             vectors.add(previous, current, current.index in voting)
         previous = current
     judgement = _judge_vectors(clip, vectors)
-    along = list(vectors.judge()) if judgement.verdict == "plausible" else []
+    right = judgement.verdict == "plausible"
+    along = list(vectors.judge()) if right else []
     light = list(exposure.judge())
     turned = () if ORIENTATION in (f.expected for f in light) else flips.judge()  # the reference is turned over itself
     values = [*judge_values(tallies), *blank.judge()]
-    findings = [*values, *light, *turned, *late.judge(), *geometry.judge(), *along, *guides.judge()]
+    units = judge_units(vectors.units) if judgement.verdict != "implausible" else ()  # wrong vectors lead elsewhere
+    shapes = [*geometry.judge(), *planes.judge(), *units]
+    findings = [*values, *light, *turned, *late.judge(), *shapes, *along, *guides.judge()]
     judgement = _judge(judgement, findings)
+    unknown = {"reference": exposure.not_judged(), "depth": planes.not_judged(right and is_known(vectors.orders))}
+    told = {finding.channel for finding in findings}
+    not_judged = {name: why for name, why in unknown.items() if why and name not in told}
     total = Votes()
     for votes in vectors.votes.values():
         total.add(votes)
     return CheckReport(
         clip.name, len(clip), judgement.verdict, judgement.reason, findings, dict(tallies), total, dict(vectors.errors),
         vectors.disoccluded.value, vectors.invalid.value, judgement.convention, min(vectors.telling[1], len(clip) - 1),
+        not_judged,
     )  # fmt: skip
 
 
 def _judge(judgement: Judgement, findings: list[Finding]) -> Judgement:
-    """The verdict on the clip: impossible values first, then the judgement of its vectors."""
+    """The verdict on the clip: impossible values first, then the judgement of its vectors, then doubts."""
     faults = [f"{finding.channel}: {finding.found}" for finding in findings if finding.fault]
+    doubts = [f"{finding.channel}: {finding.found}" for finding in findings if finding.doubt]
+    if not faults and doubts and judgement.verdict == "plausible":
+        return Judgement("undecidable", "; ".join(doubts), judgement.convention)
     if not faults:
         return judgement
     also = [judgement.reason] if judgement.verdict == "implausible" else []
@@ -194,46 +194,8 @@ def _judge_vectors(clip: Clip, vectors: _Vectors) -> Judgement:
     if len(clip) < 2:
         return Judgement("undecidable", "vectors not checked: that needs two frames")
     judgement = judge_votes(list(vectors.votes.values()))
-    if judgement.verdict != "implausible" and (stuck := without_motion(vectors.still)):
+    if judgement.verdict == "implausible" or any(judge_units(vectors.units)):  # else what changes is the unit of depth
+        return judgement
+    if stuck := without_motion(vectors.still):
         return Judgement("implausible", stuck)
     return judgement
-
-
-def visible_in_both(previous: Frame, current: Frame, vectors: Reprojection) -> Tensor:
-    """Mark the pixels whose surface is visible in both frames, as a bool mask (1, 1, H, W).
-
-    The vector is valid, the surface is not disoccluded, and all four pixels that are fetched show the same instance,
-    if both frames have `instance`. vectors: the dual vectors of `current`.
-    """
-    visible = vectors.valid & ~vectors.disoccluded
-    if "instance" in current and "instance" in previous:
-        position = pixel_centres(current["motion"]) + vectors.motion
-        for corner in ((-0.5, -0.5), (0.5, -0.5), (-0.5, 0.5), (0.5, 0.5)):
-            tap = position + position.new_tensor(corner).view(1, 2, 1, 1)
-            visible = visible & (fetch_nearest(previous["instance"], tap) == current["instance"])
-    return visible
-
-
-def _difference(a: Tensor, b: Tensor) -> Tensor:
-    return (a - b).abs().mean(1, keepdim=True)
-
-
-def _add_errors(errors: dict[tuple[str, str, str], Mean], previous: Frame, current: Frame, dual: Reprojection) -> None:
-    traditional = traditional_motion(current["motion"])
-    visible = visible_in_both(previous, current, dual)
-    regions = {"visible": visible, "disoccluded": dual.disoccluded & dual.valid}
-    for name in (name for name in COMPARED if name in current and name in previous):
-        fetched = {
-            "none": previous[name],
-            "traditional": warp(previous[name], traditional.motion).image,
-            "dual": warp(previous[name], dual.motion).image,
-        }
-        finite = (current[name].isfinite() & fetched["none"].isfinite()).all(1, keepdim=True)
-        if name == "albedo":
-            moving = traditional.motion.square().sum(1, keepdim=True) > MOVING_PX**2
-            changes = _difference(current[name], previous[name]) > CHANGING_ALBEDO
-            regions = {**regions, "changing": visible & moving & changes}
-        for vectors, image in fetched.items():
-            difference = _difference(current[name], image)
-            for region, where in regions.items():
-                errors[name, vectors, region].add(difference, where & finite & difference.isfinite())

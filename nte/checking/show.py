@@ -7,7 +7,8 @@ import numpy as np
 import numpy.typing as npt
 from torch import Tensor
 
-from nte.checking.report import COMPARED, CheckReport, visible_in_both
+from nte.checking.report import CheckReport
+from nte.checking.residuals import COMPARED, visible_in_both
 from nte.frames.clip import Clip
 from nte.frames.show import RGB, Picture, grid, heat, quantise, show
 from nte.motion.geometric import frame_vectors, traditional_motion
@@ -18,8 +19,9 @@ def describe(report: CheckReport) -> str:
     """Write the report as text: the verdict, then faults and notes, then the numbers behind them."""
     lines = [f"{report.clip}: {report.verdict}: {report.reason}"]
     for finding in report.findings:
-        mark = "fault" if finding.fault else "note"
+        mark = "fault" if finding.fault else "doubt" if finding.doubt else "note"
         lines.append(f"  {mark}: {finding.channel}: {finding.found}; expected {finding.expected}")
+    lines += [f"  not judged: {channel}: {why}" for channel, why in report.not_judged.items()]
     lines.append(f"  {report.frames} frames")
     if report.errors:
         lines[-1] += f", {report.disoccluded:.2%} disoccluded, {report.invalid:.2%} from outside the image"
@@ -34,7 +36,8 @@ def describe(report: CheckReport) -> str:
     for name, tally in report.tallies.items():
         low, high = (math.nan, math.nan) if tally.low > tally.high else (tally.low, tally.high)
         found = [finding for finding in report.findings if finding.channel == name]
-        verdict = "fault" if any(finding.fault for finding in found) else "note" if found else "ok"
+        verdict = "fault" if any(f.fault for f in found) else "doubt" if any(f.doubt for f in found) else "note"
+        verdict = verdict if found else "not judged" if name in report.not_judged else "ok"
         lines.append(f"  {name:28}{low:12.4g}{tally.mean:11.4g}{high:11.4g}{tally.bad:12d}  {verdict}")
     return "\n".join(lines)
 

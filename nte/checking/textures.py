@@ -40,6 +40,8 @@ class Textures:
         self.albedo = current["albedo"].nan_to_num()[0].flatten(1)
         self.near = _range(F.pad(before, (0, 1, 0, 1), mode="replicate"), 2)  # range of the 4 pixels around a position
         self.wide = _range(F.pad(before, (1, 1, 1, 1), mode="replicate"), 3)  # range of the 3×3 pixels there
+        now = current["albedo"].nan_to_num()
+        self.before, self.around = before[0].flatten(1), _range(F.pad(now, (1, 1, 1, 1), mode="replicate"), 3)
         self.usable, self.usable_before = (_inside_surfaces(f).flatten() for f in (current, previous))
         both = [name for name in ("instance", "depth") if name in current and name in previous]
         self.surface = {name: (current[name].flatten(), previous[name].flatten()) for name in both}
@@ -68,26 +70,41 @@ class Textures:
             now, before = self.surface["depth"]
             ratio = now[pixels] / _take(before, target)
             tells = tells & (ratio < SAME_SURFACE) & (ratio > 1 / SAME_SURFACE)
-        error = torch.zeros_like(target, dtype=torch.float32)
-        for albedo, low, high in zip(self.albedo[:, pixels], found.low, found.high, strict=True):
-            error += torch.maximum(_take(low, index) - albedo, albedo - _take(high, index)).clamp(min=0)
-        return error / len(self.albedo), tells
+        return self.error(pixels, index, found), tells
+
+    def error(self, pixels: Tensor, index: Tensor, found: Range) -> Tensor:
+        """Return the albedo error (…, P) of pixels (P,) against the range that `found` has at `index` (…, P)."""
+        return _outside(self.albedo[:, pixels], found, index)
+
+    def error_back(self, pixels: Tensor, index: Tensor) -> Tensor:
+        """Return the error (P,) of the previous albedo at `index` (P,) against the 3×3 pixels around `pixels` (P,)."""
+        return _outside(self.before[:, index], self.around, pixels)
 
     def uncovered(self, vectors: Tensor) -> Tensor:
         """Tell which pixels (H·W,) vectors (2, H·W) declare uncovered: a nearer one comes from the same place.
 
         Instances and depth tell what a pixel fetches from what it shows, but often there are none, and things stand
-        close before their background. False everywhere without depth.
+        close before their background. Without depth all count that come from the place of one that moves otherwise.
         """
-        if "depth" not in self.surface:
-            return torch.zeros_like(self.usable)
-        depth = self.surface["depth"][0]
         target, _, within = self.target(self.centres + vectors)
+        if "depth" not in self.surface:
+            return within & self._contested(vectors, target, within)
+        depth = self.surface["depth"][0]
         comes = within & (depth > 0)
         nearest = torch.full_like(depth, torch.inf)
         nearest.scatter_reduce_(0, target[comes], depth[comes], "amin")
         uncovered: Tensor = comes & (depth > BEHIND * _take(nearest, target))
         return uncovered
+
+    def _contested(self, vectors: Tensor, target: Tensor, comes: Tensor) -> Tensor:
+        """Tell which pixels (H·W,) lead to a target that another one reaches with a vector unlike theirs."""
+        contested = torch.zeros_like(comes)
+        for along in vectors:
+            ends = [torch.full_like(along, sign * torch.inf) for sign in (1, -1)]
+            for end, how in zip(ends, ("amin", "amax"), strict=True):
+                end.scatter_reduce_(0, target[comes], along[comes], how)
+            contested |= _take(ends[1] - ends[0], target) > ONE_MOTION[0]
+        return contested
 
     def target(self, position: Tensor) -> tuple[Tensor, Tensor, Tensor]:
         """Locate positions (2, P) in the image.
@@ -99,6 +116,14 @@ class Textures:
         (x, y), (left, top) = place.floor().long(), (place - 0.5).floor().long().clamp(min=0)
         within = (x >= 0) & (x < self.width) & (y >= 0) & (y < self.height)
         return *(torch.where(within, row * self.width + column, 0) for row, column in ((y, x), (top, left))), within
+
+
+def _outside(albedo: Tensor, found: Range, index: Tensor) -> Tensor:
+    """Measure how far albedo (3, P) lies outside the range at `index` (…, P), as a mean (…, P) over its components."""
+    error = torch.zeros_like(index, dtype=torch.float32)
+    for values, low, high in zip(albedo, found.low, found.high, strict=True):
+        error += torch.maximum(_take(low, index) - values, values - _take(high, index)).clamp(min=0)
+    return error / len(albedo)
 
 
 def _range(padded: Tensor, side: int) -> Range:

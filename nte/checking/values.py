@@ -21,12 +21,13 @@ SAMPLED = 4096  # directions of a frame that are looked at, up to twice as many
 
 @dataclass(frozen=True)
 class Finding:
-    """Something unexpected about a channel: a fault fails the check, anything else is only a note."""
+    """Something unexpected about a channel: a fault fails the check, a doubt leaves it undecidable, or it is a note."""
 
     channel: str
     found: str
     expected: str
     fault: bool = True
+    doubt: bool = False  # what is found may be a fault, or right: the files do not tell
 
 
 @dataclass

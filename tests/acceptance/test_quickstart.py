@@ -7,7 +7,7 @@ from pathlib import Path
 import pytest
 
 from nte.checking import CheckReport, check
-from nte.checking.report import Mean
+from nte.checking.residuals import Mean
 from nte.frames.clip import Clip, find_clips
 
 DATA, MODEL = Path("data/quickstart"), "demo/quickstart.onnx"

@@ -1,0 +1,50 @@
+"""Depth and cameras predict the vectors of what stands still, unless one of them has another unit or convention."""
+
+from itertools import pairwise
+
+import numpy as np
+import pytest
+import torch
+
+from nte.checking.cameras import Prediction, judge_cameras, prediction
+from nte.frames.frame import Frame
+from tests.checking.room import Floats
+from tests.checking.test_geometry import FRAMES, cameras
+
+
+def predictions(scale: float = 1.0, change: Floats | None = None) -> list[Prediction]:
+    """Of the room with its depth times `scale`, and views that `change` is applied to."""
+    turned = np.eye(4) if change is None else change
+    given = cameras(lambda view, projection: (turned @ view, projection))
+    frames = [
+        Frame(
+            {"depth": torch.tensor(scale * f["depth"])[None], "motion": torch.tensor(f["motion"])[None]},
+            i,
+            **{name: torch.tensor(matrix, dtype=torch.float64)[None] for name, matrix in given[i].items()},  # type: ignore[arg-type]
+        )
+        for i, f in enumerate(FRAMES)
+    ]
+    return [found for pair in pairwise(frames) if (found := prediction(*pair)) is not None]
+
+
+def test_right_cameras_predict_what_stands_still() -> None:
+    found = predictions()
+    assert len(found) == len(FRAMES) - 1
+    assert all(pair.agree > 0.8 for pair in found)  # the ball moves
+    assert not list(judge_cameras(found))
+
+
+@pytest.mark.parametrize(("scale", "change"), [(30.0, None), (1 / 30, None), (1.0, np.diag([-1.0, 1, 1, 1]))])
+def test_another_unit_or_axis_is_a_doubt(scale: float, change: Floats | None) -> None:
+    (finding,) = judge_cameras(predictions(scale, change))
+    assert finding.doubt
+    assert not finding.fault
+    assert finding.found.startswith("lead with depth to other vectors than motion in ")
+
+
+def test_a_camera_at_rest_predicts_nothing() -> None:
+    depth, motion = torch.full((1, 1, 40, 60), 5.0), torch.full((1, 2, 40, 60), 3.0)
+    eye = torch.eye(4, dtype=torch.float64)[None]
+    frames = [Frame({"depth": depth, "motion": motion}, i, view=eye, projection=eye) for i in range(2)]
+    assert prediction(*frames) is None
+    assert not list(judge_cameras([]))
