@@ -37,8 +37,9 @@ def load_denoiser(spec: str | Path, device: str = "cpu", threads: int = 0) -> De
     `composite:visibility=SPEC,glossy=SPEC,indirect=SPEC`, with a denoiser of its own for each; a SPEC with commas
     stands in brackets, and a filter gets the light as its target.
 
-    threads: number of CPU threads of an exported model that names none, 0 lets it choose; everything else computes on
-    those that PyTorch has in this process. Raises NteError for anything unknown, and lists what there is.
+    threads: number of CPU threads of an exported model that names none, 0 lets it choose. Everything else computes on
+    those that PyTorch has in this process, and Open Image Denoise, also below a network, on all cores or as many as the
+    environment variable OIDN_NUM_THREADS says. Raises NteError for anything unknown, and lists what there is.
 
     >>> nte.load_denoiser("taa:alpha=0.2,clamp=clip").needs
     ('color', 'motion')

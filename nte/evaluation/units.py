@@ -1,5 +1,6 @@
 """The evaluation of a clip as a unit of work, for `nte.jobs`."""
 
+import os
 import warnings
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, replace
@@ -13,6 +14,7 @@ from nte.denoiser import Denoiser, require_channels
 from nte.errors import NteError
 from nte.evaluation.metric_table import Row
 from nte.evaluation.score_clip import ClipRun, Shown
+from nte.filters.threads import limit_threads
 from nte.frames.channels import reference_of
 from nte.frames.clip import Clip
 from nte.jobs import Kind, in_processes, on_cluster, require_jobs
@@ -137,13 +139,17 @@ def stamps_of(spec: str) -> tuple[Stamp, ...]:
 
 
 def _load(spec: str, device: str) -> Denoiser:
-    """Load a denoiser once for many clips, and again if its files have changed."""
-    return _loaded(spec, device, stamps_of(spec))
+    """Load a denoiser once for many clips, and again if its files have changed.
+
+    An exported model gets as many threads as PyTorch has, of which a machine may have fewer cores.
+    """
+    threads = min(torch.get_num_threads(), os.cpu_count() or 1)
+    return _loaded(spec, device, threads, stamps_of(spec))
 
 
 @lru_cache(maxsize=128)
-def _loaded(spec: str, device: str, stamps: tuple[Stamp, ...]) -> Denoiser:
-    return load_denoiser(spec, device)
+def _loaded(spec: str, device: str, threads: int, stamps: tuple[Stamp, ...]) -> Denoiser:
+    return load_denoiser(spec, device, threads)
 
 
 def elsewhere(
@@ -175,8 +181,8 @@ def _there(unit: ClipUnit) -> ClipScores:
 
 
 def share_threads(jobs: int) -> None:
-    """Limit PyTorch to this process's share of the cores, for `jobs` processes side by side."""
-    torch.set_num_threads(max(1, _threads() // jobs))
+    """Limit denoisers to this process's share of the cores, for `jobs` processes side by side."""
+    limit_threads(max(1, _threads() // jobs))
 
 
 @cache  # the number that the process started with

@@ -42,3 +42,17 @@ def test_a_margin_has_an_interval_if_there_are_several_clips(scores: Scores, mar
     summary = table_of(scores)
     assert f"| {margin} |" in markdown(summary)
     assert margin in plain(summary)
+
+
+def test_a_number_of_fewer_clips_than_the_heading_has_says_so() -> None:
+    summary = table_of(
+        {"seed 1": [31.0, 32.0, None], "seed 2": [31.0, 32.0, 33.0], "filter": [None, 31.0, 30.0]}  # of no pixels there
+    )
+    network, filtered = (row["parts"][0] for row in summary["tables"][0]["rows"])
+    assert (network["counted"], filtered["counted"]) == ({"psnr": 2}, {"psnr": 2})
+    assert network["margins"]["psnr"]["clips"] == 1
+    for text in (plain(summary), markdown(summary)):
+        assert "both, 3 clips" in text
+        assert all(said in text for said in ("31.50, 2 clips", "30.50, 2 clips", "+1.00, 1 clip"))
+    whole = plain(table_of({"seed 1": [31.0, 32.0], "seed 2": [31.0, 32.0], "filter": [30.0, 31.0]}))
+    assert whole.count("clips") == 1  # the heading

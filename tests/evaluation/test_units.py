@@ -1,14 +1,19 @@
 """A clip as a unit of work: what its scores depend on, and with what denoisers are loaded again."""
 
 import importlib.metadata
+import os
+from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
+import torch
 
 from nte.config import to_yaml
+from nte.denoiser import Denoiser, Noisy
 from nte.evaluation.comparison.kept import unit_digest
 from nte.evaluation.comparison.networks import TRAINING
 from nte.evaluation.units import EVALUATION, ClipUnit, evaluate_clip
+from nte.jobs import Kind
 from nte.models.registry import make_network
 from nte.runtime.providers import PROVIDERS
 from nte.training.checkpoint import PLAIN, module_state, write_checkpoint
@@ -53,3 +58,33 @@ def test_scores_and_clusters_depend_on_the_versions_of_all_that_denoises(
     before, installed = found(), importlib.metadata.version
     monkeypatch.setattr(importlib.metadata, "version", version)
     assert all(now != then for now, then in zip(found(), before, strict=True))
+
+
+@pytest.fixture
+def threads(monkeypatch: pytest.MonkeyPatch) -> Iterator[None]:
+    """Whatever happens to the number of threads ends with the test."""
+    before = torch.get_num_threads()
+    monkeypatch.setenv("OIDN_NUM_THREADS", "not limited")
+    yield
+    torch.set_num_threads(before)
+
+
+@pytest.mark.usefixtures("threads")
+@pytest.mark.parametrize("kind", [EVALUATION, TRAINING])
+def test_pytorch_oidn_and_exported_models_have_the_share_of_the_cores_that_a_process_has(
+    clip: Path, monkeypatch: pytest.MonkeyPatch, kind: Kind
+) -> None:
+    given: list[int] = []
+
+    def load(spec: str, device: str, threads: int = 0) -> Denoiser:
+        given.append(threads)
+        return Noisy()
+
+    monkeypatch.setattr("nte.evaluation.units.load_denoiser", load)
+    cores = os.cpu_count() or 1
+    monkeypatch.setattr("nte.evaluation.units._threads", lambda: 3 * cores)  # OMP_NUM_THREADS may ask for more
+    for jobs, share in ((3 * cores, 1), (3, cores), (1, 3 * cores)):
+        kind.share_cores(jobs)
+        assert not evaluate_clip(unit_of(clip, f"model to {kind.verb}, {jobs}")).failed
+        assert (torch.get_num_threads(), os.environ["OIDN_NUM_THREADS"]) == (share, str(share))
+        assert given[-1] == min(share, cores)  # more are refused

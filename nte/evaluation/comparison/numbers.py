@@ -77,13 +77,15 @@ def part_of(
 ) -> Row:
     """Make the numbers of one line in one part of a table, as they stand in summary.json.
 
-    metrics: name → mean over clips and seeds, None if there is no number. seeds: name → the means of each seed.
+    metrics: name → mean over clips and seeds, None if there is no number. counted: name → number of clips with one,
+    out of `clips`. seeds: name → the means of each seed.
     margins: name → mean difference from `against`, interval, number of clips, and of seeds of both.
     """
     scores = {name: found.scores(method, name, chosen) for name in dict.fromkeys([*metrics, *margins])}
     part: Row = {
         "light": chosen.light, "region": chosen.region, "first": chosen.first, "clips": len(chosen.clips),
         "metrics": {name: _mean(scores[name]) for name in metrics},
+        "counted": {name: _known(scores[name]).shape[1] for name in metrics},
     }  # fmt: skip
     if method.seeds:
         part["seeds"] = {name: [_mean(values[None]) for values in scores[name]] for name in metrics}
@@ -95,9 +97,14 @@ def part_of(
 
 
 def _mean(scores: Scores) -> float | None:
-    """The mean over clips and seeds; clips without a number, such as without a pixel of the region, are left out."""
-    there = scores[:, np.isfinite(scores).all(0)]
-    return float(there.mean()) if there.size else None
+    """The mean over clips and seeds, of the clips that count."""
+    known = _known(scores)
+    return float(known.mean()) if known.size else None
+
+
+def _known(scores: Scores) -> Scores:
+    """The scores without clips that lack a number, such as those without a pixel of the region."""
+    return scores[:, np.isfinite(scores).all(0)]
 
 
 def _margin(ours: Scores, theirs: Scores, against: str) -> Row | None:

@@ -79,23 +79,35 @@ def _columns(table: Summary) -> list[_Column]:
 def _metric(metric: Metric, where: str, parts: Row) -> _Column:
     means = {method: part["metrics"] for method, part in parts.items()}
     best = best_of(means, metric)
-    cells = [metric.text(numbers[metric.name]) for numbers in means.values()]
+    cells = [_mean(metric, part) for part in parts.values()]
     return _Column(f"{where}: {metric.label}", cells, [method in best for method in means])
 
 
 def _margins(table: Summary, part: Summary, where: str, parts: Row) -> Iterator[_Column]:
     for name in part["margins"]:
         metric = _METRICS[name]
-        cells = [_margin(metric, numbers.get("margins", {}).get(name)) for numbers in parts.values()]
+        cells = [_margin(metric, numbers) for numbers in parts.values()]
         heading = f"{where}: {metric.label} − {table['against']}'s, 95 % interval"
         yield _Column(heading, cells, [False] * len(cells))
 
 
-def _margin(metric: Metric, margin: Summary | None) -> str:
+def _mean(metric: Metric, part: Summary) -> str:
+    mean = part["metrics"][metric.name]
+    return metric.text(mean) + ("" if mean is None else _of_fewer(part["counted"][metric.name], part))
+
+
+def _of_fewer(counted: int, part: Summary) -> str:
+    """The number of clips that a number is of, if it is not that of the heading: some clips lack a number."""
+    return "" if counted == part["clips"] else f", {_clips(counted)}"
+
+
+def _margin(metric: Metric, part: Summary) -> str:
+    margin = part.get("margins", {}).get(metric.name)
     if margin is None:
         return "–"
     mean, low, high = (f"{margin[key]:+.{metric.digits}f}" for key in ("mean", "low", "high"))
-    return mean if margin["clips"] == 1 else f"{mean} ({low} … {high})"  # a single clip has no interval
+    interval = "" if margin["clips"] == 1 else f" ({low} … {high})"  # a single clip has none
+    return mean + interval + _of_fewer(margin["clips"], part)
 
 
 def _line(cells: list[str]) -> str:
