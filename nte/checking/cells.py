@@ -24,9 +24,7 @@ from nte.frames.frame import Frame
 
 EXPLAINED = 0.01  # largest albedo error of a cell that vectors explain
 BETTER = 0.3  # a displacement contradicts the vectors only if its error is at most this share of theirs
-FEWEST = (
-    10  # least number of a cell's pixels that vectors lose: of 625 displacements one finds k more by chance if k < 7
-)
+FEWEST = 10  # a cell's pixels that vectors must lose: one of 625 displacements finds 6 more of them by chance
 ENOUGH = 0.2  # least share of a cell's pixels that must take part
 ALONE = 0.15  # greatest share of the displacements that explain a cell as well as the best one
 APART = 1.2  # pixels: least distance between the given vector and the true displacement in a contradiction
