@@ -49,7 +49,7 @@ def targets(page: Path) -> list[Path]:
 
 
 def is_picture(path: Path) -> bool:
-    return path.suffix in (".png", ".svg")
+    return path.suffix in (".png", ".svg", ".webp")
 
 
 def copied(path: Path, config: MkDocsConfig) -> File:

@@ -163,7 +163,7 @@ class _Plain:
 
 def _overheard() -> "AbstractContextManager[list[Application]]":
     """Collect the kernels that networks apply; there are no networks where nobody has imported PyTorch."""
-    if "torch" not in sys.modules:
+    if sys.modules.get("torch") is None:
         return nullcontext([])
     from nte.models.applied import overheard
 

@@ -1,20 +1,19 @@
 """Conversion from a producer's conventions to nte's, one frame at a time."""
 
 from collections.abc import Iterable, Iterator, Mapping
+from contextlib import contextmanager
 from itertools import product
 
 import numpy as np
 import numpy.typing as npt
-import torch
 
+from nte.errors import needs_extra
 from nte.frames.channels import VECTORS
 from nte.frames.clip import Pixels
 from nte.importing.cameras import Camera, camera_of_fov
 from nte.importing.channel_map import DEPTHS, NORMALS, SKY, ChannelMap
 from nte.importing.ids import UNNAMED
-from nte.motion.camera import points_from_depth
 from nte.motion.conventions import Convention
-from nte.motion.geometric import scatter_forward_motion
 
 _RINGS = 8  # px; unknown vectors this close to known ones are filled by depth
 
@@ -74,9 +73,8 @@ def convert_vectors(vectors: Pixels, convention: Convention) -> Pixels:
 
     Nte's vectors are in pixels, x to the right, y down, from this frame to the other one.
     """
-    given = torch.from_numpy(np.ascontiguousarray(vectors))[None]
-    unused = torch.empty(0)  # stands for arguments that only a forward convention reads
-    return np.asarray(convention.convert(given, unused, unused)[0].numpy())
+    factors = np.asarray(convention.factors(*vectors.shape[-2:]), vectors.dtype)
+    return np.ascontiguousarray((vectors[::-1] if convention.swapped else vectors) * factors[:, None, None])
 
 
 def revert_vectors(vectors: Pixels, convention: Convention) -> Pixels:
@@ -100,6 +98,10 @@ def unit(vectors: npt.NDArray[np.floating]) -> npt.NDArray[np.float64]:
 
 def cosine_to_axis(camera: Camera, like: Pixels) -> Pixels:
     """Return the cosine (1, H, W) between every pixel's ray and the view axis, for the size of `like` (…, H, W)."""
+    with _pytorch_for("distances from the camera as depth"):
+        import torch
+
+        from nte.motion.camera import points_from_depth
     view, projection = (torch.from_numpy(np.asarray(matrix, np.float32))[None] for matrix in camera)
     rays = points_from_depth(torch.zeros(1, 1, *like.shape[-2:]), view, projection)[0].numpy()
     along = np.einsum("j,jhw->hw", camera.view[2, :3] / np.linalg.norm(camera.view[2, :3]), rays)
@@ -119,6 +121,10 @@ def with_motion(frames: Iterable[dict[str, Pixels]]) -> Iterator[dict[str, Pixel
             if before is None:
                 motion = np.zeros_like(frame["forward_motion"])
             else:
+                with _pytorch_for("forward vectors alone"):
+                    import torch
+
+                    from nte.motion.geometric import scatter_forward_motion
                 depths = [f.get("depth", np.zeros_like(frame["color"][:1])) for f in (before, frame)]
                 scattered = scatter_forward_motion(
                     torch.from_numpy(before["forward_motion"])[None], torch.from_numpy(depths[0])[None]
@@ -127,6 +133,15 @@ def with_motion(frames: Iterable[dict[str, Pixels]]) -> Iterator[dict[str, Pixel
             before = frame
             frame = {**frame, "motion": motion}
         yield frame
+
+
+@contextmanager
+def _pytorch_for(what: str) -> Iterator[None]:
+    """Name the extra that brings PyTorch, without which other frames are read."""
+    try:
+        yield
+    except ImportError as error:
+        raise needs_extra("import", what, error) from error
 
 
 def fill_unknown(frame: Mapping[str, Pixels]) -> dict[str, Pixels]:

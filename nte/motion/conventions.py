@@ -5,10 +5,10 @@ Our vectors are in pixels, x to the right, y down, current → previous, on the 
 
 from dataclasses import dataclass
 from itertools import product
+from typing import TYPE_CHECKING
 
-from torch import Tensor
-
-from nte.motion.geometric import scatter_forward_motion
+if TYPE_CHECKING:  # the base install, without PyTorch, reads other renderers' frames
+    from torch import Tensor
 
 UNITS = {"pixels": 1.0, "uv, [0, 1] over the image": 1.0, "NDC, [−1, 1] over the image": 0.5}
 
@@ -41,7 +41,7 @@ class Convention:
             differs.append(f"unit ({self.unit})")
         return ", ".join(differs) or "ours"
 
-    def convert(self, motion: Tensor, previous_motion: Tensor, previous_depth: Tensor) -> Tensor:
+    def convert(self, motion: "Tensor", previous_motion: "Tensor", previous_depth: "Tensor") -> "Tensor":
         """Convert vectors of this convention to ours, (N, 2, H, W); NaN where the motion is unknown.
 
         motion and previous_motion: the given vectors of the current and of the previous frame. previous_depth
@@ -50,16 +50,20 @@ class Convention:
         """
         if self.forward:
             # Forward vectors lie on the previous frame's pixels, so they are scattered to where they point.
+            from nte.motion.geometric import scatter_forward_motion
+
             return scatter_forward_motion(self._in_pixels(previous_motion), previous_depth)
         return self._in_pixels(motion)
 
-    def _in_pixels(self, motion: Tensor) -> Tensor:
-        """The vectors (N, 2, H, W) on their own pixels, in pixels, x to the right first, y down."""
-        height, width = motion.shape[-2:]
+    def factors(self, height: int, width: int) -> list[float]:
+        """What x and y, in this order, are multiplied by to be pixels to the right and down, for an image's size."""
         scale = (1.0, 1.0) if self.unit == "pixels" else (width * UNITS[self.unit], height * UNITS[self.unit])
-        factors = [sign * size for sign, size in zip(self.signs, scale, strict=True)]
+        return [sign * size for sign, size in zip(self.signs, scale, strict=True)]
+
+    def _in_pixels(self, motion: "Tensor") -> "Tensor":
+        """The vectors (N, 2, H, W) on their own pixels, in pixels, x to the right first, y down."""
         ours = motion.flip(1) if self.swapped else motion
-        return ours * motion.new_tensor(factors).view(1, 2, 1, 1)
+        return ours * motion.new_tensor(self.factors(*motion.shape[-2:])).view(1, 2, 1, 1)
 
 
 CONVENTIONS = tuple(

@@ -9,7 +9,9 @@ import pytest
 
 from nte.denoiser import Session
 from nte.frames.clip import Clip
+from nte.importing.channel_map import MAPS
 from nte.models.temporal import TemporalDenoiser
+from tests.importing.producers import blender, scene
 from tests.synthetic import disc_clip
 
 pytestmark = pytest.mark.slow
@@ -92,3 +94,19 @@ def test_a_function_that_needs_an_extra_says_which() -> None:
         assert f"ImportError: {needs}" in done.stderr
     done = python(WITHOUT + "import nte; nte.render('recipe.yaml', 'clips')")
     assert "ImportError: rendering needs the package 'torch': pip install 'nte-denoiser[render]'" in done.stderr
+
+
+def test_another_renderers_frames_are_denoised_without_pytorch(model: Path, tmp_path: Path) -> None:
+    """Such as Blender's: with motion, which is converted, and forward motion, which the next frame uses."""
+    blender(tmp_path / "renders", scene(2))
+    command = ["denoise", tmp_path / "renders", "--denoiser", model, "--out", tmp_path / "clean", "--png"]
+    done = nte_without_extras(*command)
+    assert done.returncode == 0, done.stderr
+    assert "read as Blender Cycles" in done.stdout
+    assert len([*(tmp_path / "clean").glob("*.png")]) == 2
+    lines = (MAPS / "blender.yaml").read_text("utf-8").splitlines()
+    kept = [line for line in lines if not line.lstrip().startswith("motion:")]
+    (tmp_path / "forward.yaml").write_text("\n".join(kept), "utf-8")
+    done = nte_without_extras(*command, "--force", "--map", tmp_path / "forward.yaml")
+    assert done.returncode == 2
+    assert "forward vectors alone needs the package 'torch': pip install 'nte-denoiser[import]'" in done.stderr
