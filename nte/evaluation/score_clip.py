@@ -185,7 +185,7 @@ class _Run:
         self.session = Session(self.timed)
         self.components = tuple(name for name in denoiser.components if reference_of(name) in channels)
         self.scorers = {target: _Scorer() for target in (denoiser.target, *self.components)}
-        self.extras = tuple(name for name in denoiser.extras if extras and name not in self.components)
+        self.extras = tuple(name for name in denoiser.extras if extras and name not in denoiser.components)
         self.further: Mapping[str, Tensor] = {}  # what it gave besides its images in the last step
         self.settings = ""  # the options that an adaptive denoiser takes on this clip
 

@@ -7,7 +7,7 @@ a step takes no longer.
 
 from collections.abc import Iterator
 from contextlib import contextmanager
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import torch
 import torch.nn.functional as F
@@ -77,9 +77,9 @@ def overheard() -> Iterator[list[Application]]:
     """Collect what networks apply while the block runs, in order: an entry for each light of each network."""
     found: list[Application] = []
 
-    def keep(module: nn.Module, given: tuple[Any, ...], _: object) -> None:
+    def keep(module: nn.Module, given: tuple[object, ...], _: object) -> None:
         if isinstance(module, KernelApplication):
-            found.append(Application(*given))
+            found.append(Application._make((*given, None)[: len(Application._fields)]))  # few are given a prior
 
     handle = register_module_forward_hook(keep)
     try:

@@ -27,11 +27,12 @@ COMMANDS = (
     "estimate CLIP --out OUT --noise clean",
     "import exr CLIP --map map.yaml --out OUT",
     "bench noisy --size 32x32 --json OUT/bench.json",
+    "demo --out OUT",
     "merge-burst CLIP/frame_0000.exr CLIP/frame_0001.exr --out OUT/merged.exr",
     "check CLIP --picture OUT",
     "view CLIP --out OUT --no-open",
 )
-NEEDED = {"render": "mitsuba", "compare rendered": "mitsuba", "merge-burst": "rawpy"}
+NEEDED = {"render": "mitsuba", "compare rendered": "mitsuba", "demo": "pyoidn", "merge-burst": "rawpy"}
 
 
 def test_every_command_is_among_them() -> None:
