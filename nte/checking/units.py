@@ -24,6 +24,7 @@ SAMPLED = 8192  # pixels of a pair of frames that are looked at, up to twice as 
 FITS = 0.01  # greatest median error of z' / z, relative
 SPREAD, BESIDE = 0.05, 0.25  # least distance of 1 / z, relative, from one plane, and least share of pixels beside it
 OTHER = 1.1  # least ratio of the units that is told; measured: 0.98 to 1.003 in 17 clips with right depth
+SURELY = 1.25  # least ratio that is a fault: water, which moves as no rigid thing does, has 1.13
 
 
 def unit_of(previous: Frame, current: Frame) -> float | None:
@@ -65,12 +66,17 @@ def _fit(rows: Tensor, values: Tensor) -> tuple[Tensor, Tensor]:
 
 
 def judge_units(ratios: Sequence[float]) -> Iterator[Finding]:
-    """Yield a fault if the unit changes from frame to frame in two pairs at least, which no cut does; else a note."""
+    """Yield a fault if the unit surely changes from frame to frame in two pairs at least, which no cut does.
+
+    Else a doubt if it may change in two pairs, and a note if it does in one.
+    """
     changed = [ratio for ratio in ratios if not 1 / OTHER < ratio < OTHER]
     if changed:
         times = f"{min(changed):.3g} to {max(changed):.3g} times as large"
         found = f"{times} as in the frame before, in {len(changed)} of {len(ratios)} frames that tell"
-        yield Finding("depth", found, "one unit in all frames: no frame scaled to its own range", len(changed) > 1)
+        surely = sum(not 1 / SURELY < ratio < SURELY for ratio in changed) > 1
+        expected = "one unit in all frames: no frame scaled to its own range"
+        yield Finding("depth", found, expected, surely, not surely and len(changed) > 1)
 
 
 def _inside(depth: Tensor) -> Tensor:

@@ -31,4 +31,9 @@ def test_right_vectors_pass_without_a_word(folder: Path) -> None:
 @pytest.mark.parametrize("name", WRONG)
 def test_other_conventions_fail(folder: Path, name: str) -> None:
     change, words = WRONG[name]
-    assert judge(check(Changed(folder, change)), words) in ("named", "failed")
+    report = check(Changed(folder, change))
+    if name == "half":  # short motion is explained within a pixel, so only where it is long they are seen to be short
+        assert report.verdict in ("implausible", "undecidable")
+        assert "times too short" in report.reason
+    else:
+        assert judge(report, words) in ("named", "failed")

@@ -12,6 +12,7 @@ import onnx
 import pytest
 
 from nte.denoiser import Session
+from nte.runtime.description import UNSEALED, seal
 from nte.runtime.providers import OnnxOptions
 from nte.runtime.session import OnnxDenoiser
 from tests.synthetic import random_frames
@@ -79,8 +80,9 @@ def test_other_weights_are_another_graph(model: Path, tmp_path: Path, cache: Pat
             tensor.CopyFrom(onnx.numpy_helper.from_array(values * np.float32(1.01), tensor.name))
     described = {entry.key: entry.value for entry in changed.metadata_props}["nte"]
     start = described.index('"sha256": "') + len('"sha256": "')
-    onnx.helper.set_model_props(changed, {"nte": described[:start] + "0" * 63 + "x" + described[start + 64 :]})
+    onnx.helper.set_model_props(changed, {"nte": described[:start] + UNSEALED + described[start + 64 :]})
     onnx.save(changed, tmp_path / "changed.onnx")
+    seal(tmp_path / "changed.onnx")
     assert not np.array_equal(images(model), images(tmp_path / "changed.onnx"))
     assert len(compilations) == len([*cache.iterdir()]) == 2
 

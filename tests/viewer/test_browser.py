@@ -121,7 +121,10 @@ def test_the_split_moves(opened: Browser, noisy_clip: Path, page: Path) -> None:
     height = box["y"] + 40
     for target, expected in ((0.9, left), (0.1, right)):
         opened.mouse("press", middle, height)
-        opened.mouse("move", box["x"] + target * box["width"], height, held=True)
+        opened.settle()  # drawn anew meanwhile, as whoever drags sees it
+        for share in (0.5, target):
+            opened.mouse("move", box["x"] + share * box["width"], height, held=True)
+            opened.settle()
         opened.mouse("release", box["x"] + target * box["width"], height)
         opened.settle()
         middle = box["x"] + target * box["width"]

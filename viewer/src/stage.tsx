@@ -1,6 +1,6 @@
 // The canvas: draws what is chosen, and turns the pointer into a divider, a hand and a magnifying glass.
 import { computed, effect, signal } from "@preact/signals";
-import { useEffect, useRef } from "preact/hooks";
+import { useEffect, useMemo, useRef } from "preact/hooks";
 import { drawArrows } from "./arrows";
 import { canvasPainter } from "./canvas2d";
 import { webglPainter } from "./gl";
@@ -82,12 +82,13 @@ export function Stage() {
     return () => { stop(); watcher.disconnect(); cancelAnimationFrame(request); };
   }, []);
 
+  const handlers = useMemo(() => pointer(frameElement), []); // once: they remember what is dragged
   const found = clip.value;
   const shape = found ? { "--shape": found.width / found.height } : {};
   return (
     <div
       ref={frameElement} class="stage" style={shape} role="img"
-      aria-label="The chosen images; the keys are listed below" {...pointer(frameElement)}>
+      aria-label="The chosen images; the keys are listed below" {...handlers}>
       <canvas ref={canvas} id="canvas" />
       <canvas ref={overlay} class="overlay" />
       {panes.value.map((pane) => <Title pane={pane} />)}
