@@ -247,6 +247,7 @@ class Session:
         self._bad = BadPixelReport()
         self._given: int | None = None  # index of the frame before, as given
         self._counted = 0  # index of the frame before, as the denoiser saw it
+        self._lacking: list[str] | None = None  # channels that the denoiser wants, and the sequence does not have
 
     def denoise(self, frame: Frame) -> Array:
         """Denoise the next frame and return its image (N, C, H, W) in the input's units.
@@ -267,9 +268,18 @@ class Session:
         require_channels(self.denoiser, frame.channels, f"frame {frame.index}")
         require_extras(self.denoiser, extras)
         self._bad.look(frame)
-        if self._state is None and (missing := [name for name in self.denoiser.wants if name not in frame]):
-            where = f"frame {frame.index}: {self.denoiser.label or type(self.denoiser).__name__}"
-            what = f"{where} does without {', '.join(missing)}, which costs quality"
-            warnings.warn(what, MissingChannelWarning, stacklevel=2)
+        self._look_for_wanted(frame)
         result, self._state = self.denoiser.step(frame, self._state, extras)
         return result
+
+    def _look_for_wanted(self, frame: Frame) -> None:
+        """Warn of wanted channels that a sequence lacks. Raises NteError if they are lost on the way."""
+        missing = [name for name in self.denoiser.wants if name not in frame]
+        where = f"frame {frame.index}: {self.denoiser.label or type(self.denoiser).__name__}"
+        if self._lacking is None:
+            self._lacking = missing
+            if missing:
+                what = f"{where} does without {', '.join(missing)}, which costs quality"
+                warnings.warn(what, MissingChannelWarning, stacklevel=3)
+        elif lost := [name for name in missing if name not in self._lacking]:
+            raise NteError(f"{where} wants {', '.join(lost)}, which is missing; the frames before have it")

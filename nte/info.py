@@ -50,7 +50,8 @@ def _model(path: Path) -> str:
     model = OnnxDenoiser(path)
     lines = [f"model {path}: exported by nte {model.info['version']}, denoises '{model.target}'"]
     lines += [f"  needs: {', '.join(model.needs)}", f"  optional: {', '.join(model.optional) or 'none'}"]
-    lines += [f"  prior: made by {model.prior}"] if model.prior else []
+    if model.prior:
+        lines += [f"  prior: made by {model.prior}; with it only what that needs must be there, and all else is wanted"]
     lines += [f"  {line}" for line in model.info.get("cost", [])]
     lines += [f"  {line}" for line in _places(path)]
     return "\n".join(lines + [f"  {key}: {value}" for key, value in model.info["conventions"].items()])

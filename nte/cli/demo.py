@@ -2,7 +2,6 @@
 
 import argparse
 import time
-from importlib.util import find_spec
 from pathlib import Path
 from statistics import median
 from typing import TYPE_CHECKING
@@ -28,10 +27,11 @@ def _demo(options: argparse.Namespace) -> None:
     from nte.registry import load_denoiser
     from nte.sequences.denoise import denoise_files
     from nte.sequences.pictures import PictureSettings
+    from nte.sequences.video import can_write
     from nte.text_table import aligned
 
     denoisers = {spec: load_denoiser(spec) for spec in _COMPARED}
-    both = options.out / ("before_after.webp" if find_spec("av") else "before_after.png")
+    both = options.out / ("before_after.webp" if can_write(".webp") else "before_after.png")
     pictures = PictureSettings(png=True, before_after=both, fps=6, view="standard")
     denoise_files([CLIP], denoisers[DEFAULT], options.out, pictures=pictures, force=options.force, spec=DEFAULT)
     rows = [["", "PSNR, dB", "flicker", "ms a frame"]]

@@ -15,7 +15,8 @@ class Timed(Denoiser):
     def __init__(self, denoiser: Denoiser, device: str) -> None:
         self.denoiser = denoiser
         self.needs, self.optional, self.target = denoiser.needs, denoiser.optional, denoiser.target
-        self.extras = denoiser.extras
+        self.extras, self.wants = denoiser.extras, denoiser.wants
+        self.label = denoiser.label or type(denoiser).__name__
         self.clock = torch.device(device)
         self.seconds: list[float] = []
 

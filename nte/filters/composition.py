@@ -40,6 +40,7 @@ class Composition(Denoiser):
         used = (name for denoiser in denoisers.values() for name in denoiser.optional)
         self.needs = tuple(dict.fromkeys(["direct", *needed]))
         self.optional = tuple(dict.fromkeys(["emission", *used]))
+        self.wants = tuple(dict.fromkeys(name for denoiser in denoisers.values() for name in denoiser.wants))
 
     @sanitised
     def step(

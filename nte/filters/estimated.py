@@ -190,6 +190,7 @@ class EstimatedMotion(Filter[EstimateOptions]):
         wanted = (name for name in denoiser.needs if name not in _TOLD_BY_OTHERS)
         self.needs = tuple(dict.fromkeys([*self.estimator.needs, *wanted]))
         self.optional = tuple(name for name in denoiser.optional if name not in _TOLD_BY_OTHERS)
+        self.wants = tuple(name for name in denoiser.wants if name not in _TOLD_BY_OTHERS)
 
     def settings(self, frame: Frame) -> str:
         """Return the settings of the wrapped denoiser for a frame like this one."""

@@ -115,7 +115,7 @@ def _refuse_to_overwrite(out: Path, written: Sequence[Path], sources: Sequence[P
     """Raise NteError if a file would be lost: one that exists, a noisy frame itself, or one of two with one name."""
     if out.resolve() in {source.parent.resolve() for source in sources}:
         raise NteError(f"{out}: holds the noisy frames themselves: choose another folder")
-    twice = [path for path, count in Counter(written).items() if count > 1]
+    twice = [path for path, count in Counter(path.resolve() for path in written).items() if count > 1]
     if twice:
-        raise NteError(f"{twice[0].name}: two frames have this name: denoise them one after the other")
+        raise NteError(f"{twice[0].name}: two files would have this name: two frames, or pictures: choose others")
     refuse_to_replace(written, force)

@@ -1,7 +1,7 @@
 """Videos of pictures by PyAV: H.264 in an MP4 file, or an animated WebP, which a page shows like a picture."""
 
 from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from dataclasses import dataclass, field
 from fractions import Fraction
 from pathlib import Path
@@ -36,6 +36,15 @@ FORMATS: Final = {
 _BT709, _SRGB_CURVE = 1, 13  # of ITU-T H.273, by which players know the colours
 
 
+def can_write(ending: str) -> bool:
+    """Tell whether a video whose name ends so, such as .webp, can be written here."""
+    try:
+        import av
+    except ImportError:
+        return False
+    return FORMATS[ending].codec in av.codecs_available
+
+
 def require_video(path: Path, fps: float) -> None:
     """Raise NteError if PyAV is not installed, cannot encode what `path` ends in, or `fps` is no rate of a video."""
     codec = FORMATS[path.suffix.lower()].codec
@@ -45,8 +54,8 @@ def require_video(path: Path, fps: float) -> None:
         raise needs_extra("video", "a video", error) from error
     if codec not in av.codecs_available:
         raise NteError(f"{path}: this PyAV has no encoder {codec}: install PyAV from PyPI, or use --png")
-    if not 0 < fps <= 1000:
-        raise NteError(f"fps is {fps:g}, expected a number of frames per second above 0, at most 1000")
+    if not 0.01 <= fps <= 1000:
+        raise NteError(f"fps is {fps:g}, expected a number of frames per second from 0.01 to 1000")
 
 
 @contextmanager
@@ -71,7 +80,7 @@ def open_video(path: Path, fps: float) -> Iterator[Callable[[RGB], None]]:
                 nonlocal stream
                 even = np.pad(picture, [(0, picture.shape[0] % 2), (0, picture.shape[1] % 2), (0, 0)], mode="edge")
                 frame = av.VideoFrame.from_ndarray(even, format="rgb24")
-                with writing(path):
+                with writing(path), _encoding(path, even):
                     stream = stream or _begin(file, form, frame, fps)
                     file.mux(stream.encode(frame.reformat(format=form.pixels, dst_colorspace="ITU709")))
 
@@ -81,7 +90,22 @@ def open_video(path: Path, fps: float) -> Iterator[Callable[[RGB], None]]:
                     file.mux(stream.encode())
                 file.close()
         finally:
-            file.close()
+            with suppress(OSError):  # after another error, which says more
+                file.close()
+
+
+@contextmanager
+def _encoding(path: Path, picture: RGB) -> Iterator[None]:
+    """Turn an encoder's refusal into an error that names the size: WebP ends at 16383 pixels, H.264 at 16384."""
+    import av
+
+    try:
+        yield
+    except OSError:
+        raise  # the file's, not the encoder's
+    except av.error.FFmpegError as error:
+        size = f"{picture.shape[1]}x{picture.shape[0]}"
+        raise NteError(f"{path}: {size} cannot be encoded ({error}): use --png, or a smaller picture") from error
 
 
 def _begin(file: "OutputContainer", form: _Format, frame: "VideoFrame", fps: float) -> "VideoStream":

@@ -40,7 +40,7 @@ def open_material(
     """
     shown = denoiser.target, reference_of(denoiser.target)  # beside the network's image
     whole = complete(denoiser)
-    scored = tuple(dict.fromkeys((*whole.needs, *shown)))
+    scored = tuple(dict.fromkeys((*whole.needs, *whole.wants, *shown)))
     needed = tuple(dict.fromkeys((*needed_channels(denoiser, config), *whole.needs)))
     chosen = open_weighted(config.data.clips, lambda clip: require_clip(clip, needed, config.data))
     optional = tuple(name for name in _seen(denoiser, denoiser.optional) if name not in needed)

@@ -8,6 +8,7 @@ import torch
 
 from nte.denoiser import MissingChannelWarning, Session
 from nte.errors import NteError
+from nte.evaluation.evaluate import evaluate
 from nte.filters.prior import complete
 from nte.frames.clip import Clip, frame_path, write_frame
 from nte.frames.frame import Frame
@@ -117,3 +118,19 @@ def test_the_released_model_does_without_what_a_frame_lacks(missing: tuple[str, 
     else:
         assert error < 0.985 * other
     assert all(np.isfinite(image).all() for image, _ in images)
+
+
+def test_a_channel_that_is_lost_on_the_way_is_named(clip: Clip) -> None:
+    """A pass that is missing in one frame is a mistake, and no sequence without it."""
+    session = Session(load_denoiser("steady"))
+    session.denoise(clip.frame(0))
+    with pytest.raises(NteError, match="frame 1: steady wants motion, which is missing; the frames before have it"):
+        session.denoise(clip.frame(1, ["color", "albedo", "normal", "depth"]))
+
+
+@pytest.mark.parametrize("spec", ["steady", "estimate+steady"])
+def test_an_evaluation_tells_what_is_lacking(spec: str, clip: Clip, tmp_path: Path) -> None:
+    frames = [{name: clip.frame(i)[name][0] for name in ("color", "reference", "normal", "motion")} for i in (0, 1)]
+    bare = write_clip(tmp_path / "bare", frames)
+    with pytest.warns(MissingChannelWarning, match="does without albedo, depth, which costs quality"):
+        evaluate([bare], {spec: load_denoiser(spec)}, tmp_path / "out")

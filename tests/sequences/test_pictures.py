@@ -149,11 +149,12 @@ def test_bad_pixels_of_the_noisy_image_are_magenta(tmp_path: Path) -> None:
         (["--video", "film.avi"], "film.avi: expected a name that ends in .mp4 or .webp"),
         (["--before-after", "both.jpg"], "both.jpg: expected a name that ends in .png or .mp4 or .webp"),
         (["--view", "agx2", "--png"], "no view 'agx2' in ocio://default, which has "),
-        (["--video", "film.mp4", "--fps", "0"], "fps is 0, expected a number of frames per second above 0"),
+        (["--video", "film.mp4", "--fps", "0"], "fps is 0, expected a number of frames per second from 0.01 to 1000"),
         (["--video", "film.mp4", "--fps", "nan"], "fps is nan, expected a number"),
         (["--video", "mine.mp4"], "mine.mp4: exists"),
         (["--before-after", "mine.png"], "mine.png: exists"),
-        (["--png", "--before-after", "out/frame_0001.png"], "frame_0001.png: two frames have this name"),
+        (["--video", "a.webp", "--before-after", "out/../a.webp"], "a.webp: two files would have this name"),
+        (["--png", "--before-after", "out/frame_0001.png"], "frame_0001.png: two files would have this name"),
     ],
 )
 def test_what_cannot_be_is_one_line_before_anything_is_written(
@@ -169,6 +170,16 @@ def test_what_cannot_be_is_one_line_before_anything_is_written(
     assert message in line
     assert sorted(path.name for path in tmp_path.iterdir() if path.is_file()) == ["mine.mp4", "mine.png"]
     assert not Path("out").exists()
+
+
+@pytest.mark.parametrize("name", ["wide.webp", "wide.mp4"])
+def test_a_picture_that_no_encoder_takes_is_one_line(name: str, tmp_path: Path) -> None:
+    with (
+        pytest.raises(NteError, match=rf"{name}: 17000x2 cannot be encoded \(.*\): use --png, or a smaller picture$"),
+        open_video(tmp_path / name, 24) as add,
+    ):
+        add(np.zeros((2, 17000, 3), np.uint8))
+    assert not list(tmp_path.iterdir())
 
 
 def test_a_view_is_for_light_only(tmp_path: Path) -> None:

@@ -85,7 +85,7 @@ def part_of(
     part: Row = {
         "light": chosen.light, "region": chosen.region, "first": chosen.first, "clips": len(chosen.clips),
         "metrics": {name: _mean(scores[name]) for name in metrics},
-        "counted": {name: _known(scores[name]).shape[1] for name in metrics},
+        "counted": {name: _known(scores[name]).shape[1] if len(scores[name]) else 0 for name in metrics},
     }  # fmt: skip
     if method.seeds:
         part["seeds"] = {name: [_mean(values[None]) for values in scores[name]] for name in metrics}
