@@ -66,9 +66,9 @@ def _fit(rows: Tensor, values: Tensor) -> tuple[Tensor, Tensor]:
 
 
 def judge_units(ratios: Sequence[float]) -> Iterator[Finding]:
-    """Yield a fault if the unit surely changes from frame to frame in two pairs at least, which no cut does.
+    """Yield a fault if the unit surely changes in two pairs of frames at least, which no cut does; else a note.
 
-    Else a doubt if it may change in two pairs, and a note if it does in one.
+    ratios: of each pair of frames that tells.
     """
     changed = [ratio for ratio in ratios if not 1 / OTHER < ratio < OTHER]
     if changed:
@@ -76,7 +76,7 @@ def judge_units(ratios: Sequence[float]) -> Iterator[Finding]:
         found = f"{times} as in the frame before, in {len(changed)} of {len(ratios)} frames that tell"
         surely = sum(not 1 / SURELY < ratio < SURELY for ratio in changed) > 1
         expected = "one unit in all frames: no frame scaled to its own range"
-        yield Finding("depth", found, expected, surely, not surely and len(changed) > 1)
+        yield Finding("depth", found, expected, surely)
 
 
 def _inside(depth: Tensor) -> Tensor:
