@@ -171,6 +171,11 @@ class Noisy(Filter[NoisyOptions]):
         return Result(frame[self.target]), ()
 
 
+def label_of(denoiser: Denoiser) -> str:
+    """What errors call a denoiser: its label, or the name of its class."""
+    return denoiser.label or type(denoiser).__name__
+
+
 def require_channels(denoiser: Denoiser, available: Iterable[str], where: object) -> None:
     """Raise NteError if a channel that the denoiser needs is not available; the error names all that are missing.
 
@@ -179,8 +184,7 @@ def require_channels(denoiser: Denoiser, available: Iterable[str], where: object
     have = tuple(available)
     missing = [name for name in denoiser.needs if name not in have]
     if missing:
-        name = denoiser.label or type(denoiser).__name__
-        what = f"{where}: {name} needs {', '.join(missing)}, which is missing; there is {', '.join(have)}"
+        what = f"{where}: {label_of(denoiser)} needs {', '.join(missing)}, which is missing; there is {', '.join(have)}"
         raise NteError(what + way_to(missing))
 
 
@@ -192,7 +196,7 @@ def require_extras(denoiser: Denoiser, asked: Iterable[str], where: object = "")
     if unknown := [name for name in asked if name not in denoiser.extras]:
         name = f"{where}: " if where else ""
         instead = expected_one_of(unknown[0], denoiser.extras)
-        raise NteError(f"{name}{denoiser.label or type(denoiser).__name__} has no extra '{unknown[0]}'{instead}")
+        raise NteError(f"{name}{label_of(denoiser)} has no extra '{unknown[0]}'{instead}")
 
 
 def require_size(frame: Frame, history: Array) -> None:
@@ -275,7 +279,7 @@ class Session:
     def _look_for_wanted(self, frame: Frame) -> None:
         """Warn of wanted channels that a sequence lacks. Raises NteError if they are lost on the way."""
         missing = [name for name in self.denoiser.wants if name not in frame]
-        where = f"frame {frame.index}: {self.denoiser.label or type(self.denoiser).__name__}"
+        where = f"frame {frame.index}: {label_of(self.denoiser)}"
         if self._lacking is None:
             self._lacking = missing
             if missing:

@@ -4,7 +4,7 @@ import time
 
 import torch
 
-from nte.denoiser import Denoiser, Result, State
+from nte.denoiser import Denoiser, Result, State, label_of
 from nte.frames.frame import Frame
 from nte.machine import wait_for
 
@@ -16,7 +16,7 @@ class Timed(Denoiser):
         self.denoiser = denoiser
         self.needs, self.optional, self.target = denoiser.needs, denoiser.optional, denoiser.target
         self.extras, self.wants = denoiser.extras, denoiser.wants
-        self.label = denoiser.label or type(denoiser).__name__
+        self.label = label_of(denoiser)
         self.clock = torch.device(device)
         self.seconds: list[float] = []
 

@@ -2,7 +2,7 @@
 
 from typing import NamedTuple
 
-from nte.denoiser import Denoiser, Result, State
+from nte.denoiser import Denoiser, Result, State, label_of
 from nte.errors import NteError
 from nte.filters.named import load_filter
 from nte.frames.channels import CHANNELS, GUIDES, PRIOR
@@ -46,7 +46,7 @@ class OnTop(Denoiser):
             raise NteError(f"a denoiser of {below.target}, expected a denoiser of {top.target}")
         self.top, self.below = top, below
         self.target, self.extras, self.components = top.target, top.extras, top.components
-        self.label = top.label or type(top).__name__
+        self.label = label_of(top)
         self.needs = below.needs
         self.wants = tuple(name for name in top.needs if name not in (*below.needs, PRIOR))
         others = dict.fromkeys((*self.wants, *top.optional, *below.optional))
