@@ -5,21 +5,23 @@ Afra, «Intel Open Image Denoise», 2019–; used through the package pyoidn. It
 
 import threading
 import weakref
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
-from typing import Any, Literal, TypeAlias
+from typing import Annotated, Any, Literal, TypeAlias
 
 import numpy as np
 import numpy.typing as npt
 
-from nte.denoiser import Filter, Result, State, sanitised
+from nte.denoiser import Filter, Result, State, refuse_other_size, sanitised
 from nte.errors import NteError, lacking_memory, needs_extra
+from nte.filters.accumulation import History, Surface, accumulate, with_slope
 from nte.frames.clip import Pixels
 from nte.frames.frame import Frame
-from nte.options import Options
+from nte.options import Allowed, Options
 
 GUIDES = ("albedo", "normal")
+MOTION = ("motion", "depth", "previous_forward_motion")  # what accumulation takes
 
 _Handle: TypeAlias = Any  # a device or a filter of pyoidn, which is not typed
 
@@ -32,20 +34,24 @@ class OidnOptions(Options, name="oidn"):
     itself, as OIDN's documentation recommends for noisy guides; None does so for guides that are not known to be clean
     (`Frame.clean_guides`), unless clean_aux is given. clean_aux: tell OIDN that its guides are free of noise (its
     `cleanAux`); with noisy guides it then copies their noise into the image; None does so for guides that are clean or
-    prefiltered. None is typed `auto`.
+    prefiltered. None is typed `auto`. accumulate: at most so many frames are averaged before OIDN sees them, each pixel
+    for as long as its light does not seem to have changed (nte.filters.accumulation); 1 is OIDN as it comes, frame by
+    frame.
     """
 
     quality: Literal["high", "balanced", "fast"] = "high"
     clean_aux: bool | None = None
     prefilter: bool | None = None
     target: Literal["color", "glossy", "indirect"] = "color"
+    accumulate: Annotated[int, Allowed("a number of frames from 1 to 64", lambda n: 1 <= n <= 64)] = 1
 
 
 class Oidn(Filter[OidnOptions]):
     """OIDN on HDR radiance, frame by frame, guided by albedo and normal where the frame has them.
 
-    OIDN chooses its own exposure for each frame. It has no history: the state is empty. Its devices and filters are
-    kept from call to call. Raises NteError if pyoidn is not installed.
+    OIDN chooses its own exposure for each frame. Unless it accumulates it has no history, and the state is empty.
+    Accumulating takes motion, and depth or previous_forward_motion, without which a frame is denoised by itself. OIDN's
+    devices and filters are kept from call to call. Raises NteError if pyoidn is not installed.
     """
 
     needs: tuple[str, ...] = ("color",)
@@ -61,27 +67,50 @@ class Oidn(Filter[OidnOptions]):
             raise needs_extra("oidn", "oidn", error) from error
         self.target = self.options.target
         self.needs = (self.target,)
+        self.accumulates = self.options.accumulate > 1
+        # Light from a glossy reflection has no texture to divide by.
+        self._surface = "" if self.target == "glossy" else "albedo", *MOTION
+        if self.accumulates:
+            self.optional = (*GUIDES, *MOTION)
         self._denoise = pyoidn.denoise
         self._prefilters = _Prefilters(self.options.quality)
 
     @sanitised
-    def step(self, frame: Frame, state: State | None, extras: tuple[str, ...] = ()) -> tuple[Result, State]:
+    def step(self, frame: Frame, state: Sequence[History] | None, extras: tuple[str, ...] = ()) -> tuple[Result, State]:
         """Denoise `target` (N, 3, H, W), each image of the batch separately; bad pixels count as 0."""
         arrays = frame.numpy()
-        prefilter, clean_aux = self._switches(frame)
-        color = _interleaved(arrays[self.target])
-        has_albedo = "albedo" in frame  # without it OIDN takes no normals either
-        albedo = _interleaved(arrays["albedo"]) if has_albedo else [None] * len(color)
-        normal = _interleaved(arrays["normal"]) if has_albedo and "normal" in frame else [None] * len(color)
+        given = {name: _interleaved(arrays[name]) for name in (*self.needs, *self.optional) if name in frame}
+        guided = (
+            [name for name in GUIDES if name in given] if "albedo" in given else []
+        )  # OIDN's normals need an albedo
+        histories = self._histories(frame, state)
         denoised = []
-        for image, *guides in zip(color, albedo, normal, strict=True):
-            if prefilter:
-                guides = list(self._prefilters(guides))
-            with _its_errors():
-                how = {"hdr": True, "clean_aux": clean_aux, "quality": self.options.quality}
-                denoised.append(self._denoise(image, *guides, **how))
-        image = np.ascontiguousarray(np.stack(denoised).transpose(0, 3, 1, 2))
-        return Result(image), ()
+        for i, image in enumerate(given[self.target]):
+            if self.accumulates:
+                surface = Surface(*(given[name][i] if name in given else None for name in self._surface))
+                image, accumulated = accumulate(image, surface, histories[i], self.options.accumulate)
+            denoised.append(self._clean(image, [given[name][i] for name in guided], *self._switches(frame)))
+            if self.accumulates:
+                histories[i] = with_slope(accumulated, denoised[-1], surface)
+        return Result(np.ascontiguousarray(np.stack(denoised).transpose(0, 3, 1, 2))), tuple(histories)
+
+    def _clean(self, image: Pixels, guides: list[Pixels], prefilter: bool, clean_aux: bool) -> Pixels:
+        """Let OIDN denoise one image (H, W, 3)."""
+        if prefilter:
+            guides = list(self._prefilters(guides))
+        with _its_errors():
+            denoised = self._denoise(image, *guides, hdr=True, clean_aux=clean_aux, quality=self.options.quality)
+        return np.asarray(denoised, np.float32)
+
+    def _histories(self, frame: Frame, state: Sequence[History] | None) -> list[History | None]:
+        """The history of each image of the batch; none where a sequence starts, or if nothing is accumulated."""
+        if not self.accumulates:
+            return []
+        if not state:
+            return [None] * frame.batch
+        refuse_other_size(frame, (len(state), *state[0].log.shape))
+        starts = [False] * frame.batch if frame.reset is None else [bool(r) for r in frame.reset]
+        return [None if start else history for start, history in zip(starts, state, strict=True)]
 
     def settings(self, frame: Frame) -> str:
         """Return the options in effect for a frame like this one, as a user would type them."""
@@ -122,10 +151,10 @@ class _Prefilters:
         self._filters: dict[str, _Handle] = {}
         self._turn = threading.Lock()
 
-    def __call__(self, guides: list[Pixels | None]) -> Iterator[Pixels | None]:
-        """Denoise albedo and normal (H, W, 3), in this order; None stays None. Raises NteError where OIDN fails."""
-        for name, guide in zip(GUIDES, guides, strict=True):
-            yield None if guide is None else self._run(name, guide)
+    def __call__(self, guides: list[Pixels]) -> Iterator[Pixels]:
+        """Denoise albedo and normal (H, W, 3), in this order, or albedo alone. Raises NteError where OIDN fails."""
+        for name, guide in zip(GUIDES, guides, strict=False):
+            yield self._run(name, guide)
 
     def _run(self, name: str, guide: Pixels) -> Pixels:
         import pyoidn

@@ -1,0 +1,272 @@
+"""Light accumulated before a spatial denoiser: noise falls where nothing changes, and nothing lags behind."""
+
+from typing import NamedTuple
+
+import numpy as np
+import pytest
+
+from nte import Frame, NteError
+from nte.filters.accumulation import History, Surface, accumulate, with_slope
+from nte.frames.clip import Pixels
+from nte.registry import load_denoiser
+
+pytest.importorskip("pyoidn")
+
+H, W = 60, 83  # no multiples of a block
+
+
+class Scene(NamedTuple):
+    """A slanted, coloured texture that moves under coloured light."""
+
+    motion: tuple[float, float] = (0.0, 0.0)  # px a frame, of what is seen
+    noise: float = 1.0  # standard deviation, relative to the light
+    contrast: float = 1.0  # of the texture
+
+    def clean(self, frame: int, light: float = 1.0) -> tuple[Pixels, Pixels]:
+        """(color, albedo), each (H, W, 3)."""
+        y, x = np.mgrid[:H, :W] + 0.5
+        u, v = x - frame * self.motion[0], y - frame * self.motion[1]
+        stripes = 0.5 + 0.4 * self.contrast * np.sin(0.9 * u + 0.5 * v)
+        albedo = np.stack([stripes, 0.3 + 0 * u, 1 - stripes], -1)
+        shade = light * (1 + 0.5 * np.sin(0.11 * u - 0.07 * v))[..., None] * np.array([1.0, 0.7, 0.4])
+        return np.float32(albedo * shade), np.float32(albedo)
+
+    def noisy(self, clean: Pixels, seed: int) -> Pixels:
+        shape = 1 / self.noise**2
+        draws = np.random.default_rng(seed).gamma(shape, 1 / shape, (H, W, 1))
+        return np.float32(clean * draws)
+
+    def surface(self, albedo: Pixels) -> Surface:
+        motion = np.broadcast_to(-np.float32(self.motion), (H, W, 2)).copy()
+        return Surface(albedo, motion, np.ones((H, W, 1), np.float32), -motion)
+
+
+def run(scene: Scene, frames: int, lights: dict[int, float] | None = None) -> tuple[Pixels, Pixels, Pixels, History]:
+    """The last frame of a sequence: accumulated, as it came, and clean, and the history; `lights` from a frame on."""
+    history, light = None, 1.0
+    for frame in range(frames):
+        light = (lights or {}).get(frame, light)
+        clean, albedo = scene.clean(frame, light)
+        color, surface = scene.noisy(clean, frame), scene.surface(albedo)
+        mean, history = accumulate(color, surface, history, 8)
+        history = with_slope(history, clean, surface)
+    return mean, color, clean, history
+
+
+def error(image: Pixels, clean: Pixels, margin: int = 6) -> float:
+    """The mean squared relative error of an image, without its border."""
+    return float(np.square(image / clean - 1)[margin:-margin, margin:-margin].mean())
+
+
+def test_noise_falls_where_nothing_changes() -> None:
+    mean, color, clean, history = run(Scene(), 12)
+    assert error(mean, clean) < 0.4 * error(color, clean)
+    assert history.length.mean() > 3
+
+
+@pytest.mark.parametrize("motion", [(3.0, -2.0), (1.5, 0.5), (-0.3, 0.25)])
+def test_noise_falls_along_the_motion_and_the_texture_stays(motion: tuple[float, float]) -> None:
+    mean, color, clean, _ = run(Scene(motion), 12)
+    assert error(mean, clean) < 0.6 * error(color, clean)
+
+
+def test_the_mean_has_the_brightness_of_the_light() -> None:
+    mean, _, clean, _ = run(Scene((0.4, 0.3)), 12)
+    assert abs(float(mean.mean() / clean.mean()) - 1) < 0.03  # the noise of four frames gives ±0.01
+
+
+def test_a_slow_motion_moves_the_history() -> None:
+    """A third of a pixel would be rounded to none in every frame, and what was accumulated would stay on the screen."""
+    history, slope = None, 1e-3
+    for frame in range(12):
+        clean = np.float32(1 + slope * (np.arange(W) + 0.5 - 0.3 * frame))
+        color = np.broadcast_to(clean[:, None], (H, W, 3)).copy()
+        motion = np.broadcast_to(np.float32([-0.3, 0]), (H, W, 2)).copy()
+        mean, history = accumulate(color, Surface(None, motion, None, -motion), history, 8)
+    inner = np.s_[:, 8:-8]
+    assert history.length[inner].min() > 4
+    assert abs(history.beside[inner]).max() < 1
+    # The light is that of the place where the history says that it comes from.
+    np.testing.assert_allclose((mean - color)[..., 0][inner], slope * history.beside[..., 0][inner], atol=2e-6)
+
+
+@pytest.mark.parametrize("light", [0.5, 1.5, 4.0])
+def test_light_that_changes_everywhere_leaves_no_trace(light: float) -> None:
+    scene = Scene()
+    mean, color, clean, history = run(scene, 9, {8: light})
+    # Seen over a neighbourhood, as a spatial denoiser sees it, the mean is that of the frame itself.
+    lag = abs(float((mean / clean).mean()) - 1), abs(float((color / clean).mean()) - 1)
+    assert lag[0] < lag[1] + 0.03
+    assert history.length.max() < 1.3
+
+
+def test_a_shadow_that_arrives_is_not_late() -> None:
+    scene, history = Scene(), None
+    for frame in range(9):
+        clean, albedo = scene.clean(frame)
+        if frame == 8:
+            clean = clean.copy()
+            clean[20:40, 25:55] *= 0.2
+        mean, history = accumulate(scene.noisy(clean, frame), scene.surface(albedo), history, 8)
+        history = with_slope(history, clean, scene.surface(albedo))
+    inside = np.s_[24:36, 30:50]
+    assert (mean / clean)[inside].mean() < 1.25  # five times as bright without a test; the noise alone gives ±0.1
+    assert history.length[inside].max() < 1.3
+    assert history.length[:, :8].mean() > 2  # far from the shadow the history stays
+
+
+@pytest.mark.parametrize("motion", [(0.0, 0.0), (0.5, 0.5), (2.3, -1.4)])
+def test_a_frame_with_little_noise_is_not_made_worse(motion: tuple[float, float]) -> None:
+    mean, color, clean, _ = run(Scene(motion, noise=0.02), 10)
+    assert error(mean, clean) < 1.5 * error(color, clean)
+
+
+@pytest.mark.parametrize("motion", [(0.0, 0.0), (0.5, 0.5)])
+def test_a_converged_frame_stays(motion: tuple[float, float]) -> None:
+    mean, color, _, _ = run(Scene(motion, noise=1e-4), 6)
+    assert np.quantile(abs(mean / color - 1), 0.999) < 0.01
+
+
+def test_a_constant_stays_constant() -> None:
+    color, history = np.full((9, 7, 3), 3.0, np.float32), None
+    still = Surface(None, np.zeros((9, 7, 2), np.float32), np.ones((9, 7, 1), np.float32), None)
+    for _ in range(4):
+        mean, history = accumulate(color, still, history, 8)
+        history = with_slope(history, color, still)
+        np.testing.assert_allclose(mean, 3, rtol=1e-6)
+    np.testing.assert_allclose(history.length, 4, rtol=1e-3)
+
+
+def hidden_by_a_square(forward: bool, depth: bool) -> tuple[Surface, np.ndarray]:
+    """A bright square in front of a dark wall that moves by six pixels; where it was, the wall has no history."""
+    motion, distance = np.zeros((H, W, 2), np.float32), np.full((H, W, 1), 9.0, np.float32)
+    motion[20:40, 36:56], distance[20:40, 36:56] = (-6, 0), 2.0
+    ahead = np.zeros((H, W, 2), np.float32)
+    ahead[20:40, 30:50] = (6, 0)
+    uncovered = np.zeros((H, W), bool)
+    uncovered[20:40, 30:36] = True
+    return Surface(None, motion, distance if depth else None, ahead if forward else None), uncovered
+
+
+@pytest.mark.parametrize(("forward", "depth"), [(True, True), (True, False), (False, True)])
+def test_what_was_hidden_has_no_history(forward: bool, depth: bool) -> None:
+    surface, uncovered = hidden_by_a_square(forward, depth)
+    before, now = np.full((H, W, 3), 0.5, np.float32), np.full((H, W, 3), 0.5, np.float32)
+    before[20:40, 30:50] = now[20:40, 36:56] = 0.6  # too alike to be told by their light
+    distance = np.full((H, W, 1), 9.0, np.float32)
+    distance[20:40, 30:50] = 2.0
+    rng = np.random.default_rng(0)
+    noise = [np.float32(rng.gamma(1.0, 1.0, (H, W, 1))) for _ in range(2)]
+    first = Surface(None, np.zeros((H, W, 2), np.float32), distance if depth else None, None)
+    _, history = accumulate(before * noise[0], first, None, 8)
+    mean, history = accumulate(now * noise[1], surface, history, 8)
+    assert (history.length[uncovered] == 1).all()
+    np.testing.assert_allclose(mean[uncovered], (now * noise[1])[uncovered], rtol=1e-6)
+    assert history.length[~uncovered].mean() > 1.5
+
+
+def test_vectors_that_are_not_known_leave_it_to_the_depth() -> None:
+    known, uncovered = hidden_by_a_square(forward=True, depth=True)
+    assert known.forward is not None
+    _, history = accumulate(np.ones((H, W, 3), np.float32), known._replace(motion=0 * known.motion), None, 8)
+    depth = np.full((H, W), 9.0, np.float32)
+    depth[20:40, 30:50] = 2.0
+    unknown = known._replace(forward=np.full_like(known.forward, np.nan))
+    _, after = accumulate(np.ones((H, W, 3), np.float32), unknown, history._replace(depth=depth), 8)
+    assert (after.length[uncovered] == 1).all()
+
+
+@pytest.mark.parametrize("lacking", [{"motion": None}, {"depth": None, "forward": None}])
+def test_without_what_it_takes_a_frame_stays_as_it_is(lacking: dict[str, None]) -> None:
+    scene, history = Scene(), None
+    for frame in range(3):
+        clean, albedo = scene.clean(frame)
+        color, surface = scene.noisy(clean, frame), scene.surface(albedo)._replace(**lacking)
+        mean, history = accumulate(color, surface, history, 8)
+        history = with_slope(history, clean, surface)
+        np.testing.assert_allclose(mean, color, rtol=1e-5)
+
+
+def test_a_black_frame_begins_nothing() -> None:
+    scene = Scene()
+    clean, albedo = scene.clean(0)
+    black, history = accumulate(0 * clean, scene.surface(albedo), None, 8)
+    assert (black == 0).all()
+    history = with_slope(history, black, scene.surface(albedo))
+    mean, history = accumulate(clean, scene.surface(albedo), history, 8)
+    np.testing.assert_array_equal(mean, clean)
+    assert np.isfinite(history.log).all()
+
+
+@pytest.mark.parametrize("seed", range(8))
+def test_random_frames_give_finite_means_within_what_was_seen(seed: int) -> None:
+    rng, history = np.random.default_rng(seed), None
+    height, width = (int(n) for n in rng.integers(1, 40, 2))
+    scale, top = 10 ** rng.uniform(-6, 6), 0.0
+    for _ in range(4):
+        color = np.float32(scale * rng.exponential(size=(height, width, 3)) * (rng.random((height, width, 1)) < 0.7))
+        motion = np.float32(rng.normal(0, 20, (height, width, 2)))
+        motion[rng.random((height, width)) < 0.1] = np.nan
+        depth = np.float32(rng.exponential(size=(height, width, 1)))
+        surface = Surface(None, motion, depth, -motion if rng.random() < 0.5 else None)
+        mean, history = accumulate(color, surface, history, 8)
+        history = with_slope(history, mean, surface)
+        top = max(top, float(color.max()))
+        assert np.isfinite(mean).all()
+        assert mean.min() >= 0
+        assert mean.max() <= top * 1.00001
+        assert ((history.length >= 1) & (history.length <= 8)).all()
+
+
+def frame_of(scene: Scene, number: int, **given: object) -> Frame:
+    clean, albedo = scene.clean(number)
+    surface = scene.surface(albedo)
+    images = {"color": scene.noisy(clean, number), "albedo": albedo, "motion": surface.motion, "depth": surface.depth}
+    channels = {name: np.ascontiguousarray(image.transpose(2, 0, 1)[None]) for name, image in images.items()}
+    return Frame(channels, number, clean_guides=True, **given)
+
+
+def sequence(spec: str, frames: list[Frame]) -> list[Pixels]:
+    denoiser, state, images = load_denoiser(spec), None, []
+    for frame in frames:
+        result, state = denoiser.step(frame, state)
+        images.append(np.asarray(result.image))
+    return images
+
+
+def test_oidn_is_better_for_it() -> None:
+    scene = Scene((0.4, 0.3))
+    frames = [frame_of(scene, number) for number in range(8)]
+    clean = scene.clean(7)[0].transpose(2, 0, 1)
+    alone, accumulated = (
+        np.square(sequence(f"oidn:quality=fast,accumulate={n}", frames)[-1][0] / clean - 1)[:, 6:-6, 6:-6].mean()
+        for n in (1, 8)
+    )
+    assert accumulated < 0.85 * alone
+
+
+def test_a_sequence_of_a_batch_starts_anew_by_itself() -> None:
+    frames = [frame_of(Scene(), number) for number in range(4)]
+    spec = "oidn:quality=fast,accumulate=8"
+    alone, anew = sequence(spec, frames), sequence(spec, frames[3:])
+    both = [
+        Frame({name: np.concatenate([image] * 2) for name, image in frame.channels.items()}, frame.index,
+              clean_guides=True, reset=np.array([0, 1], np.float32) if frame.index == 3 else None)
+        for frame in frames
+    ]  # fmt: skip
+    last = sequence(spec, both)[-1]
+    np.testing.assert_allclose(last[0], alone[-1][0], rtol=1e-4, atol=1e-5)
+    np.testing.assert_allclose(last[1], anew[-1][0], rtol=1e-4, atol=1e-5)
+
+
+def test_another_size_within_a_sequence_is_refused() -> None:
+    frame = frame_of(Scene(), 0)
+    smaller = Frame({name: image[..., :40, :40] for name, image in frame.channels.items()}, 1)
+    with pytest.raises(NteError, match="start a new sequence"):
+        sequence("oidn:accumulate=8", [frame, smaller])
+
+
+@pytest.mark.parametrize("frames", ["0", "65", "-1"])
+def test_a_number_of_frames_that_is_none_is_refused(frames: str) -> None:
+    with pytest.raises(NteError, match="accumulate"):
+        load_denoiser(f"oidn:accumulate={frames}")
