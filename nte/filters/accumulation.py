@@ -34,22 +34,22 @@ REC709 = np.array([0.2126, 0.7152, 0.0722], np.float32)
 
 
 class Surface(NamedTuple):
-    """What is known of a frame's surfaces: images (H, W, C), or None."""
+    """What is known of a frame's surfaces: images (C, H, W), or None."""
 
     albedo: Pixels | None
-    motion: Pixels | None  # (H, W, 2) px, current → previous; NaN = unknown
-    depth: Pixels | None  # (H, W, 1), scene units, 0 = miss
-    forward: Pixels | None  # (H, W, 2) px, on the previous frame, to this one; NaN = unknown
+    motion: Pixels | None  # (2, H, W) px, current → previous; NaN = unknown
+    depth: Pixels | None  # (1, H, W), scene units, 0 = miss
+    forward: Pixels | None  # (2, H, W) px, on the previous frame, to this one; NaN = unknown
 
 
 class History(NamedTuple):
     """What a frame leaves to the next one."""
 
-    light: Pixels  # (H, W, 3): mean light, divided by the texture
+    light: Pixels  # (3, H, W): mean light, divided by the texture
     log: Pixels  # (H, W): mean logarithm of 1 + its exposed luminance
     length: Pixels  # (H, W): number of frames in the mean
     depth: Pixels  # (H, W), infinite for a miss
-    beside: Pixels  # (H, W, 2): px, from the centre of the pixel to the place where the surface had that light
+    beside: Pixels  # (2, H, W): px, from the centre of the pixel to the place where the surface had that light
     slope: Pixels  # (H, W): of the logarithm of the denoised light, per px
     exposure: np.float32  # of the sequence's first frame, in whose scale logarithms are compared; NaN for a black one
 
@@ -57,33 +57,32 @@ class History(NamedTuple):
 def accumulate(color: Pixels, surface: Surface, history: History | None, longest: float) -> tuple[Pixels, History]:
     """Add a noisy frame to the history that has not changed, and return the mean light and the history.
 
-    color (H, W, 3): linear radiance. longest: the mean goes over this many frames at most. Without motion, or anything
+    color (3, H, W): linear radiance. longest: the mean goes over this many frames at most. Without motion, or anything
     that tells where a surface was hidden, the frame stays as it is. The history has no slopes yet: see `with_slope`.
-    Costs a fetch of seven components and about fifty operations a pixel, in one thread.
+    Costs a fetch of eleven components and about fifty operations a pixel, in one thread.
     """
     texture = _texture(color, surface.albedo)
     light = color / texture
-    depth = np.full(color.shape[:2], np.inf, np.float32)
+    depth = np.full(color.shape[1:], np.inf, np.float32)
     if surface.depth is not None:
-        depth = np.where(surface.depth[..., 0] > 0, surface.depth[..., 0], depth)
+        depth = np.where(surface.depth[0] > 0, surface.depth[0], depth)
     if history is None or np.isnan(history.exposure):
-        exposure = known_exposure(color.transpose(2, 0, 1)[None])[0]
+        exposure = known_exposure(color[None])[0]
         log = _log(light, exposure)
-        nowhere = np.zeros((*log.shape, 2), np.float32)
+        nowhere = np.zeros((2, *log.shape), np.float32)
         return color, History(light, log, np.ones_like(log), depth, nowhere, np.zeros_like(log), exposure)
     log = _log(light, history.exposure)
     found = _fetch(history, surface, depth)
     length = np.where(found.valid, (found.length * _kept(log, found) + 1).clip(1, longest), 1)
     share = 1 / length
     log = np.where(found.valid, found.log + (log - found.log) * share, log)
-    share, valid = share[..., None], found.valid[..., None]
-    light = np.where(valid, found.light + (light - found.light) * share, light)
-    beside = np.where(valid, found.beside * (1 - share), 0)
+    light = np.where(found.valid, found.light + (light - found.light) * share, light)
+    beside = np.where(found.valid, found.beside * (1 - share), 0)
     return light * texture, History(light, log, length, depth, beside, np.zeros_like(log), history.exposure)
 
 
 def with_slope(history: History, denoised: Pixels, surface: Surface) -> History:
-    """Put the slopes of the denoised frame (H, W, 3) into the history that it leaves."""
+    """Put the slopes of the denoised frame (3, H, W) into the history that it leaves."""
     log: Pixels = np.pad(_log(denoised / _texture(denoised, surface.albedo), history.exposure), 1, mode="edge")
     inner = log[1:-1, 1:-1]
     across = np.maximum(abs(log[1:-1, 2:] - inner), abs(log[1:-1, :-2] - inner))
@@ -92,23 +91,23 @@ def with_slope(history: History, denoised: Pixels, surface: Surface) -> History:
 
 
 def _texture(color: Pixels, albedo: Pixels | None) -> Pixels:
-    """What light is divided by: 1 where the albedo is black, as on emitters and on metals of some renderers."""
+    """What light is divided by: no texture where the albedo is black, as on emitters and metals of some renderers."""
     if albedo is None:
         return np.ones_like(color)
-    return np.where(albedo.any(-1, keepdims=True), albedo + FLOOR, 1 + FLOOR)
+    return np.where(albedo.any(0), albedo, 1) + np.float32(FLOOR)
 
 
 def _log(light: Pixels, exposure: np.float32) -> Pixels:
-    return np.log1p(light @ (REC709 * exposure))
+    return np.log1p(np.tensordot(REC709 * exposure, light, 1))
 
 
 class _Found(NamedTuple):
-    """A history on the pixels of this frame: images (H, W), or (H, W, 3) for light."""
+    """A history on the pixels of this frame: images (H, W), or (3, H, W) for light."""
 
     light: Pixels
     log: Pixels
     length: Pixels
-    beside: Pixels  # (H, W, 2) px: from where it should be to where it is
+    beside: Pixels  # (2, H, W) px: from where it should be to where it is
     valid: Mask  # it is of the same surface
     error: Pixels  # expected, of the logarithm, as it was fetched from the nearest pixel
 
@@ -116,54 +115,55 @@ class _Found(NamedTuple):
 def _fetch(history: History, surface: Surface, depth: Pixels) -> _Found:
     """Fetch a history along the motion, from the nearest pixels. depth (H, W): infinite for a miss."""
     height, width = depth.shape
-    motion = np.full((height, width, 2), np.nan, np.float32) if surface.motion is None else surface.motion
-    finite = np.asarray(np.isfinite(motion).all(-1))
-    place = np.where(finite[..., None], motion, 0) + _centres(height, width)
-    size = np.array([width, height], np.float32)
-    inside = finite & (place >= 0).all(-1) & (place < size).all(-1)
+    motion = np.full((2, height, width), np.nan, np.float32) if surface.motion is None else surface.motion
+    finite = np.asarray(np.isfinite(motion).all(0))
+    place = np.where(finite, motion, 0) + _centres(height, width)
+    size = np.array([width, height], np.float32)[:, None, None]
+    inside = finite & (place >= 0).all(0) & (place < size).all(0)
     # The light in a pixel lies beside its centre, if it was fetched with a fraction of a pixel before: without that
     # a slow motion would never move it.
-    beside = history.beside.reshape(-1, 2).take(_index(place, size), 0)
-    index = _index(place - beside, size)
-    planes = [history.light, history.beside]
-    planes += [plane[..., None] for plane in (history.log, history.length, history.slope)]
-    planes += [history.depth[..., None]] if surface.depth is not None else []
-    planes += [surface.forward] if surface.forward is not None else []
-    fetched = np.concatenate(planes, -1).reshape(height * width, -1).take(index, 0)
-    log, length, slope = np.moveaxis(fetched[..., 5:8], -1, 0)
-    valid = inside & _seen(surface, motion, depth, fetched[..., 8:])
-    beside = _centres(height, width).reshape(-1, 2).take(index, 0) + fetched[..., 3:5] - place
-    error = slope * np.sqrt((beside * beside).sum(-1))
-    return _Found(fetched[..., :3], log, length, beside, valid, error)
+    index = _index(place - _taken(history.beside, _index(place, size)), size)
+    beside = _taken(history.beside, index) + _taken(_centres(height, width), index) - place
+    slope, log, length = (_taken(plane, index) for plane in (history.slope, history.log, history.length))
+    before = None if surface.depth is None else _taken(history.depth, index)
+    forward = None if surface.forward is None else _taken(surface.forward, index)
+    valid = inside & _seen(motion, forward, depth, before)
+    error = slope * np.sqrt((beside * beside).sum(0))
+    return _Found(_taken(history.light, index), log, length, beside, valid, error)
 
 
 def _index(place: Pixels, size: Pixels) -> npt.NDArray[np.int32]:
-    """The row-major index (H, W) of the pixel that contains each place (H, W, 2), or of the nearest at the border."""
-    pixel = np.floor(place).clip(0, size - 1)
-    return np.asarray(pixel[..., 1] * size[0] + pixel[..., 0], np.int32)
+    """The row-major index (H, W) of the pixel that contains each place (2, H, W), or of the nearest at the border."""
+    column, row = np.floor(place).clip(0, size - 1)
+    return np.asarray(row * size[0] + column, np.int32)
+
+
+def _taken(image: Pixels, index: npt.NDArray[np.int32]) -> Pixels:
+    """The pixels of an image (H, W) or (C, H, W) with these indices."""
+    return image.reshape(*image.shape[:-2], -1).take(index, -1)
 
 
 @lru_cache(maxsize=4)
 def _centres(height: int, width: int) -> Pixels:
-    """The centres (H, W, 2) of pixels, x and y."""
+    """The centres (2, H, W) of pixels, x and y."""
     rows, columns = np.mgrid[:height, :width]
-    return np.asarray(np.stack([columns, rows], -1) + 0.5, np.float32)
+    return np.asarray(np.stack([columns, rows]) + 0.5, np.float32)
 
 
-def _seen(surface: Surface, motion: Pixels, depth: Pixels, fetched: Pixels) -> Mask:
+def _seen(motion: Pixels, forward: Pixels | None, depth: Pixels, before: Pixels | None) -> Mask:
     """Where a surface was seen in the previous frame: nothing that moved otherwise, or was nearer, hid it (H, W).
 
-    fetched: what there is of (previous depth, forward motion) at the place where the surface was. The forward motion
-    decides where it is known, as in `nte.dual_motion`, and the depth elsewhere; without both nothing was seen.
+    forward (2, H, W), before (H, W): forward motion and depth at the place where the surface was in that frame. The
+    forward motion decides where it is known, as in `nte.dual_motion`, and the depth elsewhere; without both nothing was
+    seen.
     """
-    before = fetched[..., 0] if surface.depth is not None else depth
-    hidden = before * BEHIND < depth
-    if surface.forward is not None:
-        forward = fetched[..., -2:]
-        apart = ((motion + forward) ** 2).sum(-1) > HIDDEN_PX**2
-        hidden = np.where(np.isfinite(forward).all(-1), apart & ~(before > BEHIND * depth), hidden)
-    elif surface.depth is None:
-        hidden = np.ones_like(depth, bool)
+    if before is None:
+        hidden, farther = np.full(depth.shape, forward is None), np.zeros(depth.shape, bool)
+    else:
+        hidden, farther = before * BEHIND < depth, before > BEHIND * depth
+    if forward is not None:
+        apart = ((motion + forward) ** 2).sum(0) > HIDDEN_PX**2
+        hidden = np.where(np.isfinite(forward).all(0), apart & ~farther, hidden)
     return np.asarray(~hidden, np.bool_)
 
 
@@ -172,28 +172,28 @@ def _kept(log: Pixels, found: _Found) -> Pixels:
     height, width = log.shape
     change = np.where(found.valid, log - found.log, 0)
     error = np.where(found.valid, found.error, 0)
-    sums = _block_sums(np.stack([change, change * change, error * error, found.valid.astype(np.float32)], -1))
-    kept = np.ones(sums.shape[:2], np.float32)
+    sums = _block_sums(np.stack([change, change * change, error * error, found.valid.astype(np.float32)]))
+    kept = np.ones(sums.shape[1:], np.float32)
     for deviation in (NEAR, FAR):
-        mean, square, _, count = np.moveaxis(_blurred(sums, deviation), -1, 0)
+        mean, square, _, count = _blurred(sums, deviation)
         count = np.maximum(count, 1e-3)
         mean, square = mean / count, square / count
         of_mean = np.maximum(square - mean * mean, 1e-6) / (count * _pixels(deviation))
         kept = np.minimum(kept, DOUBT / (DOUBT + mean * mean / of_mean))
-    _, square, slopes, count = np.moveaxis(_blurred(sums, NOISE), -1, 0)
+    _, square, slopes, count = _blurred(sums, NOISE)
     slopes = SLOPE * slopes
     noise = np.maximum(square - slopes, 1e-6 * count)
-    kept, noise, slopes = (_upsampled(plane, height, width) for plane in (kept, noise, slopes))
+    kept, noise, slopes = _upsampled(np.stack([kept, noise, slopes]), height, width)
     noise = noise * found.length / (found.length + 1)  # of one frame: the change has that of the history as well
     return np.asarray(kept * noise / (noise + slopes * found.length + 1e-12), np.float32)
 
 
 def _block_sums(planes: Pixels) -> Pixels:
-    """Sums over blocks of (H, W, C), divided by the pixels of a block."""
-    height, width, count = planes.shape
-    padded = np.pad(planes, [(0, -height % BLOCK), (0, -width % BLOCK), (0, 0)])
-    rows = padded.reshape(-1, BLOCK, padded.shape[1], count).sum(1)
-    return np.asarray(rows.reshape(len(rows), -1, BLOCK, count).sum(2) / BLOCK**2, np.float32)
+    """Sums over blocks of (C, H, W), divided by the pixels of a block."""
+    count, height, width = planes.shape
+    padded = np.pad(planes, [(0, 0), (0, -height % BLOCK), (0, -width % BLOCK)])
+    rows = padded.reshape(count, -1, BLOCK, padded.shape[2]).sum(2)
+    return np.asarray(rows.reshape(*rows.shape[:2], -1, BLOCK).sum(3) / BLOCK**2, np.float32)
 
 
 def _pixels(deviation: float) -> float:
@@ -202,11 +202,10 @@ def _pixels(deviation: float) -> float:
 
 
 def _blurred(blocks: Pixels, deviation: float) -> Pixels:
-    """Blur images of blocks (H, W, C) so that, with the block itself, it is a Gaussian; nothing is outside."""
+    """Blur images of blocks (C, H, W) so that, with the block itself, it is a Gaussian; nothing is outside."""
     own = (BLOCK**2 - 1) / 12  # variance of a block
-    rows, columns = (_gaussian(size, ((deviation**2 - own) ** 0.5) / BLOCK) for size in blocks.shape[:2])
-    down = np.tensordot(rows, blocks, 1)  # (H, W, C)
-    return np.asarray(np.tensordot(columns, down, (1, 1)).transpose(1, 0, 2), np.float32)
+    rows, columns = (_gaussian(size, ((deviation**2 - own) ** 0.5) / BLOCK) for size in blocks.shape[1:])
+    return np.asarray(rows @ blocks @ columns.T, np.float32)
 
 
 @lru_cache(maxsize=16)
@@ -219,8 +218,8 @@ def _gaussian(size: int, deviation: float) -> Pixels:
 
 
 def _upsampled(blocks: Pixels, height: int, width: int) -> Pixels:
-    """Interpolate an image of blocks linearly at pixels."""
-    rows, columns = _interpolation(height, blocks.shape[0]), _interpolation(width, blocks.shape[1])
+    """Interpolate images of blocks (C, H, W) linearly at pixels."""
+    rows, columns = _interpolation(height, blocks.shape[1]), _interpolation(width, blocks.shape[2])
     return np.asarray(rows @ blocks @ columns.T, np.float32)
 
 

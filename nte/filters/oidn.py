@@ -11,7 +11,6 @@ from dataclasses import dataclass
 from typing import Annotated, Any, Literal, TypeAlias
 
 import numpy as np
-import numpy.typing as npt
 
 from nte.denoiser import Filter, Result, State, refuse_other_size, sanitised
 from nte.errors import NteError, lacking_memory, needs_extra
@@ -78,29 +77,28 @@ class Oidn(Filter[OidnOptions]):
     @sanitised
     def step(self, frame: Frame, state: Sequence[History] | None, extras: tuple[str, ...] = ()) -> tuple[Result, State]:
         """Denoise `target` (N, 3, H, W), each image of the batch separately; bad pixels count as 0."""
-        arrays = frame.numpy()
-        given = {name: _interleaved(arrays[name]) for name in (*self.needs, *self.optional) if name in frame}
-        guided = (
-            [name for name in GUIDES if name in given] if "albedo" in given else []
-        )  # OIDN's normals need an albedo
+        whole = frame.numpy()
+        arrays = {name: np.asarray(whole[name], np.float32) for name in (*self.needs, *self.optional) if name in whole}
+        guided = [name for name in GUIDES if name in frame] if "albedo" in frame else []  # normals need an albedo
         histories = self._histories(frame, state)
         denoised = []
-        for i, image in enumerate(given[self.target]):
+        for i, image in enumerate(arrays[self.target]):
             if self.accumulates:
-                surface = Surface(*(given[name][i] if name in given else None for name in self._surface))
+                surface = Surface(*(arrays[name][i] if name in arrays else None for name in self._surface))
                 image, accumulated = accumulate(image, surface, histories[i], self.options.accumulate)
-            denoised.append(self._clean(image, [given[name][i] for name in guided], *self._switches(frame)))
+            denoised.append(self._clean(image, [arrays[name][i] for name in guided], *self._switches(frame)))
             if self.accumulates:
                 histories[i] = with_slope(accumulated, denoised[-1], surface)
-        return Result(np.ascontiguousarray(np.stack(denoised).transpose(0, 3, 1, 2))), tuple(histories)
+        return Result(np.stack(denoised)), tuple(histories)
 
     def _clean(self, image: Pixels, guides: list[Pixels], prefilter: bool, clean_aux: bool) -> Pixels:
-        """Let OIDN denoise one image (H, W, 3)."""
+        """Let OIDN denoise one image (3, H, W)."""
+        image, *guides = (_interleaved(values) for values in (image, *guides))
         if prefilter:
             guides = list(self._prefilters(guides))
         with _its_errors():
             denoised = self._denoise(image, *guides, hdr=True, clean_aux=clean_aux, quality=self.options.quality)
-        return np.asarray(denoised, np.float32)
+        return np.ascontiguousarray(denoised.transpose(2, 0, 1), np.float32)
 
     def _histories(self, frame: Frame, state: Sequence[History] | None) -> list[History | None]:
         """The history of each image of the batch; none where a sequence starts, or if nothing is accumulated."""
@@ -115,8 +113,12 @@ class Oidn(Filter[OidnOptions]):
     def settings(self, frame: Frame) -> str:
         """Return the options in effect for a frame like this one, as a user would type them."""
         prefilter, clean_aux = self._switches(frame)
-        found = f"quality={self.options.quality},clean_aux={clean_aux},prefilter={prefilter}".lower()
-        return found if "albedo" in frame else f"quality={self.options.quality}, without guides"
+        found = f"quality={self.options.quality}"
+        if self.accumulates:
+            found += f",accumulate={self.options.accumulate}"
+        if "albedo" not in frame:
+            return f"{found}, without guides"
+        return f"{found},clean_aux={clean_aux},prefilter={prefilter}".lower()
 
     def _switches(self, frame: Frame) -> tuple[bool, bool]:
         """The values of prefilter and clean_aux for a frame."""
@@ -184,6 +186,6 @@ def _release(device: _Handle, filters: dict[str, _Handle]) -> None:
     device.release()
 
 
-def _interleaved(values: npt.NDArray[np.generic]) -> Pixels:
-    """The values (N, C, H, W) as (N, H, W, C)."""
-    return np.ascontiguousarray(values.transpose(0, 2, 3, 1), np.float32)
+def _interleaved(values: Pixels) -> Pixels:
+    """The values (C, H, W) as (H, W, C)."""
+    return np.ascontiguousarray(values.transpose(1, 2, 0), np.float32)

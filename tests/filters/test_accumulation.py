@@ -23,22 +23,22 @@ class Scene(NamedTuple):
     contrast: float = 1.0  # of the texture
 
     def clean(self, frame: int, light: float = 1.0) -> tuple[Pixels, Pixels]:
-        """(color, albedo), each (H, W, 3)."""
+        """(color, albedo), each (3, H, W)."""
         y, x = np.mgrid[:H, :W] + 0.5
         u, v = x - frame * self.motion[0], y - frame * self.motion[1]
         stripes = 0.5 + 0.4 * self.contrast * np.sin(0.9 * u + 0.5 * v)
-        albedo = np.stack([stripes, 0.3 + 0 * u, 1 - stripes], -1)
-        shade = light * (1 + 0.5 * np.sin(0.11 * u - 0.07 * v))[..., None] * np.array([1.0, 0.7, 0.4])
+        albedo = np.stack([stripes, 0.3 + 0 * u, 1 - stripes])
+        shade = light * (1 + 0.5 * np.sin(0.11 * u - 0.07 * v)) * np.array([1.0, 0.7, 0.4])[:, None, None]
         return np.float32(albedo * shade), np.float32(albedo)
 
     def noisy(self, clean: Pixels, seed: int) -> Pixels:
         shape = 1 / self.noise**2
-        draws = np.random.default_rng(seed).gamma(shape, 1 / shape, (H, W, 1))
+        draws = np.random.default_rng(seed).gamma(shape, 1 / shape, (H, W))
         return np.float32(clean * draws)
 
     def surface(self, albedo: Pixels) -> Surface:
-        motion = np.broadcast_to(-np.float32(self.motion), (H, W, 2)).copy()
-        return Surface(albedo, motion, np.ones((H, W, 1), np.float32), -motion)
+        motion = np.broadcast_to(-np.float32(self.motion)[:, None, None], (2, H, W)).copy()
+        return Surface(albedo, motion, np.ones((1, H, W), np.float32), -motion)
 
 
 def run(scene: Scene, frames: int, lights: dict[int, float] | None = None) -> tuple[Pixels, Pixels, Pixels, History]:
@@ -55,7 +55,7 @@ def run(scene: Scene, frames: int, lights: dict[int, float] | None = None) -> tu
 
 def error(image: Pixels, clean: Pixels, margin: int = 6) -> float:
     """The mean squared relative error of an image, without its border."""
-    return float(np.square(image / clean - 1)[margin:-margin, margin:-margin].mean())
+    return float(np.square(image / clean - 1)[:, margin:-margin, margin:-margin].mean())
 
 
 def test_noise_falls_where_nothing_changes() -> None:
@@ -80,14 +80,14 @@ def test_a_slow_motion_moves_the_history() -> None:
     history, slope = None, 1e-3
     for frame in range(12):
         clean = np.float32(1 + slope * (np.arange(W) + 0.5 - 0.3 * frame))
-        color = np.broadcast_to(clean[:, None], (H, W, 3)).copy()
-        motion = np.broadcast_to(np.float32([-0.3, 0]), (H, W, 2)).copy()
+        color = np.broadcast_to(clean, (3, H, W)).copy()
+        motion = np.broadcast_to(np.float32([-0.3, 0])[:, None, None], (2, H, W)).copy()
         mean, history = accumulate(color, Surface(None, motion, None, -motion), history, 8)
     inner = np.s_[:, 8:-8]
     assert history.length[inner].min() > 4
-    assert abs(history.beside[inner]).max() < 1
+    assert abs(history.beside[:, *inner]).max() < 1
     # The light is that of the place where the history says that it comes from.
-    np.testing.assert_allclose((mean - color)[..., 0][inner], slope * history.beside[..., 0][inner], atol=2e-6)
+    np.testing.assert_allclose((mean - color)[0][inner], slope * history.beside[0][inner], atol=2e-6)
 
 
 @pytest.mark.parametrize("light", [0.5, 1.5, 4.0])
@@ -106,11 +106,11 @@ def test_a_shadow_that_arrives_is_not_late() -> None:
         clean, albedo = scene.clean(frame)
         if frame == 8:
             clean = clean.copy()
-            clean[20:40, 25:55] *= 0.2
+            clean[:, 20:40, 25:55] *= 0.2
         mean, history = accumulate(scene.noisy(clean, frame), scene.surface(albedo), history, 8)
         history = with_slope(history, clean, scene.surface(albedo))
     inside = np.s_[24:36, 30:50]
-    assert (mean / clean)[inside].mean() < 1.25  # five times as bright without a test; the noise alone gives ±0.1
+    assert (mean / clean)[:, *inside].mean() < 1.25  # five times as bright without a test; the noise alone gives ±0.1
     assert history.length[inside].max() < 1.3
     assert history.length[:, :8].mean() > 2  # far from the shadow the history stays
 
@@ -128,8 +128,8 @@ def test_a_converged_frame_stays(motion: tuple[float, float]) -> None:
 
 
 def test_a_constant_stays_constant() -> None:
-    color, history = np.full((9, 7, 3), 3.0, np.float32), None
-    still = Surface(None, np.zeros((9, 7, 2), np.float32), np.ones((9, 7, 1), np.float32), None)
+    color, history = np.full((3, 9, 7), 3.0, np.float32), None
+    still = Surface(None, np.zeros((2, 9, 7), np.float32), np.ones((1, 9, 7), np.float32), None)
     for _ in range(4):
         mean, history = accumulate(color, still, history, 8)
         history = with_slope(history, color, still)
@@ -139,10 +139,10 @@ def test_a_constant_stays_constant() -> None:
 
 def hidden_by_a_square(forward: bool, depth: bool) -> tuple[Surface, np.ndarray]:
     """A bright square in front of a dark wall that moves by six pixels; where it was, the wall has no history."""
-    motion, distance = np.zeros((H, W, 2), np.float32), np.full((H, W, 1), 9.0, np.float32)
-    motion[20:40, 36:56], distance[20:40, 36:56] = (-6, 0), 2.0
-    ahead = np.zeros((H, W, 2), np.float32)
-    ahead[20:40, 30:50] = (6, 0)
+    motion, distance = np.zeros((2, H, W), np.float32), np.full((1, H, W), 9.0, np.float32)
+    motion[0, 20:40, 36:56], distance[0, 20:40, 36:56] = -6, 2.0
+    ahead = np.zeros((2, H, W), np.float32)
+    ahead[0, 20:40, 30:50] = 6
     uncovered = np.zeros((H, W), bool)
     uncovered[20:40, 30:36] = True
     return Surface(None, motion, distance if depth else None, ahead if forward else None), uncovered
@@ -151,28 +151,28 @@ def hidden_by_a_square(forward: bool, depth: bool) -> tuple[Surface, np.ndarray]
 @pytest.mark.parametrize(("forward", "depth"), [(True, True), (True, False), (False, True)])
 def test_what_was_hidden_has_no_history(forward: bool, depth: bool) -> None:
     surface, uncovered = hidden_by_a_square(forward, depth)
-    before, now = np.full((H, W, 3), 0.5, np.float32), np.full((H, W, 3), 0.5, np.float32)
-    before[20:40, 30:50] = now[20:40, 36:56] = 0.6  # too alike to be told by their light
-    distance = np.full((H, W, 1), 9.0, np.float32)
-    distance[20:40, 30:50] = 2.0
+    before, now = np.full((3, H, W), 0.5, np.float32), np.full((3, H, W), 0.5, np.float32)
+    before[:, 20:40, 30:50] = now[:, 20:40, 36:56] = 0.6  # too alike to be told by their light
+    distance = np.full((1, H, W), 9.0, np.float32)
+    distance[0, 20:40, 30:50] = 2.0
     rng = np.random.default_rng(0)
-    noise = [np.float32(rng.gamma(1.0, 1.0, (H, W, 1))) for _ in range(2)]
-    first = Surface(None, np.zeros((H, W, 2), np.float32), distance if depth else None, None)
+    noise = [np.float32(rng.gamma(1.0, 1.0, (H, W))) for _ in range(2)]
+    first = Surface(None, np.zeros((2, H, W), np.float32), distance if depth else None, None)
     _, history = accumulate(before * noise[0], first, None, 8)
     mean, history = accumulate(now * noise[1], surface, history, 8)
     assert (history.length[uncovered] == 1).all()
-    np.testing.assert_allclose(mean[uncovered], (now * noise[1])[uncovered], rtol=1e-6)
+    np.testing.assert_allclose(mean[:, uncovered], (now * noise[1])[:, uncovered], rtol=1e-6)
     assert history.length[~uncovered].mean() > 1.5
 
 
 def test_vectors_that_are_not_known_leave_it_to_the_depth() -> None:
     known, uncovered = hidden_by_a_square(forward=True, depth=True)
     assert known.forward is not None
-    _, history = accumulate(np.ones((H, W, 3), np.float32), known._replace(motion=0 * known.motion), None, 8)
+    _, history = accumulate(np.ones((3, H, W), np.float32), known._replace(motion=0 * known.motion), None, 8)
     depth = np.full((H, W), 9.0, np.float32)
     depth[20:40, 30:50] = 2.0
     unknown = known._replace(forward=np.full_like(known.forward, np.nan))
-    _, after = accumulate(np.ones((H, W, 3), np.float32), unknown, history._replace(depth=depth), 8)
+    _, after = accumulate(np.ones((3, H, W), np.float32), unknown, history._replace(depth=depth), 8)
     assert (after.length[uncovered] == 1).all()
 
 
@@ -204,10 +204,10 @@ def test_random_frames_give_finite_means_within_what_was_seen(seed: int) -> None
     height, width = (int(n) for n in rng.integers(1, 40, 2))
     scale, top = 10 ** rng.uniform(-6, 6), 0.0
     for _ in range(4):
-        color = np.float32(scale * rng.exponential(size=(height, width, 3)) * (rng.random((height, width, 1)) < 0.7))
-        motion = np.float32(rng.normal(0, 20, (height, width, 2)))
-        motion[rng.random((height, width)) < 0.1] = np.nan
-        depth = np.float32(rng.exponential(size=(height, width, 1)))
+        color = np.float32(scale * rng.exponential(size=(3, height, width)) * (rng.random((height, width)) < 0.7))
+        motion = np.float32(rng.normal(0, 20, (2, height, width)))
+        motion[:, rng.random((height, width)) < 0.1] = np.nan
+        depth = np.float32(rng.exponential(size=(1, height, width)))
         surface = Surface(None, motion, depth, -motion if rng.random() < 0.5 else None)
         mean, history = accumulate(color, surface, history, 8)
         history = with_slope(history, mean, surface)
@@ -222,7 +222,7 @@ def frame_of(scene: Scene, number: int, **given: object) -> Frame:
     clean, albedo = scene.clean(number)
     surface = scene.surface(albedo)
     images = {"color": scene.noisy(clean, number), "albedo": albedo, "motion": surface.motion, "depth": surface.depth}
-    channels = {name: np.ascontiguousarray(image.transpose(2, 0, 1)[None]) for name, image in images.items()}
+    channels = {name: image[None] for name, image in images.items()}
     return Frame(channels, number, clean_guides=True, **given)
 
 
@@ -237,7 +237,7 @@ def sequence(spec: str, frames: list[Frame]) -> list[Pixels]:
 def test_oidn_is_better_for_it() -> None:
     scene = Scene((0.4, 0.3))
     frames = [frame_of(scene, number) for number in range(8)]
-    clean = scene.clean(7)[0].transpose(2, 0, 1)
+    clean = scene.clean(7)[0]
     alone, accumulated = (
         np.square(sequence(f"oidn:quality=fast,accumulate={n}", frames)[-1][0] / clean - 1)[:, 6:-6, 6:-6].mean()
         for n in (1, 8)
