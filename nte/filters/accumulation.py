@@ -4,7 +4,7 @@ A spatial denoiser takes all that it averages for one light. Light that lags beh
 stays in its image, while noise does not. So a pixel keeps as much of its history as the error of that history, seen
 over a neighbourhood, does not stand out from the noise:
 
-- light that has changed differs from its history in one direction all over a neighbourhood;
+- light that has changed differs from its history in one direction all over a neighbourhood, in some colour;
 - a surface is fetched from the nearest pixel, half a pixel off at most, which errs by its slope.
 
 Nearest, not bilinear: a mean of neighbours has noise of another grain, which denoisers take for detail. What was
@@ -25,12 +25,12 @@ Mask = npt.NDArray[np.bool_]
 BLOCK = 4  # px; changes are looked for in means over blocks of this size
 NEAR, FAR = 3.0, 10.0  # px; standard deviations of the neighbourhoods in which they are looked for
 NOISE = 2.0  # px; that of the neighbourhood whose noise is measured
-DOUBT = 3.0  # significance (mean² / variance of the mean) of a difference at which a half of the history goes
+DOUBT = 3.0  # significance (mean² / variance of the mean − 1) of a difference at which a half of the history goes
+MOST = 30.0  # a frame so many times as bright as its history, or as dark, begins another one
 SLOPE = 8.0  # weight of the squared error that half a pixel makes on a slope
 FLOOR = 0.3  # added to the albedo before light is divided by it
 HIDDEN_PX = 0.5  # the paper's rule for hidden surfaces, as in nte.motion.geometric
 BEHIND = 1.1
-REC709 = np.array([0.2126, 0.7152, 0.0722], np.float32)
 
 
 class Surface(NamedTuple):
@@ -46,12 +46,12 @@ class History(NamedTuple):
     """What a frame leaves to the next one."""
 
     light: Pixels  # (3, H, W): mean light, divided by the texture
-    log: Pixels  # (H, W): mean logarithm of 1 + its exposed luminance
+    log: Pixels  # (3, H, W): mean logarithm of 1 + exposed light
     length: Pixels  # (H, W): number of frames in the mean
     depth: Pixels  # (H, W), infinite for a miss
     beside: Pixels  # (2, H, W): px, from the centre of the pixel to the place where the surface had that light
     slope: Pixels  # (H, W): of the logarithm of the denoised light, per px
-    exposure: np.float32  # of the sequence's first frame, in whose scale logarithms are compared; NaN for a black one
+    exposure: np.float32  # in whose scale logarithms are compared, of the first frame; NaN for a black one
 
 
 def accumulate(color: Pixels, surface: Surface, history: History | None, longest: float) -> tuple[Pixels, History]:
@@ -66,24 +66,23 @@ def accumulate(color: Pixels, surface: Surface, history: History | None, longest
     depth = np.full(color.shape[1:], np.inf, np.float32)
     if surface.depth is not None:
         depth = np.where(surface.depth[0] > 0, surface.depth[0], depth)
-    if history is None or np.isnan(history.exposure):
+    flat = np.zeros_like(depth)
+    if history is None or not _comparable(log := _log(light, history.exposure), history.log):
         exposure = known_exposure(color[None])[0]
-        log = _log(light, exposure)
-        nowhere = np.zeros((2, *log.shape), np.float32)
-        return color, History(light, log, np.ones_like(log), depth, nowhere, np.zeros_like(log), exposure)
-    log = _log(light, history.exposure)
+        return color, History(light, _log(light, exposure), flat + 1, depth, np.stack([flat, flat]), flat, exposure)
     found = _fetch(history, surface, depth)
     length = np.where(found.valid, (found.length * _kept(log, found) + 1).clip(1, longest), 1)
     share = 1 / length
     log = np.where(found.valid, found.log + (log - found.log) * share, log)
     light = np.where(found.valid, found.light + (light - found.light) * share, light)
     beside = np.where(found.valid, found.beside * (1 - share), 0)
-    return light * texture, History(light, log, length, depth, beside, np.zeros_like(log), history.exposure)
+    return light * texture, History(light, log, length, depth, beside, flat, history.exposure)
 
 
 def with_slope(history: History, denoised: Pixels, surface: Surface) -> History:
     """Put the slopes of the denoised frame (3, H, W) into the history that it leaves."""
-    log: Pixels = np.pad(_log(denoised / _texture(denoised, surface.albedo), history.exposure), 1, mode="edge")
+    light = denoised / _texture(denoised, surface.albedo)
+    log: Pixels = np.pad(_log(light, history.exposure).mean(0), 1, mode="edge")
     inner = log[1:-1, 1:-1]
     across = np.maximum(abs(log[1:-1, 2:] - inner), abs(log[1:-1, :-2] - inner))
     down = np.maximum(abs(log[2:, 1:-1] - inner), abs(log[:-2, 1:-1] - inner))
@@ -97,18 +96,24 @@ def _texture(color: Pixels, albedo: Pixels | None) -> Pixels:
     return np.where(albedo.any(0), albedo, 1) + np.float32(FLOOR)
 
 
+def _comparable(log: Pixels, before: Pixels) -> bool:
+    """Whether two logarithms of light are of a size, so that one exposure suits both; false for black, and for NaN."""
+    now, then = float(log.mean()), float(before.mean())
+    return now < MOST * then and then < MOST * now
+
+
 def _log(light: Pixels, exposure: np.float32) -> Pixels:
-    return np.log1p(np.tensordot(REC709 * exposure, light, 1))
+    return np.asarray(np.log1p(light * exposure), np.float32)
 
 
 class _Found(NamedTuple):
-    """A history on the pixels of this frame: images (H, W), or (3, H, W) for light."""
+    """A history on the pixels of this frame: images (H, W), or (3, H, W) for light and its logarithm."""
 
     light: Pixels
     log: Pixels
     length: Pixels
     beside: Pixels  # (2, H, W) px: from where it should be to where it is
-    valid: Mask  # it is of the same surface
+    valid: Mask  # nothing hid the surface, or the place is of what lies behind, as beside a silhouette
     error: Pixels  # expected, of the logarithm, as it was fetched from the nearest pixel
 
 
@@ -120,6 +125,8 @@ def _fetch(history: History, surface: Surface, depth: Pixels) -> _Found:
     place = np.where(finite, motion, 0) + _centres(height, width)
     size = np.array([width, height], np.float32)[:, None, None]
     inside = finite & (place >= 0).all(0) & (place < size).all(0)
+    if surface.albedo is not None:  # a screen or a mirror shows what its vectors know nothing of
+        inside &= surface.albedo.any(0)
     # The light in a pixel lies beside its centre, if it was fetched with a fraction of a pixel before: without that
     # a slow motion would never move it.
     index = _index(place - _taken(history.beside, _index(place, size)), size)
@@ -134,8 +141,8 @@ def _fetch(history: History, surface: Surface, depth: Pixels) -> _Found:
 
 def _index(place: Pixels, size: Pixels) -> npt.NDArray[np.int32]:
     """The row-major index (H, W) of the pixel that contains each place (2, H, W), or of the nearest at the border."""
-    column, row = np.floor(place).clip(0, size - 1)
-    return np.asarray(row * size[0] + column, np.int32)
+    column, row = place.clip(0, size - 1).astype(np.int32)
+    return np.asarray(row * np.int32(size[0].item()) + column, np.int32)
 
 
 def _taken(image: Pixels, index: npt.NDArray[np.int32]) -> Pixels:
@@ -168,24 +175,26 @@ def _seen(motion: Pixels, forward: Pixels | None, depth: Pixels, before: Pixels 
 
 
 def _kept(log: Pixels, found: _Found) -> Pixels:
-    """The share (H, W) of a history that is kept beside a frame, by their logarithms of luminance."""
-    height, width = log.shape
+    """The share (H, W) of a history that is kept beside a frame, by their logarithms of light."""
+    height, width = found.length.shape
     change = np.where(found.valid, log - found.log, 0)
     error = np.where(found.valid, found.error, 0)
-    sums = _block_sums(np.stack([change, change * change, error * error, found.valid.astype(np.float32)]))
+    planes = [change, change * change, (error * error)[None], found.valid.astype(np.float32)[None]]
+    sums = _block_sums(np.concatenate(planes))
     kept = np.ones(sums.shape[1:], np.float32)
     for deviation in (NEAR, FAR):
-        mean, square, _, count = _blurred(sums, deviation)
-        count = np.maximum(count, 1e-3)
-        mean, square = mean / count, square / count
-        of_mean = np.maximum(square - mean * mean, 1e-6) / (count * _pixels(deviation))
-        kept = np.minimum(kept, DOUBT / (DOUBT + mean * mean / of_mean))
-    _, square, slopes, count = _blurred(sums, NOISE)
+        *sums_of_change, _, count = _blurred(sums, deviation)
+        mean, square = np.stack(sums_of_change).reshape(2, 3, *count.shape) / np.maximum(count, 1e-3)
+        of_mean = np.maximum(square - mean * mean, 1e-6) / (np.maximum(count, 1e-3) * _pixels(deviation))
+        # Noise alone has 1 in the mean, in each colour.
+        significance = np.maximum(mean * mean / of_mean - 1, 0).max(0)
+        kept = np.minimum(kept, DOUBT / (DOUBT + significance))
+    *_, slopes, count = blurred = _blurred(sums, NOISE)
     slopes = SLOPE * slopes
-    noise = np.maximum(square - slopes, 1e-6 * count)
+    noise = np.maximum(blurred[3:6].mean(0) - slopes, 1e-6 * count)
     kept, noise, slopes = _upsampled(np.stack([kept, noise, slopes]), height, width)
-    noise = noise * found.length / (found.length + 1)  # of one frame: the change has that of the history as well
-    return np.asarray(kept * noise / (noise + slopes * found.length + 1e-12), np.float32)
+    # The noise is that of the change, which has that of the frame and that of the history.
+    return np.asarray(kept * noise / (noise + slopes * (found.length + 1) + 1e-12), np.float32)
 
 
 def _block_sums(planes: Pixels) -> Pixels:
@@ -205,7 +214,7 @@ def _blurred(blocks: Pixels, deviation: float) -> Pixels:
     """Blur images of blocks (C, H, W) so that, with the block itself, it is a Gaussian; nothing is outside."""
     own = (BLOCK**2 - 1) / 12  # variance of a block
     rows, columns = (_gaussian(size, ((deviation**2 - own) ** 0.5) / BLOCK) for size in blocks.shape[1:])
-    return np.asarray(rows @ blocks @ columns.T, np.float32)
+    return np.asarray(rows @ (blocks @ columns.T), np.float32)
 
 
 @lru_cache(maxsize=16)
@@ -220,7 +229,7 @@ def _gaussian(size: int, deviation: float) -> Pixels:
 def _upsampled(blocks: Pixels, height: int, width: int) -> Pixels:
     """Interpolate images of blocks (C, H, W) linearly at pixels."""
     rows, columns = _interpolation(height, blocks.shape[1]), _interpolation(width, blocks.shape[2])
-    return np.asarray(rows @ blocks @ columns.T, np.float32)
+    return np.asarray(rows @ (blocks @ columns.T), np.float32)
 
 
 @lru_cache(maxsize=16)

@@ -67,10 +67,8 @@ class Oidn(Filter[OidnOptions]):
         self.target = self.options.target
         self.needs = (self.target,)
         self.accumulates = self.options.accumulate > 1
-        # Light from a glossy reflection has no texture to divide by.
-        self._surface = "" if self.target == "glossy" else "albedo", *MOTION
         if self.accumulates:
-            self.optional = (*GUIDES, *MOTION)
+            self.optional, self.wants = (*GUIDES, *MOTION), ("motion",)
         self._denoise = pyoidn.denoise
         self._prefilters = _Prefilters(self.options.quality)
 
@@ -80,11 +78,14 @@ class Oidn(Filter[OidnOptions]):
         whole = frame.numpy()
         arrays = {name: np.asarray(whole[name], np.float32) for name in (*self.needs, *self.optional) if name in whole}
         guided = [name for name in GUIDES if name in frame] if "albedo" in frame else []  # normals need an albedo
+        # Light from a glossy reflection has no texture to divide by, and what a noisy one divides becomes darker.
+        divides = self.target != "glossy" and bool(frame.clean_guides)
+        known = "albedo" if divides else "", *MOTION
         histories = self._histories(frame, state)
         denoised = []
         for i, image in enumerate(arrays[self.target]):
             if self.accumulates:
-                surface = Surface(*(arrays[name][i] if name in arrays else None for name in self._surface))
+                surface = Surface(*(arrays[name][i] if name in arrays else None for name in known))
                 image, accumulated = accumulate(image, surface, histories[i], self.options.accumulate)
             denoised.append(self._clean(image, [arrays[name][i] for name in guided], *self._switches(frame)))
             if self.accumulates:
@@ -106,8 +107,8 @@ class Oidn(Filter[OidnOptions]):
             return []
         if not state:
             return [None] * frame.batch
-        refuse_other_size(frame, (len(state), *state[0].log.shape))
-        starts = [False] * frame.batch if frame.reset is None else [bool(r) for r in frame.reset]
+        refuse_other_size(frame, (len(state), *state[0].length.shape))
+        starts = [False] * frame.batch if frame.reset is None else [r > 0 for r in frame.reset]
         return [None if start else history for start, history in zip(starts, state, strict=True)]
 
     def settings(self, frame: Frame) -> str:

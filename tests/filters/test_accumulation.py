@@ -5,8 +5,9 @@ from typing import NamedTuple
 import numpy as np
 import pytest
 
-from nte import Frame, NteError
-from nte.filters.accumulation import History, Surface, accumulate, with_slope
+from nte import Frame, NteError, Session
+from nte.denoiser import MissingChannelWarning
+from nte.filters.accumulation import History, Surface, _index, accumulate, with_slope
 from nte.frames.clip import Pixels
 from nte.registry import load_denoiser
 
@@ -84,7 +85,7 @@ def test_a_slow_motion_moves_the_history() -> None:
         motion = np.broadcast_to(np.float32([-0.3, 0])[:, None, None], (2, H, W)).copy()
         mean, history = accumulate(color, Surface(None, motion, None, -motion), history, 8)
     inner = np.s_[:, 8:-8]
-    assert history.length[inner].min() > 4
+    assert history.length[inner].min() > 3
     assert abs(history.beside[:, *inner]).max() < 1
     # The light is that of the place where the history says that it comes from.
     np.testing.assert_allclose((mean - color)[0][inner], slope * history.beside[0][inner], atol=2e-6)
@@ -125,6 +126,43 @@ def test_a_frame_with_little_noise_is_not_made_worse(motion: tuple[float, float]
 def test_a_converged_frame_stays(motion: tuple[float, float]) -> None:
     mean, color, _, _ = run(Scene(motion, noise=1e-4), 6)
     assert np.quantile(abs(mean / color - 1), 0.999) < 0.01
+
+
+@pytest.mark.parametrize("noise", [1.0, 0.3])
+def test_light_that_changes_its_colour_alone_leaves_no_trace(noise: float) -> None:
+    """Red becomes green of the same luminance."""
+    scene, history = Scene(noise=noise), None
+    for frame in range(9):
+        clean, albedo = scene.clean(0)
+        clean = clean.mean(0) * np.float32([1.0, 0.2, 0.3] if frame < 8 else [0.2, 0.438, 0.3])[:, None, None]
+        mean, history = accumulate(scene.noisy(clean, frame), scene.surface(albedo), history, 8)
+    assert abs((mean / clean).mean((1, 2)) - (scene.noisy(clean, 8) / clean).mean((1, 2))).max() < 0.05
+
+
+def test_a_screen_has_no_history() -> None:
+    """It has no albedo, and what it shows moves otherwise than it does."""
+    scene, history = Scene((3.0, 0.0), noise=0.02), None
+    for frame in range(4):
+        clean, albedo = scene.clean(frame)
+        color, screen = scene.noisy(clean, frame), Scene().surface(0 * albedo)
+        mean, history = accumulate(color, screen, history, 8)
+        history = with_slope(history, clean, screen)
+    np.testing.assert_allclose(mean, color, rtol=1e-5)
+
+
+@pytest.mark.parametrize("factor", [1e-4, 1e4])
+def test_a_sequence_that_begins_with_another_brightness_finds_its_changes(factor: float) -> None:
+    scene, history = Scene(), None
+    for frame in range(9):
+        clean, albedo = scene.clean(frame, factor if frame == 0 else 0.3 if frame == 8 else 1.0)
+        mean, history = accumulate(scene.noisy(clean, frame), scene.surface(albedo), history, 8)
+        history = with_slope(history, clean, scene.surface(albedo))
+    assert (mean / clean).mean() < 1.15
+
+
+def test_there_are_indices_for_as_many_pixels_as_8k_has() -> None:
+    place = np.float32([[[7679.5]], [[4319.5]]])
+    assert _index(place, np.float32([7680, 4320])[:, None, None]).item() == 7680 * 4320 - 1
 
 
 def test_a_constant_stays_constant() -> None:
@@ -257,6 +295,26 @@ def test_a_sequence_of_a_batch_starts_anew_by_itself() -> None:
     last = sequence(spec, both)[-1]
     np.testing.assert_allclose(last[0], alone[-1][0], rtol=1e-4, atol=1e-5)
     np.testing.assert_allclose(last[1], anew[-1][0], rtol=1e-4, atol=1e-5)
+
+
+def test_noisy_guides_do_not_darken() -> None:
+    """The mean of light over a noisy albedo, times its mean, is less than the light."""
+    rng, still = np.random.default_rng(0), np.zeros((1, 2, H, W), np.float32)
+    frames = []
+    for number in range(8):
+        albedo = np.broadcast_to(np.where(rng.random((1, 1, H, W)) < 0.5, 0.02, 1), (1, 3, H, W))
+        color = np.broadcast_to(rng.gamma(1.0, 0.4, (1, 1, H, W)), (1, 3, H, W))
+        channels = {"color": color, "albedo": albedo, "motion": still, "depth": still[:, :1] + 1}
+        frames.append(Frame({name: np.float32(image) for name, image in channels.items()}, number))
+    alone, accumulated = (sequence(f"oidn:quality=fast,accumulate={n}", frames)[-1].mean() for n in (1, 8))
+    assert abs(accumulated / alone - 1) < 0.03
+
+
+def test_without_motion_a_session_warns() -> None:
+    frame = frame_of(Scene(), 0)
+    lacking = Frame({name: frame[name] for name in ("color", "albedo", "depth")}, 0, clean_guides=True)
+    with pytest.warns(MissingChannelWarning, match="motion"):
+        Session(load_denoiser("oidn:quality=fast,accumulate=8")).denoise(lacking)
 
 
 def test_another_size_within_a_sequence_is_refused() -> None:
