@@ -51,11 +51,11 @@ def cell_votes(previous: Frame, current: Frame) -> Votes:
     suspect = given > EXPLAINED
     if pair.share_outside(motion) > 0.5:  # vectors of another unit: nothing can be fetched, so nothing contradicts
         suspect |= given.isnan()
-    votes = Votes(good=int(good.sum()))
+    votes = Votes(good=int(good.sum()), looked=pair.looked(motion), explained=int((given <= EXPLAINED).sum()))
     found, share = pair.search(motion, suspect, given)
-    if not found:
+    votes.weight_against = len(found) / share
+    if not found and not votes.good:
         return votes
-    votes.compared, votes.weight_against = votes.good, len(found) / share
     errors = {
         rival: pair.errors(vectors).where(pair.moves(vectors), torch.nan)
         for rival, vectors in rival_vectors(previous, current)
@@ -106,6 +106,13 @@ class _Pair(Textures):
         length = motion[0].flatten(1).norm(dim=0)
         known = self.usable & length.isfinite()
         return self._means(self.cell[known], length[known], torch.ones_like(known[known]), 1) >= STILL_PX
+
+    def looked(self, motion: Tensor) -> int:
+        """Count the cells of which enough pixels have vectors (1, 2, H, W) that end in the picture, found or not."""
+        vectors = motion[0].flatten(1)
+        *_, within = self.target(self.centres + vectors)
+        pixels = within & self.usable & ~self.uncovered(vectors)
+        return int((torch.bincount(self.cell[pixels], minlength=self.cells) >= self.least).sum())
 
     def share_outside(self, motion: Tensor) -> float:
         """Share of the pixels inside surfaces whose vectors (1, 2, H, W) end outside the image."""

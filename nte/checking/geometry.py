@@ -8,12 +8,12 @@ depth. Normals are compared with positions in `nte.checking.normals`.
 
 from collections.abc import Iterator
 from dataclasses import dataclass, field
-from statistics import median
-from typing import NamedTuple, cast
+from statistics import median, median_high, median_low
+from typing import cast
 
-import torch
 from torch import Tensor
 
+from nte.checking.kinds import EXACT, KINDS, Fit, explain
 from nte.checking.normals import Turn, judge_turns, turn_of
 from nte.checking.values import MANY, Finding
 from nte.frames.frame import Frame
@@ -22,30 +22,18 @@ from nte.motion.warp import pixel_centres
 
 ENOUGH = 200  # least number of surface points that can tell
 SAMPLED = 4096  # points of a frame that are looked at, up to twice as many
-EXACT = 2e-3  # a function fits if half of the points miss it by less than this share of the depths' spread
 FITS_NOT = 0.1  # no function fits: half of the points miss each of them by more than this share
 SAME_SCALE = 1.05  # greatest ratio of the units of depth and position
-FLAT = 0.02  # points whose least extent is a smaller share of the greatest lie in a plane, and tell no scale
 PANORAMA = 0.1  # a greater share of the points behind: no camera with a view axis sees them all
 BESIDE = 2.0  # px: greatest distance at which a camera sees half of the surfaces beside their own pixels
 FAR = 100.0  # a depth that many pixels share exactly, this many times the median of the others, is no surface
-
-
-class _Fit(NamedTuple):
-    """How well each function of position explains a frame's depth (errors as shares of its spread), and its scale."""
-
-    axis: float
-    distance: float
-    buffer: float
-    scale: float | None  # depth per unit of position along the axis; None if unknown
-    behind: float  # share of the points in the half of all directions that is opposite to the others
 
 
 @dataclass
 class GeometryTally:
     """Tally of what depth, position and normals of a clip's frames say about each other."""
 
-    _fits: list[_Fit] = field(default_factory=list)
+    _fits: list[Fit] = field(default_factory=list)
     _turns: list[Turn] = field(default_factory=list)
     _beside: list[float] = field(default_factory=list)  # px: how far from its pixel the camera sees a frame's surface
     _pixels: int = 0
@@ -80,7 +68,7 @@ class GeometryTally:
         axis, fits = None, True
         if depth is not None:
             step = max(1, int(hit.sum()) // SAMPLED)
-            fit, axis = _explain(position[:, hit][:, ::step], depth[hit][::step])
+            fit, axis = explain(position[:, hit][:, ::step], depth[hit][::step])
             self._fits.append(fit)
             fits = fit.axis < FITS_NOT
         if "normal" in frame and fits and (turn := turn_of(frame["normal"][0].double(), position, hit, depth, axis)):
@@ -129,24 +117,32 @@ class GeometryTally:
 
     def _judge_depth(self) -> Iterator[Finding]:
         axis = median(fit.axis for fit in self._fits)
-        distance, buffer = median(fit.distance for fit in self._fits), median(fit.buffer for fit in self._fits)
         expected = "the distance along the view axis"
-        if axis > EXACT and distance < min(axis / 10, EXACT):
-            if median(fit.behind for fit in self._fits) > PANORAMA:
+        errors = {name: median(getattr(fit, name) for fit in self._fits) for name in KINDS}
+        least = min(errors.values())
+        if axis > EXACT and least < min(axis / 10, EXACT):
+            name = next(name for name, error in errors.items() if error <= 2 * least)
+            if name == "distance" and median(fit.behind for fit in self._fits) > PANORAMA:
                 return
-            found = "is the distance from the camera, as position shows"
-            yield Finding("depth", found, f"{expected} (on import depth.along=ray)")
-        elif axis > EXACT and buffer < min(axis / 10, EXACT):
-            yield Finding("depth", "is inverse or a z-buffer, as position shows", expected)
+            imported = " (on import depth.along=ray)" if name == "distance" else ""
+            yield Finding("depth", f"is {KINDS[name]}, as position shows", expected + imported)
         elif axis > FITS_NOT:
             yield Finding("depth", "does not belong to position: no camera sees both", expected)
-        elif scales := [fit.scale for fit in self._fits if fit.scale is not None]:
-            scale = median(scales)
-            if not 1 / SAME_SCALE < scale < SAME_SCALE:
-                yield Finding("depth", f"is {scale:.4g} times as long as position shows", "the units of position")
-            elif max(scales) > SAME_SCALE**2 * min(scales):
-                found = f"is {min(scales):.4g} to {max(scales):.4g} times as long as position shows, as frames differ"
-                yield Finding("depth", found, "the units of position in all frames", False)
+        else:
+            yield from self._judge_scale()
+
+    def _judge_scale(self) -> Iterator[Finding]:
+        scales = [fit.scale for fit in self._fits if fit.scale is not None]
+        if not scales:
+            return
+        # Of two units the factor between them is that of no frame.
+        typical = [scale(scales) for scale in (median_low, median_high)]
+        off = [scale for scale in typical if not 1 / SAME_SCALE < scale < SAME_SCALE]
+        if max(scales) > SAME_SCALE**2 * min(scales):
+            found = f"is {min(scales):.4g} to {max(scales):.4g} times as long as position shows, as frames differ"
+            yield Finding("depth", found, "the units of position in all frames", bool(off))
+        elif off:
+            yield Finding("depth", f"is {off[0]:.4g} times as long as position shows", "the units of position")
 
 
 def _positions(frame: Frame) -> Tensor | None:
@@ -156,49 +152,3 @@ def _positions(frame: Frame) -> Tensor | None:
     if frame.view is None or frame.projection is None:
         return None
     return points_from_depth(frame["depth"].double(), frame.view.double(), frame.projection.double())[0]
-
-
-def _explain(points: Tensor, depth: Tensor) -> tuple[_Fit, Tensor | None]:
-    """Fit functions of points (3, n) to their depth (n,).
-
-    Also returns the view axis (3,), which is the gradient of depth; None if all points lie in a plane.
-    """
-    centre = points.mean(1, keepdim=True)
-    extent = torch.linalg.eigvalsh(torch.cov(points)).clamp(min=0).sqrt()
-    size = extent[-1].clamp(min=1e-30)
-    near = ((points - centre) / size).T
-    ones = torch.ones_like(near[:, :1])
-    linear = torch.cat([near, ones], 1)
-    unit = depth / depth.median()
-    spread = (unit - unit.median()).abs().median().clamp(min=1e-3)
-
-    def error(values: Tensor) -> float:
-        return float(((values - unit).abs().nan_to_num(1e30, 1e30, 1e30)).median() / spread)
-
-    # Fitted again without outliers: silhouettes show means of several surfaces.
-    plane = _solve(linear, unit)
-    off = (linear @ plane - unit).abs()
-    plane = _solve(*(values[off <= 3 * off.median() + 1e-9] for values in (linear, unit)))
-    distance = torch.cat([linear, near.square().sum(1, keepdim=True)], 1)
-    sphere = _solve(distance, unit.square())
-    squared = distance @ sphere
-    rays = near + sphere[:3] / (2 * sphere[4]).clamp(min=1e-30)  # from the camera, if depth is the distance from it
-    rays = rays / rays.norm(dim=1, keepdim=True).clamp(min=1e-30)
-    behind = float((rays @ rays.mean(0) < 0).double().mean())
-    # z = A + B/(a·P + b) is a quotient of two linear functions: z (a·P + b) − (c·P + d) = 0.
-    quotient = torch.linalg.eigh(_gram(torch.cat([linear * unit[:, None], -linear], 1)))[1][:, 0]
-    buffer = (linear @ quotient[4:]) / (linear @ quotient[:4])
-    axis = plane[:3] * depth.median() / size
-    known = float(extent[0]) > FLAT * float(size)
-    errors = error(linear @ plane), error(squared.clamp(min=0).sqrt()), error(buffer)
-    return _Fit(*errors, float(axis.norm()) if known else None, behind), axis if known else None
-
-
-def _solve(rows: Tensor, values: Tensor) -> Tensor:
-    """Least squares of rows (n, k) to values (n,), by the normal equations: the rows are centred and of unit size."""
-    solved: Tensor = torch.linalg.pinv(_gram(rows), hermitian=True) @ (rows.T @ values)
-    return solved
-
-
-def _gram(rows: Tensor) -> Tensor:
-    return rows.T @ rows

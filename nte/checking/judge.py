@@ -1,13 +1,12 @@
 """The verdict about motion vectors from votes: weak evidence names no convention."""
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from math import hypot
 from statistics import median
 from typing import Literal
 
-from nte.checking.jitter import without_jitter, without_small
-from nte.checking.values import Finding
+from nte.checking.jitter import without_jitter
 from nte.checking.votes import RIVALS, STILL_PX, Votes
 from nte.motion.conventions import Convention
 
@@ -15,6 +14,7 @@ Verdict = Literal["plausible", "undecidable", "implausible"]
 
 ENOUGH = 6  # least number of votes for a verdict
 WITHOUT_WORD = 0.05  # share of votes against the vectors up to which they are ignored; right ones have 0 to 0.01
+OFTEN = 1 / 3  # least share of the frames that vote, and two of them, whose vectors are of another kind than the rest
 EXPLAINS_BAD, EXPLAINS_GOOD = 0.7, 0.8  # shares of votes against and for that a convention must explain to be named
 
 
@@ -27,39 +27,44 @@ class Judgement:
     convention: Convention | None = None
 
 
-def judge_votes(pairs: Sequence[Votes]) -> Judgement:
+def judge_votes(pairs: Sequence[Votes], frames: Sequence[int] = ()) -> Judgement:
     """Weigh the votes of a clip's pairs of frames and judge its motion vectors.
 
     Votes against the vectors count only if they come from at least half of the pairs that vote: one bad frame, or a
     cut, does not condemn the clip. Fewer than six votes, or votes that disagree, are undecidable, and so are votes
     against the vectors that camera jitter explains. If those that count are more than a twentieth of all votes, the
-    vectors are never plausible.
+    vectors are never plausible. frames: the numbers of the pairs' second frames; without them pairs count from 1.
     """
-    judgement = _weigh(pairs)
-    if judgement.verdict != "implausible" or _weigh(without_jitter(pairs)).verdict == "implausible":
+    frames = frames or range(1, len(pairs) + 1)
+    judgement = _weigh(pairs, frames)
+    if judgement.verdict != "implausible" or _weigh(without_jitter(pairs), frames).verdict == "implausible":
         return judgement
     return Judgement("undecidable", f"{_counts(_total(pairs))}, by no more than camera jitter, which vectors leave out")
 
 
-def judge_frames(votes: Mapping[int, Votes]) -> Iterator[Finding]:
-    """Yield a note if in some frames most votes are against the vectors. votes: frame → votes, of plausible vectors."""
-    large = {frame: without_small(pair) for frame, pair in votes.items()}
-    bad = [frame for frame, pair in large.items() if len(pair.against) >= ENOUGH and pair.weight_against > pair.good]
-    if bad:
-        found = f"contradicts the picture in {len(bad)} of {len(votes)} frames that were judged, the first is {bad[0]}"
-        yield Finding("motion", found, "vectors to the frame before; after a cut another clip", False)
+def contradicts(pair: Votes) -> bool:
+    """Tell whether most votes of one pair of frames, and enough of them, are against its vectors."""
+    return len(pair.against) >= ENOUGH and pair.weight_against > pair.good
 
 
-def _weigh(pairs: Sequence[Votes]) -> Judgement:
+def confirms(pair: Votes) -> bool:
+    """Tell whether most votes of one pair of frames, and enough of them, are for its vectors."""
+    return pair.good >= ENOUGH and pair.good > pair.weight_against
+
+
+def _weigh(pairs: Sequence[Votes], frames: Sequence[int]) -> Judgement:
     total = _total(pairs)
     bad = len(total.against)
     voting = [pair for pair in pairs if pair.good or pair.against]
     lasting = 2 * sum(bool(pair.against) for pair in voting) >= len(voting)
     counts = _counts(total)
-    if bad >= ENOUGH and lasting and total.weight_against > WITHOUT_WORD * (total.good + total.weight_against):
-        if (rival := _who_explains(total)) is not None:
-            explained = f"it explains {total.bad_by(rival)} of {bad} pieces of the picture that contradict the vectors"
-            return Judgement("implausible", f"'motion' has another convention: {rival}: {explained}", rival)
+    counted = bad >= ENOUGH and total.weight_against > WITHOUT_WORD * (total.good + total.weight_against)
+    if counted and lasting and (rival := _who_explains(total)) is not None:
+        explained = f"it explains {total.bad_by(rival)} of {bad} pieces of the picture that contradict the vectors"
+        return Judgement("implausible", f"'motion' has another convention: {rival}: {explained}", rival)
+    if counted and (differs := _what_differs(pairs, frames)):
+        return Judgement("implausible", f"{differs}: {counts}")
+    if counted and lasting:
         if total.weight_against > total.good:
             return Judgement("implausible", f"{_what_moves(total)}: {counts}, and no known convention fits")
         # Such as an object whose own motion the vectors leave out, or short vectors of half their length.
@@ -67,6 +72,25 @@ def _weigh(pairs: Sequence[Votes]) -> Judgement:
     if total.good >= ENOUGH and total.good > total.weight_against:
         return Judgement("plausible", counts, Convention())
     return Judgement("undecidable", f"{counts}: {ENOUGH} are needed, and most must agree")
+
+
+def _what_differs(pairs: Sequence[Votes], frames: Sequence[int]) -> str:
+    """Say what the vectors of some frames are if those of the others are right; "" if unknown, or of no frames."""
+    bad = [(frame, pair) for frame, pair in zip(frames, pairs, strict=True) if contradicts(pair)]
+    good = sum(map(confirms, pairs))
+    if len(bad) < max(2, OFTEN * (len(bad) + good)) or not good:
+        return ""
+    total = _total([pair for _, pair in bad])
+    rival = _who_explains(total)
+    given = [hypot(*piece.given) for piece in total.against if piece.given]
+    if given and max(given) < STILL_PX:
+        what = "it is 0 there, and the picture moves"
+    elif rival is not None:
+        what = f"it has another convention there: {rival}"
+    else:
+        return ""
+    where = f"in {len(bad)} of {len(pairs)} frames that were judged, the first is {bad[0][0]}"
+    return f"'motion' is of another kind {where}: {what}"
 
 
 def _total(pairs: Sequence[Votes]) -> Votes:
@@ -92,7 +116,7 @@ def _who_explains(votes: Votes) -> Convention | None:
     able = [
         rival
         for rival in RIVALS
-        if votes.bad_by(rival) >= EXPLAINS_BAD * bad and votes.good_by[rival] >= EXPLAINS_GOOD * votes.compared
+        if votes.bad_by(rival) >= EXPLAINS_BAD * bad and votes.good_by[rival] >= EXPLAINS_GOOD * votes.good
     ]
     if not able:
         return None

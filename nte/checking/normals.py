@@ -61,10 +61,19 @@ def turn_of(normal: Tensor, position: Tensor, hit: Tensor, depth: Tensor | None,
     # The sign of the cross product depends on the handedness of the space. In a plane the axis is unknown.
     towards = (axis @ surface if axis is not None else -(surface * normal).sum(0)).median()
     surface = -surface if float(towards) > 0 else surface
-    u, _, v = torch.linalg.svd(surface @ normal.T)
-    cosine = (surface * normal).sum(0)
-    turned = (surface * (u @ v @ normal)).sum(0)
+    cosine, turned = (surface * normal).sum(0), _turned(surface, normal)
+    # Bumps are in no surface, however normals are turned: where they are strong, the rest of the pixels tells.
+    smooth = (cosine.abs() > ALONG) | (turned.abs() > ALONG)
+    if 2 * int(smooth.sum()) > len(smooth) and int(smooth.sum()) >= ENOUGH:
+        cosine, turned = cosine[smooth], _turned(surface[:, smooth], normal[:, smooth])
     return Turn(float(cosine.mean()), float(cosine.abs().mean()), float(turned.mean()))
+
+
+def _turned(surface: Tensor, normal: Tensor) -> Tensor:
+    """Cosines (n,) between the surface's own normals and given ones, both (3, n), after the best rotation of these."""
+    u, _, v = torch.linalg.svd(surface @ normal.T)
+    cosine: Tensor = (surface * (u @ v @ normal)).sum(0)
+    return cosine
 
 
 def judge_turns(turns: Sequence[Turn], shown_by: str) -> Iterator[Finding]:

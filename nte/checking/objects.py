@@ -30,10 +30,9 @@ def object_votes(previous: Frame, current: Frame) -> Votes:
     good = (given >= FOUND) & (still <= LOST) & (opposite <= LOST)
     lost = given <= LOST
     votes = Votes(good=int(good.sum()))
-    if not lost.any():
+    if not votes.good and not lost.any():
         return votes
     shares = {rival: objects.found(vectors) for rival, vectors in rival_vectors(previous, current)}
-    votes.compared = votes.good
     votes.good_by.update({rival: int((good & (share >= FOUND)).sum()) for rival, share in shares.items()})
     for i in lost.nonzero()[:, 0].tolist():
         if explained_by := frozenset(rival for rival, share in shares.items() if share[i] >= FOUND):

@@ -2,6 +2,9 @@
 
 Where the vectors of two surfaces lead to the same pixel of the frame before, one of them was hidden there. Depths are
 only put in order, within one frame: units, offsets and frames with a scale of their own make no difference.
+
+Wrong vectors of one object put it where something else was seen, too. But then other pixels of it are lost where
+nothing else comes from: behind what should they have been? Right vectors lose only what was hidden.
 """
 
 from collections.abc import Iterator, Sequence
@@ -9,6 +12,7 @@ from itertools import product
 from typing import NamedTuple
 
 import torch
+import torch.nn.functional as F
 from torch import Tensor
 
 from nte.checking.textures import Textures
@@ -18,6 +22,7 @@ from nte.frames.frame import Frame
 APART = 0.1  # least difference of the two depths, as a share of the range of eight tenths of the frame's
 FOUND, LOST = 0.01, 0.05  # greatest albedo error of what was seen, and least one of what was hidden
 ENOUGH = 20  # least number of pixels that can tell
+HIDDEN = 0.5  # least share of the lost pixels that what is farther comes before; of wrong vectors 0 to 0.44
 MOST = 0.8  # share of them that must agree; measured on right clips: the nearer one was seen in 0.7 to 1
 
 
@@ -26,6 +31,13 @@ class Order(NamedTuple):
 
     nearer: int
     farther: int
+    lost: int = 0  # pixels of surfaces that were hidden by what is farther: those that their vectors do not find
+    behind: int = 0  # those of them to whose place, or beside it, something farther comes
+
+    @property
+    def number(self) -> int:
+        """Number of pixels that tell."""
+        return self.nearer + self.farther
 
 
 def depth_order(previous: Frame, current: Frame) -> Order:
@@ -65,7 +77,30 @@ def depth_order(previous: Frame, current: Frame) -> Order:
     nearest, farthest = depth[pixels] == near[there], depth[pixels] == far[there]
     nearer = any_at(nearest & seen) & ~any_at(nearest & hidden) & any_at(farthest & hidden) & ~any_at(farthest & seen)
     farther = any_at(farthest & seen) & ~any_at(farthest & hidden) & any_at(nearest & hidden) & ~any_at(nearest & seen)
-    return Order(int(nearer.sum()), int(farther.sum()))
+    if not farther.any():
+        return Order(int(nearer.sum()), 0)
+    lost = _lost(textures, pixels[nearest & hidden & farther[there]], comes, at)
+    over = F.max_pool2d(far.view(1, 1, *current.size), 3, 1, 1).flatten()[at[lost]]
+    behind = over - depth[lost] > APART * (high - low)
+    return Order(int(nearer.sum()), int(farther.sum()), len(lost), int(behind.sum()))
+
+
+def _lost(textures: Textures, pixels: Tensor, comes: Tensor, at: Tensor) -> Tensor:
+    """List the pixels (n,) of the surfaces of `pixels` (P,) that are not seen where their vectors lead.
+
+    comes: bool (H·W,), pixels with a depth whose vectors end in the picture, at `at` (H·W,). Without instances, pixels
+    of all surfaces are listed.
+    """
+    if "instance" in textures.surface:
+        now, _ = textures.surface["instance"]
+        comes = comes & torch.isin(now, now[pixels].unique())
+    else:
+        comes = comes & textures.usable
+    able = comes.nonzero()[:, 0]
+    _, hidden = _seen_and_hidden(textures, able, at[able])
+    # A large object is seen where any short vectors lead, but not the same place of it.
+    elsewhere = textures.usable[able] & (textures.error(able, at[able], textures.wide) > LOST)
+    return able[hidden | elsewhere]
 
 
 def _seen_and_hidden(textures: Textures, pixels: Tensor, at: Tensor) -> tuple[Tensor, Tensor]:
@@ -88,9 +123,9 @@ def judge_order(pairs: Sequence[Order]) -> Iterator[Finding]:
     Two pairs at least must agree, unless there is only one. pairs: of frames whose vectors are plausible, as others
     lead anywhere.
     """
-    telling = [pair for pair in pairs if sum(pair)]
-    wrong = [pair for pair in telling if pair.farther > MOST * sum(pair)]
-    farther, pixels = sum(pair.farther for pair in wrong), sum(map(sum, wrong))
+    telling = [pair for pair in pairs if pair.number]
+    wrong = [pair for pair in telling if pair.farther > MOST * pair.number and pair.behind >= HIDDEN * pair.lost]
+    farther, pixels = sum(pair.farther for pair in wrong), sum(pair.number for pair in wrong)
     if pixels >= ENOUGH and 2 * len(wrong) > len(telling) and len(wrong) >= min(2, len(pairs)):
         count = f"in {farther} of {pixels} pixels"
         found = f"what hides is farther away than what it hides, {count}: inverse depth, as in a z-buffer"
@@ -99,4 +134,4 @@ def judge_order(pairs: Sequence[Order]) -> Iterator[Finding]:
 
 def is_known(pairs: Sequence[Order]) -> bool:
     """Tell whether enough pixels show what hides what."""
-    return sum(map(sum, pairs)) >= ENOUGH
+    return sum(pair.number for pair in pairs) >= ENOUGH

@@ -2,20 +2,21 @@
 
 from collections import defaultdict
 from collections.abc import Iterator
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 
 import torch
 
-from nte.checking.blank import BlankTally
+from nte.checking.blank import BlankTally, StoppedTally
 from nte.checking.cameras import Prediction, judge_cameras, prediction
 from nte.checking.cells import cell_votes
+from nte.checking.cuts import judge_frames, unlike_before
 from nte.checking.exposure import ExposureTally
 from nte.checking.flips import ORIENTATION, FlipTally
 from nte.checking.forward import Returns, judge_returns, returns
 from nte.checking.geometry import GeometryTally
 from nte.checking.guides import GuideTally
-from nte.checking.judge import Judgement, Verdict, judge_frames, judge_votes
+from nte.checking.judge import Judgement, Verdict, confirms, judge_votes
 from nte.checking.late import LateTally
 from nte.checking.objects import object_votes
 from nte.checking.order import Order, depth_order, is_known, judge_order
@@ -25,7 +26,8 @@ from nte.checking.sample import FRAMES, PAIRS, spread
 from nte.checking.sky import SkyMotion, judge_sky, sky_motion
 from nte.checking.spaces import Spaces, changed_alike, judge_spaces
 from nte.checking.still import Stillness, stillness, without_motion
-from nte.checking.units import judge_units, unit_of
+from nte.checking.tone import EXPECTED as LINEAR
+from nte.checking.units import ONCE, judge_units, unit_of
 from nte.checking.values import Finding, Tally, judge_values, tally_values
 from nte.checking.votes import Votes
 from nte.frames.clip import Clip
@@ -74,7 +76,7 @@ class _Vectors:
     spaces: list[Spaces] = field(default_factory=list)
     predictions: list[Prediction] = field(default_factory=list)
     returns: list[Returns] = field(default_factory=list)
-    units: list[float] = field(default_factory=list)
+    units: dict[int, float] = field(default_factory=dict)  # of each frame that tells
     errors: dict[tuple[str, str, str], Mean] = field(default_factory=lambda: defaultdict(Mean))
     disoccluded: Mean = field(default_factory=Mean)
     invalid: Mean = field(default_factory=Mean)
@@ -102,7 +104,7 @@ class _Vectors:
         if "depth" in current and "depth" in previous:
             self.orders.append(depth_order(previous, current))
             if (ratio := unit_of(previous, current)) is not None:
-                self.units.append(ratio)
+                self.units[current.index] = ratio
         votes = Votes()
         if "albedo" in current:
             votes.add(cell_votes(previous, current))
@@ -110,9 +112,19 @@ class _Vectors:
             votes.add(object_votes(previous, current))
         self.votes[current.index] = votes
 
+    def _rescaled(self) -> set[int]:
+        return {frame for frame, ratio in self.units.items() if not 1 / ONCE < ratio < ONCE}
+
+    def judge_units(self) -> list[Finding]:
+        """List what changes of the unit of depth are found; after a cut one is found by chance."""
+        cuts = set(unlike_before(self.votes)) - self._rescaled()
+        one_shot = {frame: ratio for frame, ratio in self.units.items() if frame not in cuts}
+        confirmed = [ratio for frame, ratio in one_shot.items() if confirms(self.votes[frame])]
+        return list(judge_units(list(one_shot.values()), confirmed))
+
     def judge(self) -> Iterator[Finding]:
         """Yield what right vectors say of other channels."""
-        yield from judge_frames(self.votes)
+        yield from judge_frames(self.votes, self._rescaled())
         yield from judge_order(self.orders)
         yield from judge_sky(self.skies)
         yield from judge_spaces(self.spaces)
@@ -134,7 +146,7 @@ def check(clip: Clip | Path | str) -> CheckReport:
     clip = clip if isinstance(clip, Clip) else Clip(clip)
     tallies: dict[str, Tally] = defaultdict(Tally)
     exposure, flips, guides, geometry = ExposureTally(), FlipTally(), GuideTally(), GeometryTally()
-    blank, late, planes, vectors = BlankTally(), LateTally(), PlaneTally(), _Vectors()
+    blank, stopped, late, planes, vectors = BlankTally(), StoppedTally(), LateTally(), PlaneTally(), _Vectors()
     looked, voting = spread(FRAMES, 0, len(clip)), spread(PAIRS, 1, len(clip))
     previous: Frame | None = None
     for frame in clip:
@@ -150,17 +162,21 @@ def check(clip: Clip | Path | str) -> CheckReport:
         if previous is not None and current.index in voting:
             late.add(previous, current)
         if previous is not None and "motion" in current:
+            stopped.add(previous, current)
             vectors.add(previous, current, current.index in voting)
         previous = current
     judgement = _judge_vectors(clip, vectors)
     right = judgement.verdict == "plausible"
-    along = list(vectors.judge()) if right else []
-    light = list(exposure.judge())
+    of_other_frames = list(late.judge())
+    late_channels = {finding.channel for finding in of_other_frames}
+    light = [f for f in exposure.judge() if f.expected != LINEAR or "reference" not in late_channels]
     turned = () if ORIENTATION in (f.expected for f in light) else flips.judge()  # the reference is turned over itself
-    values = [*judge_values(tallies), *blank.judge()]
-    units = judge_units(vectors.units) if judgement.verdict != "implausible" else ()  # wrong vectors lead elsewhere
+    # What is late in one channel looks like another fault beside right ones: only the cause is told.
+    along = [f for f in vectors.judge() if f.channel not in late_channels] if right else []
+    values = [*judge_values(tallies), *blank.judge(), *stopped.judge()]
+    units = vectors.judge_units() if judgement.verdict != "implausible" else ()  # wrong vectors lead elsewhere
     shapes = [*geometry.judge(), *planes.judge(), *units]
-    findings = [*values, *light, *turned, *late.judge(), *shapes, *along, *guides.judge()]
+    findings = [*values, *of_other_frames, *light, *turned, *shapes, *along, *guides.judge()]
     judgement = _judge(judgement, findings)
     unknown = {"reference": exposure.not_judged(), "depth": planes.not_judged(right and is_known(vectors.orders))}
     told = {finding.channel for finding in findings}
@@ -176,13 +192,13 @@ def check(clip: Clip | Path | str) -> CheckReport:
 
 
 def _judge(judgement: Judgement, findings: list[Finding]) -> Judgement:
-    """The verdict on the clip: impossible values first, then the judgement of its vectors, then doubts."""
+    """The verdict on the clip. Faults and doubts of channels come first: vectors are judged by these channels."""
     faults = [f"{finding.channel}: {finding.found}" for finding in findings if finding.fault]
     doubts = [f"{finding.channel}: {finding.found}" for finding in findings if finding.doubt]
     if not faults and doubts and judgement.verdict == "plausible":
         return Judgement("undecidable", "; ".join(doubts), judgement.convention)
     if not faults:
-        return judgement
+        return replace(judgement, reason="; ".join([*doubts, judgement.reason]))
     also = [judgement.reason] if judgement.verdict == "implausible" else []
     return Judgement("implausible", "; ".join([*faults, *also]), judgement.convention)
 
@@ -193,8 +209,8 @@ def _judge_vectors(clip: Clip, vectors: _Vectors) -> Judgement:
         return Judgement("undecidable", f"vectors not checked: that needs albedo and motion, without {missing[0]}")
     if len(clip) < 2:
         return Judgement("undecidable", "vectors not checked: that needs two frames")
-    judgement = judge_votes(list(vectors.votes.values()))
-    if judgement.verdict == "implausible" or any(judge_units(vectors.units)):  # else what changes is the unit of depth
+    judgement = judge_votes(list(vectors.votes.values()), list(vectors.votes))
+    if judgement.verdict == "implausible" or vectors.judge_units():  # else what changes is the unit of depth
         return judgement
     if stuck := without_motion(vectors.still):
         return Judgement("implausible", stuck)

@@ -24,6 +24,7 @@ SAMPLED = 8192  # pixels of a pair of frames that are looked at, up to twice as 
 FITS = 0.01  # greatest median error of z' / z, relative
 SPREAD, BESIDE = 0.05, 0.25  # least distance of 1 / z, relative, from one plane, and least share of pixels beside it
 OTHER = 1.1  # least ratio of the units that is told; measured: 0.98 to 1.003 in 17 clips with right depth
+ONCE = 2.0  # least ratio that is a fault even if it is seen only once
 SURELY = 1.25  # least ratio that is a fault: water, which moves as no rigid thing does, has 1.13
 
 
@@ -65,16 +66,18 @@ def _fit(rows: Tensor, values: Tensor) -> tuple[Tensor, Tensor]:
     return solved, errors
 
 
-def judge_units(ratios: Sequence[float]) -> Iterator[Finding]:
+def judge_units(ratios: Sequence[float], confirmed: Sequence[float] = ()) -> Iterator[Finding]:
     """Yield a fault if the unit surely changes in two pairs of frames at least, which no cut does; else a note.
 
-    ratios: of each pair of frames that tells.
+    Once is enough where the picture confirms the vectors, which it never does at a cut. ratios: of each pair of frames
+    that tells; confirmed: those of pairs with confirmed vectors.
     """
     changed = [ratio for ratio in ratios if not 1 / OTHER < ratio < OTHER]
     if changed:
         times = f"{min(changed):.3g} to {max(changed):.3g} times as large"
         found = f"{times} as in the frame before, in {len(changed)} of {len(ratios)} frames that tell"
         surely = sum(not 1 / SURELY < ratio < SURELY for ratio in changed) > 1
+        surely |= any(not 1 / ONCE < ratio < ONCE for ratio in confirmed)
         expected = "one unit in all frames: no frame scaled to its own range"
         yield Finding("depth", found, expected, surely)
 

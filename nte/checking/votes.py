@@ -28,18 +28,20 @@ class Votes:
     """The pieces of a picture that vote for and against the vectors, of one pair of frames or of a clip."""
 
     good: int = 0  # pieces that vote for the vectors
-    compared: int = 0  # good pieces on which rivals were tried: those of frames with contradictions
     good_by: Counter[Convention] = field(default_factory=Counter)  # rival → number of these that it explains as well
     against: list[Against] = field(default_factory=list)  # pieces that vote against the vectors
     weight_against: float = 0.0  # estimated number of contradictions if all pieces had been searched
+    looked: int = 0  # cells whose vectors end in the picture
+    explained: int = 0  # number of these that the vectors explain, whatever else explains them as well
 
     def add(self, other: "Votes") -> None:
         """Add the votes of another pair of frames."""
         self.good += other.good
-        self.compared += other.compared
         self.good_by.update(other.good_by)
         self.against += other.against
         self.weight_against += other.weight_against
+        self.looked += other.looked
+        self.explained += other.explained
 
     def bad_by(self, rival: Convention) -> int:
         """Count the pieces against the vectors that a rival explains."""

@@ -20,7 +20,7 @@ Jitters = list[tuple[float, float]]
 def pair(given: list[Vector], seen: list[Vector], good: int = 0, rival: Convention | None = None) -> Votes:
     explained = frozenset([rival] if rival else [])
     against = [Against(explained, g, s) for g, s in zip(given, seen, strict=True)]
-    return Votes(good, good, Counter({rival: good} if rival else {}), against, float(len(against)))
+    return Votes(good, Counter({rival: good} if rival else {}), against, float(len(against)))
 
 
 def shifted(given: list[Vector], by: Vector) -> list[Vector]:
@@ -46,7 +46,7 @@ def test_one_shift_of_a_picture_that_turns_is_jitter() -> None:
 
 def test_shifts_of_one_pair_among_many_are_no_evidence() -> None:
     """The convention explains these shifts by chance: half of the pairs that vote show them, and hardly any others."""
-    pairs = [pair(PAN, shifted(PAN, (0.0, -1.5)), 20, Y_UP), Votes(good=8, compared=8, good_by=Counter({Y_UP: 8}))]
+    pairs = [pair(PAN, shifted(PAN, (0.0, -1.5)), 20, Y_UP), Votes(good=8, good_by=Counter({Y_UP: 8}))]
     assert judge_votes(pairs).verdict == "undecidable"
 
 

@@ -67,6 +67,12 @@ def test_a_unit_of_its_own_in_every_frame_is_a_fault(shot: Callable[[int], Shot]
     assert [finding.fault for finding in judge_units([1.0, 2.0, 1.0])] == [False]
 
 
+def test_one_change_of_unit_is_a_fault_if_the_vectors_are_confirmed() -> None:
+    """At a cut they never are."""
+    assert [finding.fault for finding in judge_units([1.0, 100.0, 1.0], confirmed=[1.0, 100.0])] == [True]
+    assert [finding.fault for finding in judge_units([1.0, 1.5, 1.0], confirmed=[1.5])] == [False]
+
+
 @pytest.mark.parametrize("shot", SHOTS, ids=IDS)
 def test_a_clip_with_units_of_its_own_in_every_frame_fails(tmp_path: Path, shot: Callable[[int], Shot]) -> None:
     """Depth is blamed, and not the vectors of what is at rest."""
