@@ -116,7 +116,8 @@ def test_the_released_model_does_without_what_a_frame_lacks(missing: tuple[str, 
     if alike:
         assert error == pytest.approx(other, rel=0.02)
     else:
-        assert error < 0.985 * other
+        # Without depth (nor forward vectors) nothing is accumulated below, and little is left to gain.
+        assert error < (1 if "depth" in missing else 0.985) * other
     assert all(np.isfinite(image).all() for image, _ in images)
 
 
