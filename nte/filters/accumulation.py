@@ -81,8 +81,8 @@ def accumulate(color: Pixels, surface: Surface, history: History | None, longest
 
 def with_slope(history: History, denoised: Pixels, surface: Surface) -> History:
     """Put the slopes of the denoised frame (3, H, W) into the history that it leaves."""
-    light = denoised / _texture(denoised, surface.albedo)
-    log: Pixels = np.pad(_log(light, history.exposure).mean(0), 1, mode="edge")
+    light = (denoised / _texture(denoised, surface.albedo)).mean(0)
+    log: Pixels = np.pad(_log(light, history.exposure), 1, mode="edge")
     inner = log[1:-1, 1:-1]
     across = np.maximum(abs(log[1:-1, 2:] - inner), abs(log[1:-1, :-2] - inner))
     down = np.maximum(abs(log[2:, 1:-1] - inner), abs(log[:-2, 1:-1] - inner))
