@@ -11,6 +11,7 @@ Nearest, not bilinear: a mean of neighbours has noise of another grain, which de
 measured is in docs/experiments.md. Everything is NumPy, so that exported models can build on it without PyTorch.
 """
 
+import math
 from functools import lru_cache
 from typing import NamedTuple
 
@@ -213,27 +214,24 @@ def _pixels(deviation: float) -> float:
 def _blurred(blocks: Pixels, deviation: float) -> Pixels:
     """Blur images of blocks (C, H, W) so that, with the block itself, it is a Gaussian; nothing is outside."""
     own = (BLOCK**2 - 1) / 12  # variance of a block
-    rows, columns = (_gaussian(size, ((deviation**2 - own) ** 0.5) / BLOCK) for size in blocks.shape[1:])
-    return np.asarray(rows @ (blocks @ columns.T), np.float32)
-
-
-@lru_cache(maxsize=16)
-def _gaussian(size: int, deviation: float) -> Pixels:
-    """A matrix (size, size) that blurs; its rows sum to 1 within the image, as weights beyond its end count as 0."""
-    at = np.arange(size, dtype=np.float32)
-    weights = np.exp(-0.5 * ((at[:, None] - at) / deviation) ** 2)
-    whole = np.exp(-0.5 * (np.arange(-int(5 * deviation) - 5, int(5 * deviation) + 6) / deviation) ** 2).sum()
-    return np.asarray(weights / whole, np.float32)
+    width = (deviation**2 - own) ** 0.5 / BLOCK
+    reach = math.ceil(4 * width)
+    weights = np.exp(-0.5 * (np.arange(-reach, reach + 1) / width) ** 2)
+    weights = (weights / weights.sum()).astype(np.float32)
+    # Not as products of matrices: the threads of NumPy's library for those wait busily, and take cores from OIDN.
+    for _ in range(2):
+        padded = np.pad(blocks, [(0, 0), (reach, reach), (0, 0)])
+        blocks = sum(weight * padded[:, i : i + blocks.shape[1]] for i, weight in enumerate(weights)).swapaxes(1, 2)
+    return blocks
 
 
 def _upsampled(blocks: Pixels, height: int, width: int) -> Pixels:
     """Interpolate images of blocks (C, H, W) linearly at pixels."""
-    rows, columns = _interpolation(height, blocks.shape[1]), _interpolation(width, blocks.shape[2])
-    return np.asarray(rows @ (blocks @ columns.T), np.float32)
-
-
-@lru_cache(maxsize=16)
-def _interpolation(size: int, blocks: int) -> Pixels:
-    """A matrix (size, blocks) that interpolates linearly between the centres of blocks."""
-    place = ((np.arange(size) + 0.5) / BLOCK - 0.5).clip(0, blocks - 1)
-    return np.asarray(np.maximum(0, 1 - abs(place[:, None] - np.arange(blocks))), np.float32)
+    for _ in range(2):
+        padded = np.pad(blocks, [(0, 0), (0, 0), (1, 1)], mode="edge")
+        places = (np.arange(BLOCK, dtype=np.float32) + 0.5) / BLOCK - 0.5  # of a block's pixels, from its centre
+        parts = [
+            blocks + abs(x) * (padded[..., 1 + int(np.sign(x)) :][..., : blocks.shape[2]] - blocks) for x in places
+        ]
+        blocks = np.stack(parts, -1).reshape(*blocks.shape[:2], -1).swapaxes(1, 2)
+    return blocks[:, :height, :width]
