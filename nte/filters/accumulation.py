@@ -30,8 +30,8 @@ DOUBT = 3.0  # significance (mean² / variance of the mean − 1) of a differenc
 MOST = 30.0  # a frame so many times as bright as its history, or as dark, begins another one
 SLOPE = 8.0  # weight of the squared error that half a pixel makes on a slope
 FLOOR = 0.3  # added to the albedo before light is divided by it
-HIDDEN_PX = 0.5  # the paper's rule for hidden surfaces, as in nte.motion.geometric
-BEHIND = 1.1
+# The rule for hidden surfaces of nte.motion.geometric, which is PyTorch's; a test holds the two together.
+HIDDEN_PX, BEHIND = 0.5, 1.1
 
 
 class Surface(NamedTuple):
@@ -68,10 +68,11 @@ def accumulate(color: Pixels, surface: Surface, history: History | None, longest
     if surface.depth is not None:
         depth = np.where(surface.depth[0] > 0, surface.depth[0], depth)
     flat = np.zeros_like(depth)
-    if history is None or not _comparable(log := _log(light, history.exposure), history.log):
+    motion = surface.motion
+    if history is None or motion is None or not _comparable(log := _log(light, history.exposure), history.log):
         exposure = known_exposure(color[None])[0]
         return color, History(light, _log(light, exposure), flat + 1, depth, np.stack([flat, flat]), flat, exposure)
-    found = _fetch(history, surface, depth)
+    found = _fetch(history, surface, motion, depth)
     length = np.where(found.valid, (found.length * _kept(log, found) + 1).clip(1, longest), 1)
     share = 1 / length
     log = np.where(found.valid, found.log + (log - found.log) * share, log)
@@ -118,10 +119,9 @@ class _Found(NamedTuple):
     error: Pixels  # expected, of the logarithm, as it was fetched from the nearest pixel
 
 
-def _fetch(history: History, surface: Surface, depth: Pixels) -> _Found:
+def _fetch(history: History, surface: Surface, motion: Pixels, depth: Pixels) -> _Found:
     """Fetch a history along the motion, from the nearest pixels. depth (H, W): infinite for a miss."""
     height, width = depth.shape
-    motion = np.full((2, height, width), np.nan, np.float32) if surface.motion is None else surface.motion
     finite = np.asarray(np.isfinite(motion).all(0))
     place = np.where(finite, motion, 0) + _centres(height, width)
     size = np.array([width, height], np.float32)[:, None, None]

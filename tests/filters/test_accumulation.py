@@ -4,11 +4,13 @@ from typing import NamedTuple
 
 import numpy as np
 import pytest
+import torch
 
 from nte import Frame, NteError, Session
 from nte.denoiser import MissingChannelWarning
 from nte.filters.accumulation import History, Surface, _index, accumulate, with_slope
 from nte.frames.clip import Pixels
+from nte.motion.geometric import dual_motion
 from nte.registry import load_denoiser
 
 pytest.importorskip("pyoidn")
@@ -201,6 +203,21 @@ def test_what_was_hidden_has_no_history(forward: bool, depth: bool) -> None:
     assert (history.length[uncovered] == 1).all()
     np.testing.assert_allclose(mean[:, uncovered], (now * noise[1])[:, uncovered], rtol=1e-6)
     assert history.length[~uncovered].mean() > 1.5
+
+
+@pytest.mark.parametrize("seed", range(4))
+def test_surfaces_are_hidden_where_dual_vectors_say_so(seed: int) -> None:
+    """Random whole motions, which start in pixels' centres: both fetch what is nearest to the same place."""
+    rng = np.random.default_rng(seed)
+    motion, forward = (np.float32(rng.integers(-2, 3, (2, H, W))) for _ in range(2))
+    depth, before = (np.float32(rng.choice([0, 1, 1.05, 3], (1, H, W))) for _ in range(2))
+    vectors = dual_motion(*(torch.from_numpy(image[None]) for image in (motion, forward, depth, before)))
+    seen = (vectors.valid & ~vectors.disoccluded)[0, 0].numpy()
+    color = np.ones((3, H, W), np.float32)
+    _, history = accumulate(color, Surface(None, 0 * motion, before, None), None, 8)
+    _, history = accumulate(color, Surface(None, motion, depth, forward), history, 8)
+    inner = np.s_[2:-2, 2:-2]  # at the border, places on the edge itself are inside of one and outside of the other
+    np.testing.assert_array_equal(history.length[inner] > 1, seen[inner])
 
 
 def test_vectors_that_are_not_known_leave_it_to_the_depth() -> None:
