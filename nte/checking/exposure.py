@@ -9,6 +9,7 @@ import torch
 import torch.nn.functional as F
 from torch import Tensor
 
+from nte.checking.colours import ColourTally
 from nte.checking.flips import FLIPS, ORIENTATION
 from nte.checking.tone import ToneTally
 from nte.checking.values import MANY, Finding
@@ -51,7 +52,7 @@ class ExposureTally:
         self._lit = 0.0, 0.0  # greatest share of a frame's pixels in which color and reference show light
         self._same = True  # so far colour and reference are one image
         self._scales: dict[int, _Scale] = {}  # of frames that are lit
-        self._tones = ToneTally()
+        self._tones, self._colours = ToneTally(), ColourTally()
 
     def add(self, frame: Frame) -> None:
         """Add a PyTorch frame of batch 1, if it has both channels; pixels that are bad in one of them count as 0."""
@@ -74,6 +75,7 @@ class ExposureTally:
         if scale := _scale(color, reference):
             self._scales[frame.index] = scale
         self._tones.add(frame)
+        self._colours.add(sums[0, :3], sums[0, 3:])
         self._color = color if self._color is None else self._color + color
         self._reference = reference if self._reference is None else self._reference + reference
 
@@ -81,8 +83,8 @@ class ExposureTally:
         """Yield a finding if colour is brighter or darker than the reference by about the same factor everywhere.
 
         It is a fault if the factor exceeds 1.5 and over 70 % of the blocks agree; also if that factor differs by as
-        much between frames, if only one of the two is black, if the two are each other's mirror image, and if the
-        factor depends on brightness. A reference that is the colour itself is only noted.
+        much between frames, if only one of the two is black, if the two are each other's mirror image, if their colours
+        differ, and if the factor depends on brightness. A reference that is the colour itself is only noted.
         """
         if min(self._lit) == 0 and max(self._lit) > MANY:  # in the dark a few of many samples may find a light
             dark = "reference" if self._lit[0] else "color"
@@ -119,8 +121,8 @@ class ExposureTally:
             if many:
                 return
             whole = whole._replace(of_blocks=blocks, of_means=means)  # of the other frames
-        if bent := list(self._tones.judge(brighter)):
-            yield from bent
+        if told := list(self._colours.judge()) or list(self._tones.judge(brighter)):
+            yield from told
             return
         factor = whole.without(0, 0)
         if abs(factor) >= log(TOLD):

@@ -15,6 +15,7 @@ from torch import Tensor
 
 from nte.checking.kinds import EXACT, KINDS, Fit, explain
 from nte.checking.normals import Turn, judge_turns, turn_of
+from nte.checking.origin import Origin, judge_origins, origin_of
 from nte.checking.values import MANY, Finding
 from nte.frames.frame import Frame
 from nte.motion.camera import points_from_depth, project
@@ -35,6 +36,7 @@ class GeometryTally:
 
     _fits: list[Fit] = field(default_factory=list)
     _turns: list[Turn] = field(default_factory=list)
+    _origins: list[Origin] = field(default_factory=list)
     _beside: list[float] = field(default_factory=list)  # px: how far from its pixel the camera sees a frame's surface
     _pixels: int = 0
     _alone: int = 0  # pixels that have a depth, but no normal (without normals: no instance)
@@ -71,6 +73,9 @@ class GeometryTally:
             fit, axis = explain(position[:, hit][:, ::step], depth[hit][::step])
             self._fits.append(fit)
             fits = fit.axis < FITS_NOT
+            if "position" in frame and fit.axis <= EXACT:
+                pixels = pixel_centres(depth[None, None])[0, :, hit][:, ::step]
+                self._origins.append(origin_of(position[:, hit][:, ::step], pixels, depth[hit][::step]))
         if "normal" in frame and fits and (turn := turn_of(frame["normal"][0].double(), position, hit, depth, axis)):
             self._turns.append(turn)
 
@@ -97,7 +102,10 @@ class GeometryTally:
         yield from self._judge_misses()
         if self._fits:
             yield from self._judge_depth()
-        yield from judge_turns(self._turns, self._shown_by)
+        elsewhere = list(judge_origins(self._origins))
+        yield from elsewhere
+        if not elsewhere:  # whose depth may point the other way
+            yield from judge_turns(self._turns, self._shown_by)
         if self._beside and (beside := median(self._beside)) > BESIDE:
             where = f"{beside:.3g} px beside them" if beside < float("inf") else "behind the camera"
             expected = "of each frame: view from world space, projection to [0, 1]² with y down; or no cameras"

@@ -23,6 +23,7 @@ SURE = 3.0  # standard errors of the mean of a bin that count as noise
 TRUSTED = 0.2  # greatest relative standard error of a bin that tells: fewer samples may have missed all the light
 BENT = 1.05  # least ratio between bins, beyond noise; measured: 0.99 at most in right clips, 1.07 to 30 with curves
 STOPS = 2  # stops of brightness that the bins must span to tell a gentle curve from none
+CAUSES = "a tone curve, an encoding, clipped, or another picture, such as a blurred one, or one of another frame"
 EXPECTED = "a multiple of color: linear light, not clipped, no tone curve, not encoded for display"
 
 
@@ -62,7 +63,7 @@ class ToneTally:
             ends = sorted((int(low.argmin()), int(high.argmax())))
             places = [f"{exp(ratios[i]):.3g} times where it is {exp(at[i]):.3g}" for i in ends]
             found = f"is no multiple of color, which is {' and '.join(places)} as bright"
-            yield Finding("reference", f"{found}: a tone curve, an encoding, or clipped", EXPECTED)
+            yield Finding("reference", f"{found}: {CAUSES}", EXPECTED)
 
     def not_judged(self) -> str:
         """Say why a curve could not be seen; "" if it could."""

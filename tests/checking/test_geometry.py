@@ -232,3 +232,30 @@ def test_a_z_buffer_without_position_is_never_plausible(tmp_path: Path) -> None:
     report = checked(tmp_path, buffer, ("position", "normal", "instance"))
     assert report.verdict == "undecidable"
     assert any("z-buffer" in f.found and f.doubt for f in report.findings)
+
+
+@pytest.mark.parametrize("count", [lambda z: z, lambda z: z + 5, lambda z: z - 1, lambda z: 100 - z, lambda z: 30 - z])
+@pytest.mark.parametrize("jittered", [False, True])
+def test_depth_from_another_plane_is_told_with_positions(
+    tmp_path: Path, count: Callable[[Pixels], Pixels], jittered: bool
+) -> None:
+    """It is a linear function of position as well, and only the pixels tell where the camera is."""
+
+    def change(f: dict[str, Pixels], i: int) -> dict[str, Pixels]:
+        depth, position = moved_in_its_pixel(f, i) if jittered else (f["depth"], f["position"])
+        return {"depth": np.where(f["depth"] > 0, count(depth), 0), "position": position}
+
+    report = checked(tmp_path, change)
+    right = count(np.float32(1)) == 1
+    assert ("depth: counted from a plane" in report.reason) != right
+    assert report.verdict == ("plausible" if right else "implausible")
+    assert not [f for f in report.findings if f.channel == "normal"]  # whose side wrong depth cannot tell
+
+
+def moved_in_its_pixel(f: dict[str, Pixels], i: int) -> tuple[Pixels, Pixels]:
+    """Depth and position of a frame, seen up to half a pixel beside the pixels' centres; not at silhouettes."""
+    inside = np.abs(np.stack(np.gradient(f["depth"][0]))).max(0) < 0.3
+    by = RNG.uniform(-0.5, 0.5, (2, 1, *SIZE)) * inside
+    position = f["position"] + (by * np.stack(np.gradient(f["position"], axis=(2, 1)))).sum(0)
+    place, axes = camera(i)
+    return np.einsum("j,jhw->hw", axes[2], position - place.reshape(3, 1, 1))[None], position
