@@ -36,7 +36,7 @@ class FlipTally:
 
     def add(self, frame: Frame) -> None:
         """Add a PyTorch frame of batch 1."""
-        height, width = (max(1, side // _block(frame.size)) for side in frame.size)
+        height, width = (max(1, side // block_of(frame.size)) for side in frame.size)
         if min(height, width) < LEAST:
             return
         self._light = "reference" if "reference" in frame else "color"
@@ -44,31 +44,35 @@ class FlipTally:
         for name in (name for name in PICTURES if name in frame):
             guide = edges(picture(frame, name, (height, width)))
             for how, sides in {AS_IT_IS: (), **FLIPS}.items():
-                match = _correlation(light, guide.flip(sides))
+                match = correlation(light, guide.flip(sides))
                 self._matches[name, how] = self._matches.get((name, how), torch.zeros(())) + match
 
     def judge(self) -> Iterator[Finding]:
         """Yield a fault for each guide whose edges lie where those of the light are only after it is turned over."""
         for name in dict.fromkeys(name for name, _ in self._matches):
-            least = max(SHARP, BETTER * _height(self._matches[name, AS_IT_IS]))
-            peaks = {how: _height(match) for how in FLIPS if (match := self._matches[name, how]).argmax() == 0}
+            least = max(SHARP, BETTER * height_at(self._matches[name, AS_IT_IS]))
+            peaks = {how: height_at(match) for how in FLIPS if (match := self._matches[name, how]).argmax() == 0}
             if peaks and max(peaks.values()) >= least:
                 how = max(peaks, key=lambda how: peaks[how])
                 yield Finding(name, f"shows the picture of {self._light} {how}", ORIENTATION)
 
 
-def _block(size: tuple[int, int]) -> int:
+def block_of(size: tuple[int, int]) -> int:
+    """Return the side of the blocks, in pixels, to which pictures of `size` are reduced."""
     return max(2, round(min(size) / BLOCKS))
 
 
-def _correlation(a: Tensor, b: Tensor) -> Tensor:
-    """Correlate two images (h, w) at every cyclic displacement (h, w); 0 if one of them is constant."""
+def correlation(a: Tensor, b: Tensor) -> Tensor:
+    """Correlate two images (h, w) at every cyclic displacement (h, w); 0 if one of them is constant.
+
+    At (y, x), a is as far below and to the right of b.
+    """
     a, b = a - a.mean(), b - b.mean()
     product: Tensor = torch.fft.irfft2(torch.fft.rfft2(a) * torch.fft.rfft2(b).conj(), s=a.shape)
     sizes: Tensor = a.norm() * b.norm()
     return product / sizes.clamp(min=1e-30)
 
 
-def _height(match: Tensor) -> float:
-    """Measure how far a correlation at no displacement lies above its mean, in standard deviations."""
-    return float((match[0, 0] - match.mean()) / match.std().clamp(min=1e-12))
+def height_at(match: Tensor, place: tuple[int, int] = (0, 0)) -> float:
+    """Measure how far a correlation at displacement `place` (x, y) lies above its mean, in standard deviations."""
+    return float((match[place[1], place[0]] - match.mean()) / match.std().clamp(min=1e-12))

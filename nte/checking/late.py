@@ -11,9 +11,11 @@ from collections import defaultdict
 from collections.abc import Iterator, Sequence
 from typing import NamedTuple
 
+import torch
 from torch import Tensor
 
 from nte.checking.edges import edges, picture
+from nte.checking.flips import correlation
 from nte.checking.values import Finding
 from nte.frames.channels import GUIDES
 from nte.frames.frame import Frame
@@ -36,6 +38,7 @@ class Match(NamedTuple):
     late: float  # the light of the first frame and the channel of the second
     early: float  # the light of the second frame and the channel of the first
     itself: float  # the channel of the first frame and that of the second
+    beside: Tensor  # (h, w), at every displacement in the same frame, mean of both frames
     pixels: int
 
 
@@ -59,40 +62,44 @@ class LateTally:
         for name in (name for name in SHOWN if name in current):
             self._of_guides[name].append(_match(light, [edges(picture(f, name, size)) for f in pair]))
 
-    def judge(self) -> Iterator[Finding]:
-        """Yield a fault for a reference that shows a neighbouring frame of colour, else for each guide that does."""
-        if when := _shows(self._of_reference):
+    def judge(self, displaced: bool = False) -> Iterator[Finding]:
+        """Yield a fault for a reference that shows a neighbouring frame of colour, else for each guide that does.
+
+        A guide does not if it matches the same frame better at another place. displaced: the reference may do so, too.
+        """
+        if when := _shows(self._of_reference, displaced):
             yield Finding("reference", f"shows what color shows {when}", SAME_FRAME)
             return
         for name, matches in self._of_guides.items():
-            if when := _shows(matches):
+            if when := _shows(matches, True):
                 yield Finding(name, f"shows what reference shows {when}", SAME_FRAME)
 
 
 def _match(light: Sequence[Tensor], channel: Sequence[Tensor]) -> Match:
     (first, second), (before, now) = light, channel
-    each = _correlation(first, before), _correlation(second, now)
+    each = float(correlation(first, before)[0, 0]), float(correlation(second, now)[0, 0])
     same, fading = (each[0] + each[1]) / 2, (each[0] - each[1]) / 2
-    late, early = _correlation(first, now), _correlation(second, before)
-    return Match(same, fading, late, early, _correlation(before, now), now.numel())
+    late, early = float(correlation(first, now)[0, 0]), float(correlation(second, before)[0, 0])
+    beside = (correlation(first, before) + correlation(second, now)) / 2
+    return Match(same, fading, late, early, float(correlation(before, now)[0, 0]), beside, now.numel())
 
 
-def _shows(matches: Sequence[Match]) -> str:
-    """Say in words which neighbouring frame of the light a channel shows; "" if it shows the same one, or unknown."""
+def _shows(matches: Sequence[Match], displaced: bool) -> str:
+    """Say in words which neighbouring frame of the light a channel shows; "" if it shows the same one, or unknown.
+
+    displaced: it does not if it matches the same frame better at another place.
+    """
     if len(matches) < ENOUGH:
         return ""
     least = SIGMAS * (len(matches) / matches[0].pixels) ** 0.5
     fading = abs(sum(m.fading for m in matches))  # light that fades, or becomes noisy, matches all frames less and less
+    beside = float(torch.stack([m.beside for m in matches]).sum(0).max()) if displaced else 0.0
     found = {}
     for when, other in (("one frame earlier", "late"), ("one frame later", "early")):
         gains = [getattr(m, other) - m.same for m in matches]
         expected = sum((1 - m.itself) * max(m.same, getattr(m, other), 0.0) for m in matches)
+        if sum(getattr(m, other) for m in matches) < beside:
+            continue
         if sum(gains) - fading > max(least, SCORE * expected, AGREE * sum(map(abs, gains))):
             found[when] = sum(gains)
     return max(found, key=lambda when: found[when], default="")
-
-
-def _correlation(a: Tensor, b: Tensor) -> float:
-    """Correlate two images (h, w); 0 if one of them is constant."""
-    a, b = a - a.mean(), b - b.mean()
-    return float((a * b).sum() / (a.norm() * b.norm()).clamp(min=1e-30))

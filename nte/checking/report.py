@@ -11,6 +11,7 @@ from nte.checking.blank import BlankTally, StoppedTally
 from nte.checking.cameras import Prediction, judge_cameras, prediction
 from nte.checking.cells import cell_votes
 from nte.checking.cuts import judge_frames, unlike_before
+from nte.checking.displaced import DisplacedTally
 from nte.checking.exposure import ExposureTally
 from nte.checking.flips import ORIENTATION, FlipTally
 from nte.checking.forward import Returns, judge_returns, returns
@@ -147,6 +148,7 @@ def check(clip: Clip | Path | str) -> CheckReport:
     tallies: dict[str, Tally] = defaultdict(Tally)
     exposure, flips, guides, geometry = ExposureTally(), FlipTally(), GuideTally(), GeometryTally()
     blank, stopped, late, planes, vectors = BlankTally(), StoppedTally(), LateTally(), PlaneTally(), _Vectors()
+    displaced = DisplacedTally()
     looked, voting = spread(FRAMES, 0, len(clip)), spread(PAIRS, 1, len(clip))
     previous: Frame | None = None
     for frame in clip:
@@ -156,6 +158,7 @@ def check(clip: Clip | Path | str) -> CheckReport:
         exposure.add(current)
         if current.index in looked:
             flips.add(current)
+            displaced.add(current)
             guides.add(current)
             geometry.add(current)
             planes.add(current)
@@ -167,8 +170,12 @@ def check(clip: Clip | Path | str) -> CheckReport:
         previous = current
     judgement = _judge_vectors(clip, vectors)
     right = judgement.verdict == "plausible"
-    of_other_frames = list(late.judge())
+    beside = list(displaced.judge())
+    of_other_frames = list(late.judge(any(finding.channel == "reference" for finding in beside)))
     late_channels = {finding.channel for finding in of_other_frames}
+    # What moves along with a camera lies elsewhere in another frame, too.
+    of_other_frames += [f for f in beside if not {f.channel, "reference"} & late_channels]
+    late_channels |= {finding.channel for finding in of_other_frames}
     light = [f for f in exposure.judge() if f.expected != LINEAR or "reference" not in late_channels]
     turned = () if ORIENTATION in (f.expected for f in light) else flips.judge()  # the reference is turned over itself
     # What is late in one channel looks like another fault beside right ones: only the cause is told.
