@@ -10,6 +10,7 @@ import torch
 from nte.checking.blank import BlankTally, StoppedTally
 from nte.checking.cameras import Prediction, judge_cameras, prediction
 from nte.checking.cells import cell_votes
+from nte.checking.copies import CopyTally
 from nte.checking.cuts import judge_frames, unlike_before
 from nte.checking.displaced import DisplacedTally
 from nte.checking.exposure import ExposureTally
@@ -148,7 +149,7 @@ def check(clip: Clip | Path | str) -> CheckReport:
     tallies: dict[str, Tally] = defaultdict(Tally)
     exposure, flips, guides, geometry = ExposureTally(), FlipTally(), GuideTally(), GeometryTally()
     blank, stopped, late, planes, vectors = BlankTally(), StoppedTally(), LateTally(), PlaneTally(), _Vectors()
-    displaced = DisplacedTally()
+    displaced, copies = DisplacedTally(), CopyTally(clip)
     looked, voting = spread(FRAMES, 0, len(clip)), spread(PAIRS, 1, len(clip))
     previous: Frame | None = None
     for frame in clip:
@@ -159,6 +160,7 @@ def check(clip: Clip | Path | str) -> CheckReport:
         if current.index in looked:
             flips.add(current)
             displaced.add(current)
+            copies.add(current)
             guides.add(current)
             geometry.add(current)
             planes.add(current)
@@ -180,7 +182,7 @@ def check(clip: Clip | Path | str) -> CheckReport:
     turned = () if ORIENTATION in (f.expected for f in light) else flips.judge()  # the reference is turned over itself
     # What is late in one channel looks like another fault beside right ones: only the cause is told.
     along = [f for f in vectors.judge() if f.channel not in late_channels] if right else []
-    values = [*judge_values(tallies), *blank.judge(), *stopped.judge()]
+    values = [*judge_values(tallies), *blank.judge(), *stopped.judge(), *copies.judge()]
     units = vectors.judge_units() if judgement.verdict != "implausible" else ()  # wrong vectors lead elsewhere
     shapes = [*geometry.judge(), *planes.judge(), *units]
     findings = [*values, *of_other_frames, *light, *turned, *shapes, *along, *guides.judge()]

@@ -1,0 +1,77 @@
+"""Further noise seeds and the second half of the reference are looked at: they are the same light with other noise."""
+
+from collections.abc import Callable
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from nte.checking import CheckReport, check
+from nte.errors import NteError
+from nte.frames.clip import Clip, frame_path, write_frame
+from tests.checking.test_late import SHOTS, noisy
+from tests.synthetic import Pixels, write_clip
+
+WRONG: dict[str, tuple[Callable[[Pixels], Pixels], str]] = {
+    "black": (lambda x: 0 * x, "black everywhere"),
+    "not finite": (lambda x: np.where(x > 1, np.nan, x), "not finite"),
+    "another exposure": (lambda x: 3 * x, "times as bright"),
+    "upside down": (lambda x: x[:, ::-1], "upside down"),
+}
+RIGHT: Callable[[Pixels], Pixels] = lambda x: x  # noqa: E731
+
+
+def of_seeds(folder: Path, change: Callable[[Pixels], Pixels], seed: int = 100) -> CheckReport:
+    shots = SHOTS[:4]
+    path = write_clip(folder / "clip", [s | {"color": noisy(s["color"], i)} for i, s in enumerate(shots)], seeds=2)
+    (path / "seed_01").mkdir()
+    for i, shot in enumerate(shots):
+        color = np.ascontiguousarray(change(noisy(shot["color"], seed + i)), np.float32)
+        write_frame(frame_path(path, i, 1), {"color": color})
+    return check(Clip(path))
+
+
+def of_halves(folder: Path, change: Callable[[Pixels], Pixels], seed: int = 100) -> CheckReport:
+    frames = []
+    for i, shot in enumerate(SHOTS[:4]):
+        light = shot["reference"]
+        halves = noisy(light, i), np.asarray(change(noisy(light, seed + i)), np.float32)
+        others = {n: v for n, v in shot.items() if n != "reference"}
+        named = dict(zip(("reference_a", "reference_b"), halves, strict=True))
+        frames.append(others | named | {"color": noisy(light, 50 + i)})
+    return check(Clip(write_clip(folder / "clip", frames)))
+
+
+@pytest.mark.parametrize("name", WRONG)
+def test_a_wrong_seed_is_told(tmp_path: Path, name: str) -> None:
+    change, told = WRONG[name]
+    report = of_seeds(tmp_path, change)
+    assert report.verdict == "implausible"
+    assert any(f.channel == "color" and f.found.startswith("in seed 1: ") and told in f.found for f in report.findings)
+
+
+@pytest.mark.parametrize("name", [name for name in WRONG if name != "not finite"])
+def test_a_wrong_half_is_told(tmp_path: Path, name: str) -> None:
+    change, told = WRONG[name]
+    report = of_halves(tmp_path, change)
+    assert report.verdict == "implausible"
+    assert any(f.channel == "reference_b" and told in f.found for f in report.findings)
+
+
+@pytest.mark.parametrize("of", [of_seeds, of_halves])
+def test_a_copy_has_no_noise_of_its_own(tmp_path: Path, of: Callable[..., CheckReport]) -> None:
+    report = of(tmp_path, RIGHT, seed=0)
+    assert report.verdict == "implausible"
+    assert "is the same image as" in report.reason
+
+
+@pytest.mark.parametrize("of", [of_seeds, of_halves])
+def test_nothing_is_said_of_other_noise(tmp_path: Path, of: Callable[..., CheckReport]) -> None:
+    report = of(tmp_path, RIGHT)
+    assert report.verdict == "plausible"
+    assert not [f for f in report.findings if f.channel in ("color", "reference", "reference_b")]
+
+
+def test_a_seed_of_another_size_is_refused(tmp_path: Path) -> None:
+    with pytest.raises(NteError, match=r"seed_01/frame_0000\.exr"):
+        of_seeds(tmp_path, lambda x: x[:, :20])
