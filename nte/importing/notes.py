@@ -5,11 +5,16 @@ from collections.abc import Iterator, Mapping
 from pathlib import Path
 
 import numpy as np
+import numpy.typing as npt
 
 from nte.frames.channels import CHANNELS
 from nte.frames.clip import Pixels
+from nte.importing.channel_map import ChannelMap
+from nte.importing.convert import decoded
 
-_CUT = -0.1, 2.1  # albedo beyond this range has another scale; a specular and a transmitted colour add up to 2
+_CUT = -0.1, 1.1  # albedo beyond this range has another scale
+_OF_TWO = 2.1  # the same, where a specular and a transmitted colour are added
+_LEAST_NORMAL = 0.1  # components of a normal that is one; encoded, 0 is rounded
 _COARSE = 0.1  # px: vectors in steps above this are worth a word
 _MANY = 0.01  # share of the pixels beyond that range from which on the user is told
 
@@ -42,32 +47,61 @@ class OddValues:
 
 
 class LostValues:
-    """Counter of values that are lost because a map is wrong: albedo of another scale, depth of another sign."""
+    """Counter of values that are lost because a map is wrong: albedo of another scale, depth of another sign.
 
-    def __init__(self) -> None:
-        self._pixels = self._cut = self._hits = 0
-        self._albedo, self._depth = Range(), Range()
+    how: the map, with completed channels.
+    """
+
+    def __init__(self, how: ChannelMap) -> None:
+        albedo = how.channels.get("albedo")
+        self._most = _OF_TWO if albedo and (albedo.plus or albedo.where_dark) else _CUT[1]
+        self._encoded = how.normal.encoded
+        self._pixels = self._cut = self._hits = self._missed = self._decoded = 0
+        self._albedo, self._depth, self._missed_depth, self._normal = Range(), Range(), Range(), Range()
 
     def look(self, stored: Mapping[str, Pixels], ours: Mapping[str, Pixels]) -> None:
         """Add a frame of channels (C, H, W), before and after conversion; depths of the sky are infinite."""
+        self._pixels += stored["color"][0].size
         if "albedo" in stored:
             values = stored["albedo"]
             self._albedo.add(values)
-            self._pixels += values[0].size
-            self._cut += int(((values < _CUT[0]) | (values > _CUT[1])).any(0).sum())
+            self._cut += int(((values < _CUT[0]) | (values > self._most)).any(0).sum())
+        if self._encoded and "normal" in stored:
+            self._normal.add(stored["normal"])
+            self._decoded += int((stored["normal"] < _CUT[0]).any(0).sum())
         if "depth" in stored:
-            depth = np.abs(stored["depth"])
-            self._depth.add(stored["depth"][depth > 0])
-            self._hits += int((ours["depth"] > 0).sum())
+            depth, hit = stored["depth"], ours["depth"][0] > 0
+            self._depth.add(depth[np.abs(depth) > 0])
+            self._hits += int(hit.sum())
+            missed = self._shown(stored) & ~hit
+            self._missed += int(missed.sum())
+            self._missed_depth.add(depth[0][missed])
+
+    def _shown(self, stored: Mapping[str, Pixels]) -> npt.NDArray[np.bool_]:
+        """Mark the pixels (H, W) in which normals or instances show a surface."""
+        normal, instance = (stored.get(name, np.zeros_like(stored["depth"])) for name in ("normal", "instance"))
+        normal = decoded(normal) if self._encoded else normal
+        return np.asarray((np.abs(normal) > _LEAST_NORMAL).any(0) | (instance[0] != 0))
 
     def notes(self) -> Iterator[str]:
-        """Write a line for albedo if over 1 % of its pixels are cut, and for depth if no pixel shows a surface."""
+        """Write a line for albedo that is cut, for normals that are not encoded, and for surfaces without depth.
+
+        Each if it is so in over 1 % of the pixels.
+        """
         if self._cut > _MANY * self._pixels:
             share = f"{self._cut / self._pixels:.0%} of the pixels of albedo, which is stored as {self._albedo}"
             yield f"cut to [0, 1]: {share}: if that is another scale, say it with channels.albedo.scale"
+        if self._decoded > _MANY * self._pixels:
+            yield f"decoded: normal, which is stored as {self._normal}: n/2 + 1/2 is never negative, see normal.encoded"
+        hint = "see depth.scale, negative where depth counts downwards, and depth.sky"
         if self._depth.known and not self._hits:
-            hint = "see depth.scale, negative where depth counts downwards, and depth.sky"
             yield f"no pixel shows a surface: depth is stored as {self._depth}: {hint}"
+        elif self._missed > _MANY * self._pixels:
+            stored = (
+                f"stored as {self._missed_depth}" if self._missed_depth.known else "not finite, or beyond depth.sky"
+            )
+            share = f"{self._missed / self._pixels:.0%} of the pixels, whose normal or instance shows a surface"
+            yield f"made misses: {share}: their depth is {stored}: {hint}"
 
 
 class CoarseVectors:

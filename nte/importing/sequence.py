@@ -65,7 +65,7 @@ class ForeignSequence:
         self.ids = Ids()
         self.first: dict[str, tuple[Path, Found | None]] = {}
         self.subsampled: set[str] = set()
-        self.odd, self.lost, self.coarse = OddValues(), LostValues(), CoarseVectors()
+        self.odd, self.lost, self.coarse = OddValues(), LostValues(how), CoarseVectors()
 
     def __len__(self) -> int:
         return len(self.inputs[0].files)

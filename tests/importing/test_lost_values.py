@@ -1,0 +1,83 @@
+"""What a wrong map loses is told at import: the clip that is left looks right to `nte check`."""
+
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from nte.cli import main
+from tests.importing.producers import named, scene, write_layers, write_map
+from tests.synthetic import Pixels
+
+CHANNELS = {name: name for name in ("color", "albedo", "normal", "depth", "instance", "motion")}
+FRAMES = scene()
+HALF = FRAMES[0]["depth"].shape[2] // 2
+
+
+def layers(change: Callable[[dict[str, Pixels]], dict[str, Pixels]], without: tuple[str, ...] = ()) -> list[Any]:
+    written = []
+    for frame in FRAMES:
+        f = frame | change(frame)
+        own = {"depth.Z": f["depth"][0], "instance.X": f["instance"][0]} | named("motion", "XY", f["motion"])
+        own |= {k: v for n in ("color", "albedo") for k, v in named(n, "RGB", f[n]).items()}
+        own |= named("normal", "XYZ", f["normal"])
+        written.append({k: v for k, v in own.items() if k.split(".")[0] not in without})
+    return written
+
+
+def said(folder: Path, capsys: pytest.CaptureFixture[str], written: list[Any], **groups: Any) -> str:
+    about = {"channels": CHANNELS, "optional": True, **groups}
+    source, map_path = write_layers(folder / "shots", written), write_map(folder / "map.yaml", about)
+    main(["import", "exr", str(source), "--map", str(map_path), "--out", str(folder / "clip")])
+    return capsys.readouterr().out
+
+
+def left_of(f: dict[str, Pixels], depth: float) -> dict[str, Pixels]:
+    return {"depth": np.where(np.arange(f["depth"].shape[2]) < HALF, depth * f["depth"], f["depth"])}
+
+
+@pytest.mark.parametrize("without", [(), ("normal",), ("instance",)])
+@pytest.mark.parametrize(("depth", "stored"), [(-1.0, "is stored as -"), (np.nan, "is not finite, or beyond")])
+def test_surfaces_without_depth_are_told(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], depth: float, stored: str, without: tuple[str, ...]
+) -> None:
+    """Depth counted from the plane in focus, and one that is not a number."""
+    out = said(tmp_path, capsys, layers(lambda f: left_of(f, depth), without))
+    assert "made misses: 47% of the pixels, whose normal or instance shows a surface: their depth " + stored in out
+
+
+def test_a_limit_of_the_sky_amid_surfaces_is_told(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    limit = float(FRAMES[0]["depth"].max())
+    assert "made misses: " in said(tmp_path, capsys, layers(lambda f: {}), depth={"sky": limit})
+
+
+@pytest.mark.parametrize("miss", [0.0, -1.0, np.inf, np.nan, 1e10])
+def test_the_sky_is_no_loss(tmp_path: Path, capsys: pytest.CaptureFixture[str], miss: float) -> None:
+    out = said(tmp_path, capsys, layers(lambda f: {"depth": np.where(f["depth"] > 0, f["depth"], miss)}))
+    assert "misses" not in out
+    assert "decoded" not in out
+
+
+def test_encoded_normals_of_the_sky_are_no_surface(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    frames = layers(lambda f: {"normal": np.round(255 * (f["normal"] / 2 + 0.5)) / 255})
+    out = said(tmp_path, capsys, frames, normal={"encoded": True})
+    assert "misses" not in out
+    assert "decoded" not in out
+
+
+def test_normals_that_are_not_encoded_are_told(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    turned = layers(lambda f: {"normal": f["normal"] * np.reshape([1, 1, -1], (3, 1, 1))})
+    assert "decoded: normal, which is stored as -" in said(tmp_path, capsys, turned, normal={"encoded": True})
+
+
+@pytest.mark.parametrize("summed", [True, False])
+def test_albedo_that_is_twice_as_large_is_told(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], summed: bool
+) -> None:
+    """A sum of two colours may be 2."""
+    albedo = {"layer": "albedo", "plus": ["more"]} if summed else "albedo"
+    bright = layers(lambda f: {"albedo": np.clip(2 * f["albedo"], 0, 2)})
+    out = said(tmp_path, capsys, bright, channels=CHANNELS | {"albedo": albedo})
+    assert ("cut to [0, 1]: " in out) != summed
