@@ -19,7 +19,7 @@ def apply_kernels(image: Tensor, kernels: Tensor) -> Tensor:
     """
     padded = F.pad(image, [math.isqrt(int(kernels.shape[1])) // 2] * 4, mode="replicate")
     # A traced graph needs the plain operators, and inference has nothing to save for a backward pass.
-    if torch.is_grad_enabled() and not _is_tracing():
+    if torch.is_grad_enabled() and not is_tracing():
         filtered: Tensor = _ApplyKernels.apply(padded, kernels)  # type: ignore[no-untyped-call]
         return filtered
     return _sum_of_taps(padded, kernels)
@@ -73,11 +73,12 @@ def _sum_of_taps(padded: Tensor, kernels: Tensor) -> Tensor:
     for tap, (rows, columns) in enumerate(_windows(padded, kernels)):
         weight, shifted = kernels[:, tap : tap + 1], padded[:, :, rows, columns]
         # In place it takes a third of the time; in a graph it would become one more product.
-        filtered = filtered + weight * shifted if _is_tracing() else filtered.addcmul_(weight, shifted)
+        filtered = filtered + weight * shifted if is_tracing() else filtered.addcmul_(weight, shifted)
     return filtered
 
 
-def _is_tracing() -> bool:
+def is_tracing() -> bool:
+    """Whether a graph is made of what is computed now."""
     return torch.jit.is_tracing()  # type: ignore[attr-defined, no-any-return, no-untyped-call]
 
 

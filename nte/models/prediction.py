@@ -11,7 +11,7 @@ from torch import Tensor, nn
 from nte.errors import NteError, expected_one_of
 from nte.models.kernels import Downsample
 from nte.models.trainable import NetworkConfig
-from nte.models.unet import UNet, check_levels
+from nte.models.unet import check_levels
 
 LARGEST = 15.0  # of the logarithm of a weight
 TAPS = 11  # that are mixed: 3×3 pixels of half the resolution, the pixel itself, and its history; a prior is one more
@@ -22,7 +22,7 @@ class KernelConfig(NetworkConfig):
     """Settings that all networks share which predict kernels; the defaults are the paper's, where it states them."""
 
     channels: list[int] = field(default_factory=lambda: [32, 48, 64, 80, 96])  # U-Net, finest level first
-    front: int = 1  # factor of a pixel-unshuffle before the U-Net; 2 makes it work at half resolution
+    front: int = 1  # stride of the U-Net's first convolution; 2 makes it work at half resolution
     scales: int = 3  # kernels at full, 1/2 and 1/4 resolution; 1 is a single-scale network
     kernel_size: int = 5
     head_size: int = 3  # of the convolutions that predict kernels
@@ -61,23 +61,6 @@ class ScaleKernels(NamedTuple):
     alpha: Tensor | None  # weight of this scale in the next finer one; at the finest, of the frame against history
     temporal: Tensor | None  # of the warped history, at the finest scale
     mixing: Tensor | None = None  # (N, taps·4, H/2, W/2), at the finest scale: weights of nte.models.filtering.Mixing
-
-
-class Trunk(nn.Module):
-    """A U-Net behind a pixel-unshuffle: features (N, C, H, W) → decoder features per level, finest first.
-
-    front: factor of the unshuffle; level k works at 1/(front·2^k) of the image's size. Image sizes must be multiples of
-    front·2^(levels − 1).
-    """
-
-    def __init__(self, inputs: int, channels: Sequence[int], front: int) -> None:
-        super().__init__()
-        self.front = front
-        self.unet = UNet(inputs * front**2, channels)
-
-    def forward(self, features: Tensor) -> list[Tensor]:
-        """Compute the decoder features of every level, finest first."""
-        return list(self.unet(F.pixel_unshuffle(features, self.front) if self.front > 1 else features))
 
 
 class KernelHeads(nn.Module):

@@ -9,7 +9,7 @@ import torch
 from torch import Tensor, nn
 
 from nte.color import per_sequence
-from nte.frames.usable import usable_depth, usable_vector
+from nte.frames.usable import usable_depth, usable_vector, within
 from nte.motion.geometric import dual_motion, traditional_motion
 from nte.motion.warp import warp
 from nte.recurrence import FORWARD, Recurrent
@@ -60,7 +60,7 @@ class Reprojection(nn.Module):
         valid, disoccluded = vectors.valid & continues, vectors.disoccluded & continues
         if carried is not None:
             carried = warp(carried, vectors.motion).image
-            valid = valid & (carried.abs() < float("inf")).all(1, keepdim=True)
+            valid = valid & within(carried)
         return Reprojected(carried, valid, disoccluded, continues)
 
 

@@ -17,11 +17,11 @@ from nte.frames.usable import BRIGHTEST, usable_depth, usable_radiance
 from nte.models.carrying import Carrying, scaled
 from nte.models.filtering import Blending, Filtered, KernelApplication, padded
 from nte.models.kernels import Downsample
-from nte.models.prediction import KernelConfig, KernelHeads, ScaleKernels, Trunk
+from nte.models.prediction import KernelConfig, KernelHeads, ScaleKernels
 from nte.models.reading import check_inputs, demodulated, feature, usable_light
 from nte.models.reprojection import Reprojection
 from nte.models.trainable import TrainableDenoiser
-from nte.models.unet import xavier
+from nte.models.unet import UNet, xavier
 from nte.recurrence import FORWARD, Recurrent
 
 Lights = dict[str, Tensor]  # component → image (N, C, H, W)
@@ -145,7 +145,7 @@ class LightsPrediction(nn.Module):
 
     def __init__(self, inputs: int, config: SeparatedConfig) -> None:
         super().__init__()
-        self.trunk = Trunk(inputs, config.channels, config.front)
+        self.trunk = UNet(inputs, config.channels, config.front)
         self.heads = nn.ModuleDict(
             {
                 name: KernelHeads(

@@ -15,11 +15,11 @@ from nte.color import luminance
 from nte.errors import NteError
 from nte.models.carrying import Carrying, compressed_moments, scaled
 from nte.models.filtering import Blending, KernelApplication, Mixing, padded
-from nte.models.prediction import TAPS, KernelConfig, KernelHeads, Memory, Trunk
+from nte.models.prediction import TAPS, KernelConfig, KernelHeads, Memory
 from nte.models.reading import LightConfig, Reader, Seen
 from nte.models.reprojection import Reprojected, Reprojection, Statistics, accumulate
 from nte.models.trainable import TrainableDenoiser
-from nte.models.unet import xavier
+from nte.models.unet import UNet, xavier
 from nte.recurrence import FORWARD, Recurrent
 
 _PRIOR_TAP = TAPS - 1  # the last before history
@@ -178,7 +178,7 @@ class Prediction(nn.Module):
 
     def __init__(self, inputs: int, config: TemporalConfig) -> None:
         super().__init__()
-        self.trunk = Trunk(inputs, config.channels, config.front)
+        self.trunk = UNet(inputs, config.channels, config.front)
         self.heads = KernelHeads(
             config.channels, config.front, config.scales, config.kernel_size, config.head_size, config.temporal,
             TAPS + bool(config.prior) if config.finest == "mixing" else 0,

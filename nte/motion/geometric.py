@@ -10,6 +10,7 @@ import torch
 from torch import Tensor
 
 from nte.frames.frame import Frame
+from nte.frames.usable import within
 from nte.motion.warp import fetch_nearest, inside, nearest_index, pixel_centres, refuse_other_shape
 
 DISOCCLUSION_PX = 0.5  # a dual vector that differs by more than this from the traditional one marks a disocclusion
@@ -32,7 +33,7 @@ def traditional_motion(motion: Tensor) -> Reprojection:
     >>> vectors.motion[0, 0].tolist(), vectors.valid[0, 0].tolist()
     ([[-1.0, 0.0]], [[False, False]])
     """
-    finite = (motion.abs() < float("inf")).all(1, keepdim=True)
+    finite = within(motion)
     motion = torch.where(finite, motion, 0.0)
     valid = finite & inside(pixel_centres(motion) + motion)
     return Reprojection(motion, valid, torch.zeros_like(valid))
@@ -71,7 +72,7 @@ def dual_motion(
     previous = pixel_centres(motion) + traditional.motion
     # Nearest, not bilinear: a motion interpolated across an edge belongs to no surface.
     forward = fetch_nearest(previous_forward_motion, previous)
-    known = traditional.valid & (forward.abs() < float("inf")).all(1, keepdim=True)
+    known = traditional.valid & within(forward)
     dual = -torch.where(known, forward, 0.0)
     if depth is not None and previous_depth is not None:
         occluder = infinite_sky(fetch_nearest(previous_depth, previous))

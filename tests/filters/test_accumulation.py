@@ -167,6 +167,13 @@ def test_there_are_indices_for_as_many_pixels_as_8k_has() -> None:
     assert _index(place, np.float32([7680, 4320])[:, None, None]).item() == 7680 * 4320 - 1
 
 
+def test_strips_are_as_the_whole_image(monkeypatch: pytest.MonkeyPatch) -> None:
+    scene = Scene((1.7, -2.6))
+    whole = run(scene, 6)
+    monkeypatch.setattr("nte.filters.accumulation.STRIP", 8)
+    np.testing.assert_array_equal(run(scene, 6)[0], whole[0])
+
+
 def test_a_constant_stays_constant() -> None:
     color, history = np.full((3, 9, 7), 3.0, np.float32), None
     still = Surface(None, np.zeros((2, 9, 7), np.float32), np.ones((1, 9, 7), np.float32), None)

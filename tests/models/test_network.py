@@ -2,10 +2,11 @@
 
 import pytest
 import torch
+import torch.nn.functional as F
 
 from nte.errors import NteError
 from nte.models.temporal import TemporalConfig, TemporalDenoiser
-from nte.models.unet import UNet
+from nte.models.unet import ConvBlock, UNet
 from tests.networks import small_network
 
 
@@ -13,7 +14,7 @@ def test_the_papers_heads_have_51_26_and_26_channels() -> None:
     network = TemporalDenoiser(TemporalConfig())
     assert [head.out_channels for head in network.prediction.heads.heads] == [51, 26, 26]
     assert [head.in_channels for head in network.prediction.heads.heads] == [32, 48, 64]
-    assert network.prediction.trunk.unet.encoders[0][0].in_channels == 3 + 3 + 3 + 3 + 1
+    assert network.prediction.trunk.encoders[0][0].in_channels == 3 + 3 + 3 + 3 + 1
 
 
 def test_without_time_the_finest_head_has_25_channels_and_nothing_is_carried_but_depth() -> None:
@@ -21,7 +22,7 @@ def test_without_time_the_finest_head_has_25_channels_and_nothing_is_carried_but
     assert [head.out_channels for head in network.prediction.heads.heads] == [25, 26, 26]
     assert list(network.recurrent) == ["previous_depth"]
     assert network.extras == ("disoccluded", "valid")
-    assert network.prediction.trunk.unet.encoders[0][0].in_channels == 3 + 3 + 3 + 1
+    assert network.prediction.trunk.encoders[0][0].in_channels == 3 + 3 + 3 + 1
 
 
 def test_predicted_weights_are_positive_and_alpha_is_one_too() -> None:
@@ -44,10 +45,19 @@ def test_predicted_weights_are_positive_and_alpha_is_one_too() -> None:
 def test_a_front_works_at_a_fraction_of_the_resolution_and_predicts_at_all(front: int) -> None:
     network = small_network(front=front)
     seen: list[tuple[int, ...]] = []
-    network.prediction.trunk.unet.register_forward_hook(lambda _, inputs, __: seen.append(tuple(inputs[0].shape)))
+    network.prediction.trunk.encoders[0].register_forward_hook(lambda _, __, made: seen.append(tuple(made.shape[2:])))
     kernels, _ = network.prediction(torch.rand(1, 13, 32, 32))
-    assert seen == [(1, 13 * front**2, 32 // front, 32 // front)]
+    assert seen == [(32 // front, 32 // front)]
     assert [tuple(scale.spatial.shape) for scale in kernels] == [(1, 25, 32 >> k, 32 >> k) for k in range(3)]
+
+
+def test_a_stride_is_a_convolution_of_unshuffled_pixels() -> None:
+    torch.manual_seed(0)
+    features, strided = torch.rand(2, 5, 12, 20), ConvBlock(5, 4, 2)[0]
+    # Places within 2×2 pixels from the kernel's rows and columns to its inputs, as a pixel-unshuffle has them.
+    weight = strided.weight.view(4, 5, 3, 2, 3, 2).permute(0, 1, 3, 5, 2, 4).reshape(4, 20, 3, 3)
+    expected = F.conv2d(F.pixel_unshuffle(features, 2), weight, strided.bias, padding=1)
+    torch.testing.assert_close(strided(features), expected)
 
 
 def test_the_decoder_returns_every_level_finest_first() -> None:

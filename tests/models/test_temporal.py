@@ -76,7 +76,7 @@ def test_the_first_frame_takes_the_noisy_image_for_the_warped_one() -> None:
     network = small_network()
     (frame,) = random_frames(1)
     seen: list[Tensor] = []
-    network.prediction.trunk.unet.register_forward_hook(lambda _, inputs, __: seen.append(inputs[0]))
+    network.prediction.trunk.register_forward_hook(lambda _, inputs, __: seen.append(inputs[0]))
     run(network, [frame])
     compressed, warped = seen[0][:, :3], seen[0][:, -3:]
     assert torch.equal(compressed, warped)
@@ -87,7 +87,7 @@ def test_later_frames_take_the_warped_history() -> None:
     frame, following = random_frames(2)
     following["motion"][:] = 0
     seen: list[Tensor] = []
-    network.prediction.trunk.unet.register_forward_hook(lambda _, inputs, __: seen.append(inputs[0]))
+    network.prediction.trunk.register_forward_hook(lambda _, inputs, __: seen.append(inputs[0]))
     _, state = network.step(frame, None)
     network.step(following, state)
     torch.testing.assert_close(seen[1][:, -3:], torch.log1p(state.tensors["history"]), atol=1e-4, rtol=1e-4)

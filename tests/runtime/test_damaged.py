@@ -53,7 +53,7 @@ def of_nan(weights: np.ndarray) -> np.ndarray:
 @pytest.mark.parametrize(
     ("change", "message"),
     [
-        (of_nan, "the weights 'prediction.trunk.unet.encoders.1.0.weight' are not finite"),
+        (of_nan, "the weights 'prediction.trunk.encoders.1.0.weight' are not finite"),
         (lambda weights: weights * np.float32(np.inf), "the weights '.*' are not finite"),
         (lambda weights: weights.astype(np.int32), "not a readable ONNX model"),
         (lambda weights: weights.view(np.int32), "not a readable ONNX model"),

@@ -71,7 +71,7 @@ def test_the_comparison_sees_a_difference(network: TemporalDenoiser, model: Path
     assert typical < 1e-4
     assert worst < 0.05
     other = copy.deepcopy(network)
-    other.prediction.trunk.unet.encoders[0][0].weight += 1e-3
+    other.prediction.trunk.encoders[0][0].weight += 1e-3
     assert compare_with_torch(other, exported, (33, 47))[0] > 1e-4
 
 

@@ -20,7 +20,7 @@ def damage(path: Path, change: Callable[[dict[str, torch.Tensor]], object]) -> N
     write_checkpoint(path.parent, 8, state)  # with a checksum that fits
 
 
-WEIGHT = "denoiser.prediction.trunk.unet.encoders.0.0.weight"
+WEIGHT = "denoiser.prediction.trunk.encoders.0.0.weight"
 
 
 @pytest.mark.parametrize(
@@ -28,25 +28,25 @@ WEIGHT = "denoiser.prediction.trunk.unet.encoders.0.0.weight"
     [
         (
             lambda s: s.pop(WEIGHT),
-            "does not fit the configuration: 'prediction.trunk.unet.encoders.0.0.weight' is nothing",
+            "does not fit the configuration: 'prediction.trunk.encoders.0.0.weight' is nothing",
         ),
         (
             lambda s: s.update({WEIGHT: torch.ones(2)}),
-            r"'prediction.trunk.unet.encoders.0.0.weight' is float32 \(2,\), expected",
+            r"'prediction.trunk.encoders.0.0.weight' is float32 \(2,\), expected",
         ),
         (
             lambda s: s.update({WEIGHT: s[WEIGHT].int()}),
-            r"'prediction.trunk.unet.encoders.0.0.weight' is int32 .*, expected float32",
+            r"'prediction.trunk.encoders.0.0.weight' is int32 .*, expected float32",
         ),
         (
             lambda s: s[WEIGHT].view(-1)[3].fill_(torch.nan),
-            "'prediction.trunk.unet.encoders.0.0.weight' has values that are not finite",
+            "'prediction.trunk.encoders.0.0.weight' has values that are not finite",
         ),
         (lambda s: s["optimiser.3.exp_avg"].fill_(torch.inf), "'exp_avg' of parameter 3 is .* expected finite"),
         (lambda s: s.update({"denoiser.more": torch.ones(2)}), "'more' has no place in the network"),
         (
-            lambda s: s.pop("average.module.prediction.trunk.unet.encoders.0.0.bias"),
-            "'module.prediction.trunk.unet.encoders.0.0.bias' is nothing",
+            lambda s: s.pop("average.module.prediction.trunk.encoders.0.0.bias"),
+            "'module.prediction.trunk.encoders.0.0.bias' is nothing",
         ),
         (lambda s: [s.pop(name) for name in list(s) if name.startswith("optimiser.3.")], "no optimiser state of .* 3"),
         (lambda s: s.pop("random.torch"), "'random.torch' is missing"),

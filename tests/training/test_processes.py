@@ -16,7 +16,7 @@ from tests.training.runs import checkpoint, config_file, metrics, start, tiny_co
 
 pytestmark = pytest.mark.slow
 TORCHRUN = ("-m", "torch.distributed.run", "--standalone", "--nproc_per_node=2", "train.py")
-WEIGHT = "denoiser.prediction.trunk.unet.encoders.0.0.weight"
+WEIGHT = "denoiser.prediction.trunk.encoders.0.0.weight"
 
 
 def test_two_processes_do_what_one_does_with_the_same_batch_and_one_of_them_writes(tmp_path: Path) -> None:

@@ -56,7 +56,7 @@ def test_the_same_seed_gives_the_same_weights_and_another_seed_others(
 ) -> None:
     assert_same_run(train(tiny_config(tmp_path, noisy_disc), device="cpu"), finished)
     other = train(tiny_config(tmp_path, noisy_disc, "seed=2", "name=other"), device="cpu")
-    name = "denoiser.prediction.trunk.unet.encoders.0.0.weight"
+    name = "denoiser.prediction.trunk.encoders.0.0.weight"
     assert not torch.equal(checkpoint(other)[name], checkpoint(finished)[name])
 
 
@@ -74,7 +74,7 @@ def test_training_learns(tmp_path: Path, noisy_disc: Path) -> None:
 
 def test_a_loaded_run_is_its_moving_average(finished: Path, tmp_path: Path, noisy_disc: Path) -> None:
     state = checkpoint(finished)
-    name = "prediction.trunk.unet.encoders.0.0.weight"
+    name = "prediction.trunk.encoders.0.0.weight"
     loaded = load_run(finished)
     assert torch.equal(loaded.state_dict()[name], state[f"average.module.{name}"])
     assert not torch.equal(state[f"average.module.{name}"], state[f"denoiser.{name}"])
@@ -106,7 +106,7 @@ def test_a_run_whose_configuration_names_no_kind_of_network_is_of_the_first_kind
 
 
 def test_the_moving_average_by_hand(tmp_path: Path, noisy_disc: Path) -> None:
-    name = "prediction.trunk.unet.encoders.0.0.weight"
+    name = "prediction.trunk.encoders.0.0.weight"
     weights, averages = [], []
     for steps in (1, 2):
         choices = f"phases=[{{steps: {steps}}}]", f"name=run{steps}", "optimiser.schedule=constant"
@@ -119,7 +119,7 @@ def test_the_moving_average_by_hand(tmp_path: Path, noisy_disc: Path) -> None:
 
 def test_bfloat16_trains(tmp_path: Path, noisy_disc: Path) -> None:
     run = train(tiny_config(tmp_path, noisy_disc, "precision=bf16-mixed", "phases=[{steps: 2}]"), device="cpu")
-    weights = checkpoint(run)["denoiser.prediction.trunk.unet.encoders.0.0.weight"]
+    weights = checkpoint(run)["denoiser.prediction.trunk.encoders.0.0.weight"]
     assert weights.dtype == torch.float32
     assert weights.isfinite().all()
 

@@ -181,7 +181,7 @@ def test_the_best_checkpoint_is_that_of_the_best_validation(tmp_path: Path, nois
     assert state["psnr"].item() == psnr[best]
     loaded = load_run(run / "best.safetensors")
     assert validate(loaded, ValidationSet([Clip(noisy_disc)], 1)).psnr == pytest.approx(psnr[best])
-    name = "prediction.trunk.unet.encoders.0.0.weight"
+    name = "prediction.trunk.encoders.0.0.weight"
     assert not torch.equal(loaded.state_dict()[name], load_run(run).state_dict()[name])
     assert f"best validation: {psnr[best]:.2f} dB after {best} steps, in {run / 'best.safetensors'}" in describe(run)
     typed = load_denoiser(str(run / "best.safetensors"))
