@@ -3,6 +3,8 @@
 Hanika, Tessari and Dachsbacher 2021, «Fast Temporal Reprojection without Motion Vectors», section 3.1.
 """
 
+from typing import NamedTuple
+
 import torch
 from torch import Tensor
 
@@ -12,52 +14,77 @@ from nte.motion.patch_distance import REACH, best_shift, distance_along
 from nte.motion.pyramid import SCALE, Known, Level, pyramid, upsample
 from nte.motion.search import Search
 from nte.motion.warp import fetch_along
-from nte.motion.whole_shift import whole_shift
+from nte.motion.whole_shift import nearest_shift, whole_shift
 
 _ENOUGH = 32  # least number of pixels along each axis for a reliable shift of the whole image
 
 
-def search_levels(current: Tensor, previous: Tensor, known: Known | None, search: Search) -> Tensor:
+class Pan(NamedTuple):
+    """The shift of a whole image, in px."""
+
+    x: int
+    y: int
+    step: int  # px of which x and y are multiples, and to which they are known
+
+    def times(self, unit: int) -> "Pan":
+        """Return the shift in pixels that are smaller by this factor."""
+        return Pan(self.x * unit, self.y * unit, self.step * unit)
+
+
+class Searched(NamedTuple):
+    """The result of the search in one image, in px of its finest level."""
+
+    motion: Tensor  # (1, 2, H, W)
+    pan: Pan | None  # None where the two finest levels reach the whole image's shift by themselves
+
+
+def search_levels(current: Tensor, previous: Tensor, known: Known | None, search: Search) -> Searched:
     """Find the motion (1, 2, H, W), px, of one image level by level, from the coarsest to the finest.
 
     current and previous (1, C, H, W): finite, in the scale in which the norm compares them. Where motion is known it is
     returned as it is. A pan of the whole image is one of the motions around which the coarser levels search.
     """
     levels = pyramid(current, previous, known, len(search.radii))
-    whole = _whole_motion(levels)
+    pan = _find_pan(levels)
+    whole = current.new_tensor([pan.x, pan.y] if pan else [0, 0]).view(1, 2, 1, 1)
     motion: Tensor | None = None
     for level in reversed(range(len(levels))):
         motion = _search_level(levels[level], motion, whole / SCALE**level, search, level)
     assert motion is not None
-    return _settled(levels[0], motion, search) if whole.any() else motion
+    return Searched(motion, pan)
 
 
-def _settled(images: Level, motion: Tensor, search: Search) -> Tensor:
-    """The motion of the finest level, replaced by the median motion, that of the pan, wherever that fits no worse.
+def settled(now: Tensor, before: Tensor, motion: Tensor, pan: Pan, search: Search, unit: int) -> Tensor:
+    """Replace motion (1, 2, H, W), px, by that of a pan wherever that fits no worse.
 
-    In nearly flat parts of a panned image, noise and rounding mislead the search by whole pixels.
+    In nearly flat parts of a panned image, noise and rounding mislead the search by whole pixels, and around details of
+    a pixel the coarse levels see nothing. The pan's motion is the median, or the whole-pixel shift that fits the image
+    best: where most of it is flat, the median is that of flat parts. now and before (1, C, H, W): images as
+    `search_levels` takes them, at full size. pan: in px of these. unit: side of a pixel of the search, px.
     """
-    now, before, known = images
+
+    def distance_of(other: Tensor) -> Tensor:
+        return distance_along(now, before, other.expand_as(motion), search.norm, unit * search.radii[0])
+
     middle = motion.flatten(2).median(2).values[..., None, None]
-    distance = distance_along(now, before, motion, search.norm, search.radii[0])
-    for pan in (middle, middle.round()):
-        other = pan.expand_as(motion)
-        its_distance = distance_along(now, before, other, search.norm, search.radii[0])
+    nearest = motion.new_tensor(nearest_shift(now, before, *pan)).view_as(middle)
+    fits = [(distance_of(other), other) for other in (middle, nearest)]
+    distance = distance_of(motion)
+    for its_distance, other in sorted(fits, key=lambda fit: -float(fit[0].mean())):  # the better one wins ties
         better = its_distance <= distance
         motion, distance = torch.where(better, other, motion), torch.where(better, its_distance, distance)
-    return motion if known is None else torch.where(known.mask, known.motion, motion)
+    return motion
 
 
-def _whole_motion(levels: list[Level]) -> Tensor:
-    """The shift (1, 2, 1, 1) of the whole image, in px of the finest level, measured in whole px of the second finest.
+def _find_pan(levels: list[Level]) -> Pan | None:
+    """The shift of the whole image, in px of the finest level, measured in whole px of the second finest.
 
-    The shift is 0 where the two finest levels reach it by themselves.
+    None where the two finest levels reach it by themselves.
     """
     level = int(len(levels) > 1 and min(levels[1].current.shape[-2:]) >= _ENOUGH)
     now, before, _ = levels[level]
     x, y = whole_shift(now, before, farthest=0.5)
-    near = max(abs(x), abs(y)) <= REACH
-    return now.new_tensor([0, 0] if near else [x, y]).view(1, 2, 1, 1) * float(SCALE**level)
+    return None if max(abs(x), abs(y)) <= REACH else Pan(x, y, 1).times(SCALE**level)
 
 
 def _search_level(images: Level, coarser: Tensor | None, whole: Tensor, search: Search, level: int) -> Tensor:

@@ -14,7 +14,7 @@ import torch
 from torch import Tensor
 
 from nte.errors import NteError
-from nte.motion.coarse_to_fine import search_levels
+from nte.motion.coarse_to_fine import search_levels, settled
 from nte.motion.patch_distance import distance_along
 from nte.motion.pyramid import (
     SCALE,
@@ -96,10 +96,15 @@ def find_motion(
 def _find_alone(current: Tensor, previous: Tensor, search: Search, known: Known | None) -> Tensor:
     """The motion of one image (1, C, H, W), as `find_motion` returns it."""
     now, before = (_scaled(image, search) for image in (current, previous))
-    if _unit(current, search) == 1:
-        return search_levels(now, before, known, search)
-    now, before = smaller(now, 2), smaller(before, 2)
-    motion = upsample(search_levels(now, before, known and smaller_known(known, 2), search), current, 2) * 2
+    unit = _unit(current, search)
+    if unit == 1:
+        motion, pan = search_levels(now, before, known, search)
+    else:
+        small = known and smaller_known(known, unit)
+        motion, pan = search_levels(smaller(now, unit), smaller(before, unit), small, search)
+        motion = upsample(motion, current, unit) * unit
+    if pan is not None:
+        motion = settled(now, before, motion, pan.times(unit), search, unit)
     return motion if known is None else torch.where(known.mask, known.motion, motion)
 
 

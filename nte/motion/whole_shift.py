@@ -3,9 +3,13 @@
 Kuglin and Hines 1975, «The Phase Correlation Image Alignment Method».
 """
 
+from itertools import product
+
 import torch
 import torch.nn.functional as F
 from torch import Tensor
+
+from nte.motion.pyramid import smaller
 
 _PEAKS = 16  # highest peaks of the phase correlation that are tried
 _FRACTION = 1 / 3  # a pixel, in units of the means' spacing
@@ -16,6 +20,8 @@ _LEAST = 0.1  # share of the means that must count
 _ROUNDING = 1e-5  # of the largest value: a smaller difference is none
 _MEAN = 3  # px: side of the squares whose means are compared, against noise
 _SMALLEST = 3 * _MEAN  # px: the least overlap
+# Shifts around one that is known to a pixel of twice the size, the shortest first, since the first wins ties.
+_AROUND = sorted(product(range(-2, 3), repeat=2), key=lambda shift: shift[0] ** 2 + shift[1] ** 2)
 
 
 def whole_shift(current: Tensor, previous: Tensor, farthest: float = 0.25) -> tuple[int, int]:
@@ -39,6 +45,28 @@ def whole_shift(current: Tensor, previous: Tensor, farthest: float = 0.25) -> tu
             if found < (_BETTER - _CHANCE / count**0.5) * least:
                 best, least = (x, y), found
     return best
+
+
+def nearest_shift(current: Tensor, previous: Tensor, x: int, y: int, step: int) -> tuple[int, int]:
+    """Find the whole-pixel shift near (x, y), px, with the least mean |current(p) − previous(p + shift)|.
+
+    current and previous (1, C, H, W): finite. step: px, a power of two; x and y are multiples of it, and known to it.
+    The overlap must be longer than twice as much along each axis.
+    """
+    while step > 1:
+        step //= 2
+        now, then = smaller(current, step), smaller(previous, step)
+        near = [(x + step * right, y + step * down) for right, down in _AROUND]
+        x, y = min(near, key=lambda shift: _mean_difference(now, then, shift[0] // step, shift[1] // step))
+    return x, y
+
+
+def _mean_difference(current: Tensor, previous: Tensor, x: int, y: int) -> float:
+    """The mean |current(p) − previous(p + shift)| of the overlap."""
+    height, width = current.shape[-2:]
+    now = current[..., max(-y, 0) : height - max(y, 0), max(-x, 0) : width - max(x, 0)]
+    then = previous[..., max(y, 0) : height + min(y, 0), max(x, 0) : width + min(x, 0)]
+    return float((now - then).abs_().mean())
 
 
 def _peaks(current: Tensor, previous: Tensor) -> list[tuple[int, int]]:

@@ -23,7 +23,7 @@ from nte.motion.correspondence import (
     rejection_mask,
 )
 from nte.motion.search import RADII
-from nte.motion.warp import pixel_centres
+from nte.motion.warp import inside, pixel_centres, warp
 
 STEADY = Search(RADII["noisy"], "l1", smoothing=(4, 2, 1))
 
@@ -350,6 +350,41 @@ def test_a_pan_is_found_below_a_sky_that_fills_most_of_the_image(noise: str, pan
     apart = apart[: size[0] - y, : size[1] - x][there]
     assert apart.median() < 0.35
     assert apart.mean() < 0.5
+
+
+def stars(size: tuple[int, int]) -> Tensor:
+    """Points of a pixel on black, one in 400 pixels, (1, 1, H, W)."""
+    generator = torch.Generator().manual_seed(3)
+    bright, chosen = torch.rand(2, 1, 1, *size, generator=generator)
+    return torch.where(chosen < 1 / 400, 0.2 + 0.8 * bright, 0.0)
+
+
+def stripes(size: tuple[int, int]) -> Tensor:
+    """Slanted waves that fit nearly as well a period away, with a little texture, (1, 1, H, W)."""
+    rows, columns = torch.meshgrid(torch.arange(size[0]) + 0.5, torch.arange(size[1]) + 0.5, indexing="ij")
+    waves = 0.2 * torch.sin((0.7 * rows + columns) / 9) + 0.2 * torch.sin((rows - 0.4 * columns) / 23)
+    return (0.5 + waves + 0.08 * texture(size))[None, None]
+
+
+@pytest.mark.parametrize(
+    ("draw", "noise"), [*((stars, noise) for noise in SEARCHES), (stripes, "clean"), (stripes, "moderate")]
+)
+@pytest.mark.parametrize("pan", [(24, 9), (-48, -18), (48, -18)])
+def test_a_pan_is_found_where_patches_see_nothing_or_fit_elsewhere(
+    draw: Callable[[tuple[int, int]], Tensor], noise: str, pan: tuple[int, int]
+) -> None:
+    """The image as a whole tells a pan to the pixel, and colours fetched along it are right."""
+    x, y = pan
+    image = draw((257 + abs(y), 321 + abs(x)))
+    previous = image[..., max(-y, 0) :, max(-x, 0) :][..., :257, :321]
+    current = image[..., max(y, 0) :, max(x, 0) :][..., :257, :321]
+    motion = find_correspondence(current, previous, SEARCHES[noise]).motion
+    seen = inside(pixel_centres(current) + motion.new_tensor([x, y]).view(1, 2, 1, 1))
+    apart = (motion - motion.new_tensor([x, y]).view(1, 2, 1, 1)).square().sum(1, keepdim=True).sqrt()[seen]
+    assert apart.median() < 0.1
+    assert apart.mean() < 0.5
+    change = (warp(previous, motion).image - current).abs()[seen].mean()
+    assert change < 0.1 * (previous - current).abs()[seen].mean()
 
 
 def test_a_still_thing_before_a_pan_stands_still() -> None:

@@ -3,8 +3,8 @@
 import pytest
 import torch
 
-from nte.motion.whole_shift import whole_shift
-from tests.motion.test_correspondence import hills, noisy, texture
+from nte.motion.whole_shift import nearest_shift, whole_shift
+from tests.motion.test_correspondence import hills, noisy, stars, texture
 
 
 @pytest.mark.parametrize(("x", "y"), [(0, 0), (7, 0), (-31, 12), (40, -25), (-3, -44)])
@@ -16,6 +16,19 @@ def test_a_shift_is_found_whatever_its_sign_and_the_size_of_the_image(x: int, y:
     current = large[..., 50 + y : 50 + y + size[0], 50 + x : 50 + x + size[1]] + noise[1]
     found = whole_shift(current, previous)
     assert max(abs(found[0] - x), abs(found[1] - y)) <= 1  # to a pixel under noise
+
+
+@pytest.mark.parametrize("shift", [(24, 9), (-31, 18), (5, -22), (-17, -3)])
+@pytest.mark.parametrize("step", [1, 4, 8])
+def test_a_shift_known_roughly_is_found_to_the_pixel(shift: tuple[int, int], step: int) -> None:
+    """Of an image that is all but flat, whose details are single pixels."""
+    (x, y), size = shift, (101, 133)
+    large = stars((size[0] + 100, size[1] + 100)).repeat(1, 2, 1, 1)
+    previous = large[..., 50 : 50 + size[0], 50 : 50 + size[1]]
+    current = large[..., 50 + y : 50 + y + size[0], 50 + x : 50 + x + size[1]]
+    roughly = (step * round(x / step), step * round(y / step))
+    assert nearest_shift(current, previous, *roughly, step) == shift
+    assert nearest_shift(current * 0, previous * 0, *roughly, step) == roughly
 
 
 def test_what_moves_by_itself_does_not_count_as_the_whole() -> None:
