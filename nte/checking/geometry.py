@@ -73,7 +73,7 @@ class GeometryTally:
             fit, axis = explain(position[:, hit][:, ::step], depth[hit][::step])
             self._fits.append(fit)
             fits = fit.axis < FITS_NOT
-            if "position" in frame and fit.axis <= EXACT:
+            if "position" in frame and axis is not None and fit.axis <= EXACT:
                 pixels = pixel_centres(depth[None, None])[0, :, hit][:, ::step]
                 self._origins.append(origin_of(position[:, hit][:, ::step], pixels, depth[hit][::step]))
         if "normal" in frame and fits and (turn := turn_of(frame["normal"][0].double(), position, hit, depth, axis)):

@@ -10,6 +10,7 @@ import torch
 from nte.checking.blank import BlankTally, StoppedTally
 from nte.checking.cameras import Prediction, judge_cameras, prediction
 from nte.checking.cells import cell_votes
+from nte.checking.components import ComponentTally
 from nte.checking.copies import CopyTally
 from nte.checking.cuts import judge_frames, unlike_before
 from nte.checking.displaced import DisplacedTally
@@ -23,6 +24,7 @@ from nte.checking.late import LateTally
 from nte.checking.objects import object_votes
 from nte.checking.order import Order, depth_order, is_known, judge_order
 from nte.checking.planes import PlaneTally
+from nte.checking.repeats import RepeatTally
 from nte.checking.residuals import Mean, add_errors, visible_in_both
 from nte.checking.sample import FRAMES, PAIRS, spread
 from nte.checking.sky import SkyMotion, judge_sky, sky_motion
@@ -149,7 +151,7 @@ def check(clip: Clip | Path | str) -> CheckReport:
     tallies: dict[str, Tally] = defaultdict(Tally)
     exposure, flips, guides, geometry = ExposureTally(), FlipTally(), GuideTally(), GeometryTally()
     blank, stopped, late, planes, vectors = BlankTally(), StoppedTally(), LateTally(), PlaneTally(), _Vectors()
-    displaced, copies = DisplacedTally(), CopyTally(clip)
+    displaced, copies, components, repeats = DisplacedTally(), CopyTally(clip), ComponentTally(), RepeatTally()
     looked, voting = spread(FRAMES, 0, len(clip)), spread(PAIRS, 1, len(clip))
     previous: Frame | None = None
     for frame in clip:
@@ -161,9 +163,12 @@ def check(clip: Clip | Path | str) -> CheckReport:
             flips.add(current)
             displaced.add(current)
             copies.add(current)
+            components.add(current)
             guides.add(current)
             geometry.add(current)
             planes.add(current)
+        if previous is not None:
+            repeats.add(previous, current)
         if previous is not None and current.index in voting:
             late.add(previous, current)
         if previous is not None and "motion" in current:
@@ -182,7 +187,8 @@ def check(clip: Clip | Path | str) -> CheckReport:
     turned = () if ORIENTATION in (f.expected for f in light) else flips.judge()  # the reference is turned over itself
     # What is late in one channel looks like another fault beside right ones: only the cause is told.
     along = [f for f in vectors.judge() if f.channel not in late_channels] if right else []
-    values = [*judge_values(tallies), *blank.judge(), *stopped.judge(), *copies.judge()]
+    singles = (blank, stopped, repeats, copies, components)
+    values = [*judge_values(tallies), *(finding for tally in singles for finding in tally.judge())]
     units = vectors.judge_units() if judgement.verdict != "implausible" else ()  # wrong vectors lead elsewhere
     shapes = [*geometry.judge(), *planes.judge(), *units]
     findings = [*values, *of_other_frames, *light, *turned, *shapes, *along, *guides.judge()]

@@ -133,6 +133,9 @@ def _judge(name: str, entry: Tally) -> Iterator[Finding]:
         yield Finding(name, found, expected, entry.far > MOST * entry.pixels)
     if name in NEVER_BLACK and not entry.seen:
         yield Finding(name, "0 everywhere", "values above 0: it may come from another layer than meant", fault=False)
+    elif name == "albedo" and entry.low == entry.high:
+        found = f"{entry.low:.4g} everywhere"
+        yield Finding(name, found, "the colour of each surface: it may stand for none at all", fault=False)
     if row.kind == "direction":
         yield from _judge_directions(name, entry)
     elif entry.impossible:
