@@ -10,6 +10,7 @@ from collections.abc import Iterator
 from itertools import permutations
 
 import torch
+import torch.nn.functional as F
 from torch import Tensor
 
 from nte.checking.values import Finding
@@ -23,22 +24,26 @@ EXPECTED = "the colour space, white balance and order of components of color"
 
 
 class ColourTally:
-    """Sums of colour and reference over the frames of a clip, by block and component."""
+    """Sums over a clip, by block and component: of every other pixel of colour, of the rest, and of the reference."""
 
     def __init__(self) -> None:
         self._sums: Tensor | None = None
 
-    def add(self, color: Tensor, reference: Tensor) -> None:
-        """Add the means (3, h, w) of a frame's blocks."""
-        both = torch.stack([color, reference]).flatten(2)
-        self._sums = both if self._sums is None else self._sums + both
+    def add(self, color: Tensor, reference: Tensor, blocks: tuple[int, int]) -> None:
+        """Add the light (3, H, W) of a frame, as means of so many blocks (h, w)."""
+        odd = torch.arange(color.shape[1]).unsqueeze(1) + torch.arange(color.shape[2])
+        images = torch.stack([color * (odd % 2), color * (1 - odd % 2), reference])
+        means = F.adaptive_avg_pool2d(images, blocks).double().flatten(2)
+        self._sums = means if self._sums is None else self._sums + means
 
     def judge(self) -> Iterator[Finding]:
         """Yield a fault for a reference whose colours are others, in proportion to the light, or that is grey."""
         if self._sums is None:
             return
         means = self._sums.mean(1)
-        color, reference = self._sums[..., (means[0] > 0) & (means[1] > 0.01 * means[1].mean())]
+        lit = (means[:2] > 0).all(0) & (means[2] > 0.01 * means[2].mean())
+        first, second, reference = self._sums[..., lit]
+        color = first + second
         if color.shape[1] < ENOUGH:
             return
         apart = _apart(color, reference)
@@ -49,7 +54,8 @@ class ColourTally:
         matched = torch.cat(tested, 1).clamp(min=1e-30)
         given = torch.cat([color[:, odd], color[:, even]], 1)
         if _apart(reference, torch.ones_like(reference)) < GREY:
-            yield Finding("reference", "is grey, and color is not", EXPECTED)
+            if _apart(first, second) < apart:  # else what colour there is is noise
+                yield Finding("reference", "is grey, and color is not", EXPECTED)
         elif _apart(given, matched) < LEFT * apart and abs(_power(matched, given) - 1) < IN_PROPORTION:
             yield Finding("reference", f"has other colours than color: {_what_differs(color, reference)}", EXPECTED)
 

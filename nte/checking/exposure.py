@@ -75,7 +75,7 @@ class ExposureTally:
         if scale := _scale(color, reference):
             self._scales[frame.index] = scale
         self._tones.add(frame)
-        self._colours.add(sums[0, :3], sums[0, 3:])
+        self._colours.add(light[0, :3], light[0, 3:], (height, width))
         self._color = color if self._color is None else self._color + color
         self._reference = reference if self._reference is None else self._reference + reference
 

@@ -38,7 +38,7 @@ class Match(NamedTuple):
     late: float  # the light of the first frame and the channel of the second
     early: float  # the light of the second frame and the channel of the first
     itself: float  # the channel of the first frame and that of the second
-    beside: Tensor  # (h, w), at every displacement in the same frame, mean of both frames
+    beside: Tensor | None  # (h, w), at every displacement in the same frame, mean of both; None if others match less
     pixels: int
 
 
@@ -77,11 +77,11 @@ class LateTally:
 
 def _match(light: Sequence[Tensor], channel: Sequence[Tensor]) -> Match:
     (first, second), (before, now) = light, channel
-    each = float(correlation(first, before)[0, 0]), float(correlation(second, now)[0, 0])
+    each = _correlation(first, before), _correlation(second, now)
     same, fading = (each[0] + each[1]) / 2, (each[0] - each[1]) / 2
-    late, early = float(correlation(first, now)[0, 0]), float(correlation(second, before)[0, 0])
-    beside = (correlation(first, before) + correlation(second, now)) / 2
-    return Match(same, fading, late, early, float(correlation(before, now)[0, 0]), beside, now.numel())
+    late, early = _correlation(first, now), _correlation(second, before)
+    beside = (correlation(first, before) + correlation(second, now)) / 2 if max(late, early) > same else None
+    return Match(same, fading, late, early, _correlation(before, now), beside, now.numel())
 
 
 def _shows(matches: Sequence[Match], displaced: bool) -> str:
@@ -93,13 +93,20 @@ def _shows(matches: Sequence[Match], displaced: bool) -> str:
         return ""
     least = SIGMAS * (len(matches) / matches[0].pixels) ** 0.5
     fading = abs(sum(m.fading for m in matches))  # light that fades, or becomes noisy, matches all frames less and less
-    beside = float(torch.stack([m.beside for m in matches]).sum(0).max()) if displaced else 0.0
+    gain = [m for m in matches if m.beside is not None] if displaced else []
+    beside = float(torch.stack([m.beside for m in gain if m.beside is not None]).sum(0).max()) if gain else 0.0
     found = {}
     for when, other in (("one frame earlier", "late"), ("one frame later", "early")):
         gains = [getattr(m, other) - m.same for m in matches]
         expected = sum((1 - m.itself) * max(m.same, getattr(m, other), 0.0) for m in matches)
-        if sum(getattr(m, other) for m in matches) < beside:
+        if sum(getattr(m, other) for m in gain) < beside:
             continue
         if sum(gains) - fading > max(least, SCORE * expected, AGREE * sum(map(abs, gains))):
             found[when] = sum(gains)
     return max(found, key=lambda when: found[when], default="")
+
+
+def _correlation(a: Tensor, b: Tensor) -> float:
+    """Correlate two images (h, w); 0 if one of them is constant."""
+    a, b = a - a.mean(), b - b.mean()
+    return float((a * b).sum() / (a.norm() * b.norm()).clamp(min=1e-30))

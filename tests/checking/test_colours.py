@@ -58,4 +58,7 @@ def test_grey_pictures_and_noise_of_each_component_are_right() -> None:
     grey = [tuple(x.mean(0, keepdims=True).repeat(3, 0) for x in pair) for pair in lights()]
     assert not told([(color, reference) for color, reference in grey])
     rng = np.random.default_rng(3)
-    assert not told([(r * rng.exponential(size=r.shape), r) for _, r in lights()])
+    for pairs in (grey, lights()):
+        assert not told([(r * rng.exponential(size=r.shape), r) for _, r in pairs])
+        few = [(r * 20 * (rng.random(r.shape) < 0.05), r) for _, r in pairs]
+        assert not [f for f in told(few) if f.fault]
