@@ -16,6 +16,7 @@ Array = npt.NDArray[np.float64]
 Light = Callable[[Array], Array]  # directions (…, 3) → radiance (…, 3)
 SIZE = (36, 48)
 WALL, SLANTED = np.array([0, 0, 1.0]), np.array([-0.4, 0.5, 0.768]) / np.linalg.norm([-0.4, 0.5, 0.768])
+SLOPES = np.array([0, 0.5**0.5, 0.5**0.5]), np.array([0, -(0.5**0.5), 0.5**0.5])
 TOWARDS = np.array([0.3, 0.5, 0.81]) / np.linalg.norm([0.3, 0.5, 0.81])  # where the lamp of `lobe` is
 
 
@@ -100,6 +101,48 @@ def test_at_rest_light_from_few_directions_keeps_its_energy(
 
 def test_so_does_it_on_a_surface_that_moves_by_parts_of_pixels() -> None:
     assert np.abs(bias(coloured, lambda _: SLANTED, motion=0.37)).max() < 0.01
+
+
+def ridge(index: int, light: Light, speed: float) -> tuple[Frame, int]:
+    """Two slopes that face each other's side at 90°, whose ridge moves down, and the first row of the lower one."""
+    first = 10 + speed * index
+    rows = np.arange(SIZE[0]) + 0.5
+    normal = np.where(rows[:, None, None] < first, *SLOPES) + np.zeros((*SIZE, 3))
+    sphere = np.random.default_rng([index, 3]).normal(size=normal.shape)
+    direction = normal + 0.9999 * sphere / np.linalg.norm(sphere, axis=-1, keepdims=True)
+    direction /= np.linalg.norm(direction, axis=-1, keepdims=True)
+    normal, direction, radiance = (v.transpose(2, 0, 1)[None] for v in (normal, direction, light(direction)))
+    down = np.array([0, speed]).reshape(1, 2, 1, 1) + np.zeros((1, 2, *SIZE))
+    channels = {
+        "normal": normal,
+        "albedo": np.ones_like(normal),
+        "indirect": radiance,
+        "indirect_radiance": radiance,
+        "indirect_direction": direction,
+        "motion": -down,
+        "previous_forward_motion": down,
+    }
+    arrays = {name: np.asarray(values, np.float32) for name, values in channels.items()}
+    return plane(index, SIZE, **arrays), int(np.ceil(first - 0.5))
+
+
+@pytest.mark.parametrize("indirect", ["cones", "colour"])
+@pytest.mark.parametrize("towards", [(0, 0, 1.0), (0, -0.9, 0.44)], ids=["both slopes", "one slope"])
+def test_light_keeps_to_its_own_side_of_a_ridge_that_moves_by_parts_of_pixels(
+    towards: tuple[float, float, float], indirect: str
+) -> None:
+    """Between pixels of both slopes, samples of one would be taken for those of directions in which they do not lie."""
+
+    def lamp(direction: Array) -> Array:
+        return np.repeat(direction @ np.array(towards)[:, None] > 0.85, 3, -1).astype(float)
+
+    session, rows = Session(Trmv(TrmvOptions("indirect", indirect=indirect, clamp=float("inf")))), []  # type: ignore[arg-type]
+    for index in range(36):
+        frame, first = ridge(index, lamp, 0.37)
+        image = np.asarray(session.step(frame).image)[0].mean((0, 2))
+        rows.append(image[first - 2 : first + 2])
+    truth = [lamp(stratified(90_000, normal, np.random.default_rng(1))).mean() for normal in SLOPES]
+    np.testing.assert_allclose(np.mean(rows[20:], 0), np.repeat(truth, 2), atol=0.015)
 
 
 def turning(degrees: float, about: tuple[float, float, float]) -> Callable[[int], Array]:

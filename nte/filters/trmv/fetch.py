@@ -3,19 +3,22 @@
 from typing import NamedTuple
 
 import torch
+import torch.nn.functional as F
 from torch import Tensor
 
 from nte.filters.trmv.inputs import FrameInputs
 from nte.motion.geometric import Reprojection
+from nte.motion.neighbours import pairs
 from nte.motion.warp import fetch_bilinear, inside, nearest_index, pixel_centres
 
 DEEPER = 0.1  # relative tolerance of depth, which leaves room for motion in depth
 LEAST_WEIGHT = 0.01  # least sum of the bilinear weights of pixels that show the surface
+ALIKE = 0.9  # n·n′ of pixels that are interpolated, 26°: cones of one number lie elsewhere at another normal
 CORNERS = ((0, 0), (1, 0), (0, 1), (1, 1))
 
 
 class MixedPixels(NamedTuple):
-    """The P pixels whose four source pixels do not all show the same surface, and the weights to use for them."""
+    """The P pixels whose four source pixels may not all show the same surface, and the weights to use for them."""
 
     at: tuple[Tensor, Tensor, Tensor]  # indices (P,) of batch, row and column
     source: Tensor  # (4, P) row-major indices of the four pixels
@@ -56,7 +59,7 @@ def fetch_from_surface(vectors: Reprojection, inputs: FrameInputs) -> Fetcher:
 
     Where the surface was hidden, so that history comes from beside the occluder, the expected depth is that of the
     nearest pixel there. A miss matches a miss. Depths are compared as 1/z, which is linear in the image on any plane,
-    however steep.
+    however steep. Where surfaces meet, depths are equal, and only pixels that face the same way are used.
     """
     plain = fetch_from_anything(vectors)
     if inputs.before is None:
@@ -71,25 +74,52 @@ def fetch_from_surface(vectors: Reprojection, inputs: FrameInputs) -> Fetcher:
         index = nearest_index(position)
         return index, before.gather(2, index).view_as(x)
 
-    _, beside = at(end)
+    nearest, beside = at(end)
     # Where a dual vector leaves the image, the traditional one is used, which ends on the occluder.
     dual = vectors.disoccluded & (vectors.motion != inputs.traditional.motion).any(1, keepdim=True)
     expected = torch.where(dual, beside, inputs.guide.disparity)
     room = expected * DEEPER + inputs.guide.slope.abs().sum(1, keepdim=True)
-    sources, weights, whole = [], [], torch.ones_like(plain.valid)
+    whole = ~_creased(inputs.before.normal).flatten(2).gather(2, nearest).view_as(x)
+    sources, weights = [], []
     for right, down in CORNERS:
         index, seen = at(corner.floor() + corner.new_tensor([right + 0.5, down + 0.5]).view(1, 2, 1, 1))
         same = ((seen - expected).abs() <= room) & ((seen > 0) == (expected > 0))
         weights.append((x if right else 1 - x) * (y if down else 1 - y) * same)
         whole &= same
         sources.append(index)
-    total = weights[0] + weights[1] + weights[2] + weights[3]
     n, row, column = (~whole & plain.valid)[:, 0].nonzero(as_tuple=True)
-    found = total[n, 0, row, column]
-    share = torch.where(found >= LEAST_WEIGHT, 1 / found.clamp(min=LEAST_WEIGHT), 0.0)
+    source = torch.stack([index[n, 0, row * width + column] for index in sources])
+    weight = torch.stack([share[n, 0, row, column] for share in weights])
+    facing = inputs.before.normal.flatten(2)[n, :, source]  # (4, P, 3)
+    weight = weight * _alike(facing, inputs.gbuffer.normal[n, :, row, column], weight)
+    total = weights[0] + weights[1] + weights[2] + weights[3]
+    total[n, 0, row, column] = found = weight.sum(0)
     mixed = MixedPixels(
         (n, row, column),
-        torch.stack([source[n, 0, row * width + column] for source in sources]),
-        torch.stack([weight[n, 0, row, column] * share for weight in weights]),
+        source,
+        weight * torch.where(found >= LEAST_WEIGHT, 1 / found.clamp(min=LEAST_WEIGHT), 0.0),
     )
     return Fetcher(vectors.motion, plain.valid & (total >= LEAST_WEIGHT), mixed)
+
+
+def _creased(normal: Tensor) -> Tensor:
+    """Mark the pixels of normals (N, 3, H, W) with others around them that face elsewhere: (N, 1, H, W), bool."""
+    marks = torch.zeros_like(normal[:, :1])
+    for axis in (2, 3):
+        one, other = pairs(normal, axis, 1)
+        apart = ((one * other).sum(1, keepdim=True) < ALIKE).to(marks.dtype)
+        for side in pairs(marks, axis, 1):
+            side.add_(apart)
+    return F.max_pool2d(marks, 3, 1, 1) > 0
+
+
+def _alike(facing: Tensor, normal: Tensor, weight: Tensor) -> Tensor:
+    """Tell which of four pixels' normals, (4, P, 3), are like that of the pixel that faces most like `normal`, (P, 3).
+
+    Not like `normal` itself, since surfaces turn. weight (4, P): of the pixels; one under LEAST_WEIGHT leads none.
+    Returns (4, P), bool.
+    """
+    likeness = torch.where(weight >= LEAST_WEIGHT, (facing * normal).sum(2), -2.0)
+    best = facing.gather(0, likeness.argmax(0)[None, :, None].expand(1, -1, 3))
+    # A sky has no normal: its pixels are alike.
+    return ((facing * best).sum(2) >= ALIKE) | (best == 0).all(2)
