@@ -209,8 +209,8 @@ def refuse_other_size(frame: Frame, was: tuple[int, ...]) -> None:
     now = frame.batch, *frame.size
     if now != was:
         raise NteError(
-            f"frame {frame.index}: (batch, height, width) is {now} after {was}: start a new sequence (state None) "
-            "for another size"
+            f"frame {frame.index}: (batch, height, width) is {now} after {was}: start a new sequence "
+            "(Session.reset, or state None) for another size"
         )
 
 

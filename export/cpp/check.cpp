@@ -71,6 +71,7 @@ int main(int count, char** arguments) {
     try {
         const Path folder = arguments[2];
         std::ifstream stream(folder / "vectors.json");
+        if (!stream) throw std::runtime_error((folder / "vectors.json").string() + ": cannot be read");
         const Json index = Json::parse(stream);
         nte::Denoiser denoiser(arguments[1]);
         const auto& every = denoiser.outputs();

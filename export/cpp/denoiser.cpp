@@ -25,6 +25,12 @@ Names dimensions(const Ort::ConstTensorTypeAndShapeInfo& info) {
     return named;
 }
 
+std::string text(const std::vector<std::int64_t>& size) {
+    std::string joined;
+    for (const auto length : size) joined += (joined.empty() ? "" : ", ") + std::to_string(length);
+    return joined;
+}
+
 }  // namespace
 
 Denoiser::Denoiser(const std::filesystem::path& model, const Ort::SessionOptions& options)
@@ -47,6 +53,10 @@ Tensors Denoiser::denoise(const Tensors& frame, const Names& wanted) {
     const auto given = frame.find(description_.at("needs").at(0).get<std::string>());
     if (given == frame.end()) throw std::runtime_error("the frame lacks " + description_["needs"].dump());
     const auto batch = given->second.shape.at(0), height = given->second.shape.at(2), width = given->second.shape.at(3);
+    const std::vector<std::int64_t> size{batch, height, width};
+    if (!state_.empty() && size != size_)
+        throw std::runtime_error("batch, height and width are " + text(size) + " after " + text(size_) +
+                                 ": call reset before another size");
     Tensors feed = frame;
     feed["reset"] = filled({batch}, state_.empty() ? 1.0f : 0.0f);
     if (inputs_.count(FORWARD) && !frame.count(FORWARD))  // the graph makes it where it is NaN everywhere
@@ -63,6 +73,7 @@ Tensors Denoiser::denoise(const Tensors& frame, const Names& wanted) {
     for (const auto& [name, source] : description_.at("state").items())
         if (inputs_.count(name)) next[name] = results.count(source) ? results.at(source) : feed.at(source);
     state_ = std::move(next);
+    size_ = size;
     for (auto name = made.begin() + static_cast<std::ptrdiff_t>(wanted.size()); name != made.end(); ++name)
         results.erase(*name);
     return results;

@@ -28,7 +28,8 @@ public:
     void reset() { state_.clear(); }
 
     // Denoises the next frame; returns the wanted outputs. frame: all channels of description()["needs"], `exposure`
-    // and `depth_scale`. Throws std::runtime_error for an input that is missing.
+    // and `depth_scale`. Throws std::runtime_error for an input that is missing, and for another size without a reset;
+    // the state is then that of the frame before.
     Tensors denoise(const Tensors& frame, const Names& wanted = {"image"});
 
     // Runs the graph alone. feed: every input, the state among them.
@@ -46,6 +47,7 @@ private:
     std::map<std::string, Names> inputs_;  // input → its dimensions: numbers, or names of free ones
     Names outputs_;
     Tensors state_;  // recurrent inputs of the next frame; empty before the first one of a sequence
+    std::vector<std::int64_t> size_;  // batch, height and width of the sequence
 };
 
 }  // namespace nte

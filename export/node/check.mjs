@@ -19,7 +19,10 @@ async function read(file) {
   return bytes.buffer.slice(bytes.byteOffset, bytes.byteOffset + bytes.byteLength);
 }
 
-const denoiser = await Denoiser.load(ort, await readFile(model));
+const bytes = await readFile(model);
+const denoiser = await Denoiser.load(ort, bytes).catch((error) => {
+  throw new Error(`${model}: ${error.message}`);
+});
 const { frames, tolerance } = await readIndex(read);
 const ways = {
   "with the state of the files": (inputs) => denoiser.run(inputs),

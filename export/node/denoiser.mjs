@@ -8,6 +8,7 @@ const FORWARD = "previous_forward_motion";
 export class Denoiser {
   #session;
   #state = {}; // recurrent input → tensor; empty before the first frame of a sequence
+  #size = ""; // batch, height and width of the sequence
 
   /** Load a model. bytes: content of the .onnx file. options: as of ort.InferenceSession.create. */
   static async load(ort, bytes, options = {}) {
@@ -32,17 +33,25 @@ export class Denoiser {
    * Denoise the next frame: resolve to the wanted outputs as tensors, by name.
    *
    * frame: a tensor for each channel of description.needs, `exposure` and `depth_scale`, by name; others are ignored.
+   * After an error the state is that of the frame before.
    */
   async denoise(frame, wanted = ["image"]) {
+    const lacking = this.description.needs.filter((name) => !frame[name]);
+    const given = Object.keys(frame).join(", ");
+    if (lacking.length) throw new Error(`the frame lacks ${lacking.join(", ")}; it has ${given}`);
     const [batch, , height, width] = frame[this.description.needs[0]].dims;
     const first = Object.keys(this.#state).length === 0;
-    if (first) this.#state = this.#zeros(batch, height, width);
+    const size = [batch, height, width].join();
+    if (!first && size !== this.#size)
+      throw new Error(`batch, height and width are ${size} after ${this.#size}: call reset before another size`);
+    const state = first ? this.#zeros(batch, height, width) : this.#state;
     const reset = this.#filled(first ? 1 : 0, [batch]);
     const motion = frame.motion && { [FORWARD]: this.#filled(NaN, frame.motion.dims) }; // the graph makes it then
-    const feed = { ...motion, ...frame, ...this.#state, reset };
+    const feed = { ...motion, ...frame, ...state, reset };
     const sources = this.recurrent.map(([, source]) => source).filter((source) => this.outputs.includes(source));
     const made = await this.run(feed, [...new Set([...wanted, ...sources])]);
     this.#state = Object.fromEntries(this.recurrent.map(([name, source]) => [name, made[source] ?? feed[source]]));
+    this.#size = size;
     return Object.fromEntries(wanted.map((name) => [name, made[name]]));
   }
 

@@ -118,6 +118,42 @@ def test_a_program_sees_what_is_wrong(check: list[str], model: Path, vectors: Pa
     assert said.count("more than 0.001") == 2
 
 
+MISTAKES = """
+import { readFileSync } from "node:fs";
+import * as ort from "onnxruntime-node";
+import { Denoiser } from "./denoiser.mjs";
+import { difference } from "./vectors.mjs";
+const [model, folder] = process.argv.slice(2);
+const { frames } = JSON.parse(readFileSync(`${folder}/vectors.json`));
+const tensor = ({ file, shape }) =>
+  new ort.Tensor("float32", new Float32Array(new Uint8Array(readFileSync(`${folder}/${file}`)).buffer), shape);
+const read = (listed) => Object.fromEntries(Object.entries(listed).map(([name, entry]) => [name, tensor(entry)]));
+const denoiser = await Denoiser.load(ort, readFileSync(model));
+for (const frame of frames) {
+  const inputs = read(frame.inputs);
+  const smaller = new ort.Tensor("float32", new Float32Array(3 * 32 * 32), [1, 3, 32, 32]);
+  const mistakes = [{ exposure: undefined }, { motion: undefined }, { color: smaller }];
+  for (const mistake of mistakes.slice(0, frame === frames[0] ? 2 : 3)) // the first frame may have any size
+    await denoiser.denoise({ ...inputs, ...mistake }).catch((error) => console.log(error.message));
+  const { image } = await denoiser.denoise(inputs);
+  console.log(difference(image.data, tensor(frame.outputs.image).data) < 1e-3);
+}
+"""
+
+
+@pytest.mark.slow
+@needs("node", "npm")
+def test_a_sequence_goes_on_after_a_mistake(node: list[str], model: Path, vectors: Path) -> None:
+    """In the first frame as well, whose state is that of no frame."""
+    script = Path(node[1]).with_name("mistakes.mjs")
+    script.write_text(MISTAKES)
+    code, said = run(["node", str(script)], model, vectors / "hard")
+    assert code == 0, said
+    assert said.count("true") == 4, said
+    assert said.count("the frame lacks motion; it has ") == 4, said
+    assert said.count("batch, height and width are 1,32,32 after 1,40,48: call reset before another size") == 3, said
+
+
 @pytest.mark.slow
 def test_a_file_that_is_no_model_is_told(check: list[str], vectors: Path, tmp_path: Path) -> None:
     import onnx
