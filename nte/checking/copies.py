@@ -20,10 +20,10 @@ class CopyTally:
 
     def __init__(self, clip: Clip) -> None:
         self._clip = clip
-        self._light = {seed: ExposureTally() for seed in range(1, clip.seeds)}
+        self._light = {seed: ExposureTally(one_noise=True) for seed in range(1, clip.seeds)}
         self._values: dict[int, dict[str, Tally]] = {seed: defaultdict(Tally) for seed in range(1, clip.seeds)}
         self._noisy = [name for name in clip.channels if CHANNELS[name].noisy]
-        self._halves = ExposureTally()
+        self._halves = ExposureTally(one_noise=True)
 
     def add(self, frame: Frame) -> None:
         """Add a PyTorch frame of batch 1 of the clip. Raises NteError for a seed's file that cannot be read."""

@@ -44,15 +44,18 @@ class _Scale(NamedTuple):
 
 
 class ExposureTally:
-    """Sums of colour and reference over the frames of a clip, block by block."""
+    """Sums of colour and reference over the frames of a clip, block by block.
 
-    def __init__(self) -> None:
+    one_noise: the two are equally noisy, as two seeds are.
+    """
+
+    def __init__(self, one_noise: bool = False) -> None:
         self._color: Tensor | None = None
         self._reference: Tensor | None = None
         self._lit = 0.0, 0.0  # greatest share of a frame's pixels in which color and reference show light
         self._same = True  # so far colour and reference are one image
         self._scales: dict[int, _Scale] = {}  # of frames that are lit
-        self._tones, self._colours = ToneTally(), ColourTally()
+        self._tones, self._colours = ToneTally(one_noise), ColourTally()
 
     def add(self, frame: Frame) -> None:
         """Add a PyTorch frame of batch 1, if it has both channels; pixels that are bad in one of them count as 0."""

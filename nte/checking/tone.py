@@ -28,9 +28,13 @@ EXPECTED = "a multiple of color: linear light, not clipped, no tone curve, not e
 
 
 class ToneTally:
-    """Sums of colour and reference by brightness of the reference, of each frame."""
+    """Sums of colour and reference by brightness of the reference, of each frame.
 
-    def __init__(self) -> None:
+    one_noise: the two are equally noisy, and are sorted by the brightness of their sum.
+    """
+
+    def __init__(self, one_noise: bool = False) -> None:
+        self._one_noise = one_noise
         self._sums: dict[int, Tensor] = {}  # frame → (4, BINS): count, color, its square, reference
 
     def add(self, frame: Frame) -> None:
@@ -43,7 +47,9 @@ class ToneTally:
         cut = torch.where(good, both, 0.0)[..., : height * SIDE, : width * SIDE]
         blocks = cut.reshape(2, 3, height, SIDE, width, SIDE).transpose(3, 4)
         odd = (torch.arange(SIDE).unsqueeze(1) + torch.arange(SIDE)) % 2 == 1
-        sorts = blocks[1][..., odd].mean(-1).flatten()
+        sorting = blocks[..., odd].mean(-1).flatten(1)
+        means = sorting.mean(1, keepdim=True).clamp(min=1e-30)  # a sum of equal parts, whatever their scales
+        sorts = (sorting / means).mean(0) * means[1] if self._one_noise else sorting[1]
         color, reference = blocks[..., ~odd].mean(-1).flatten(1)
         lit = sorts > 0
         bins = (A_STOP * sorts[lit].log2()).floor().long().add(MIDDLE).clamp(0, BINS - 1)

@@ -169,14 +169,15 @@ class Clip:
         if "forward_motion" in stored:
             self._last_forward = index, stored["forward_motion"]
         noisy = [name for name in wanted if name in CHANNELS and CHANNELS[name].noisy]
-        others = [self._read(frame_path(self.folder, index, seed)) for seed in seeds if seed]
+        paths = [frame_path(self.folder, index, seed) for seed in seeds if seed]
+        others = [(other, self._read(other)) for other in paths]
         arrays: dict[str, Pixels] = {}
         for name in wanted:
             if previous_forward is not None and name == "previous_forward_motion":
                 arrays[name] = previous_forward
             elif name in noisy and others:
-                sources = [*([stored] if 0 in seeds else []), *others]
-                arrays[name] = _mean_of_seeds(name, [self._pick(s, name, path) for s in sources])
+                sources = [*([(path, stored)] if 0 in seeds else []), *others]
+                arrays[name] = _mean_of_seeds(name, [self._pick(read, name, file) for file, read in sources])
             else:
                 arrays[name] = self._pick(stored, name, path)
         return Frame({name: a[None] for name, a in arrays.items()}, index=index, **self._about(index))

@@ -21,21 +21,25 @@ WRONG: dict[str, tuple[Callable[[Pixels], Pixels], str]] = {
 RIGHT: Callable[[Pixels], Pixels] = lambda x: x  # noqa: E731
 
 
-def of_seeds(folder: Path, change: Callable[[Pixels], Pixels], seed: int = 100) -> CheckReport:
+def of_seeds(
+    folder: Path, change: Callable[[Pixels], Pixels], seed: int = 100, noise: Callable[[Pixels, int], Pixels] = noisy
+) -> CheckReport:
     shots = SHOTS[:4]
-    path = write_clip(folder / "clip", [s | {"color": noisy(s["color"], i)} for i, s in enumerate(shots)], seeds=2)
+    path = write_clip(folder / "clip", [s | {"color": noise(s["color"], i)} for i, s in enumerate(shots)], seeds=2)
     (path / "seed_01").mkdir()
     for i, shot in enumerate(shots):
-        color = np.ascontiguousarray(change(noisy(shot["color"], seed + i)), np.float32)
+        color = np.ascontiguousarray(change(noise(shot["color"], seed + i)), np.float32)
         write_frame(frame_path(path, i, 1), {"color": color})
     return check(Clip(path))
 
 
-def of_halves(folder: Path, change: Callable[[Pixels], Pixels], seed: int = 100) -> CheckReport:
+def of_halves(
+    folder: Path, change: Callable[[Pixels], Pixels], seed: int = 100, noise: Callable[[Pixels, int], Pixels] = noisy
+) -> CheckReport:
     frames = []
     for i, shot in enumerate(SHOTS[:4]):
         light = shot["reference"]
-        halves = noisy(light, i), np.asarray(change(noisy(light, seed + i)), np.float32)
+        halves = noise(light, i), np.asarray(change(noise(light, seed + i)), np.float32)
         others = {n: v for n, v in shot.items() if n != "reference"}
         named = dict(zip(("reference_a", "reference_b"), halves, strict=True))
         frames.append(others | named | {"color": noisy(light, 50 + i)})
@@ -70,6 +74,39 @@ def test_nothing_is_said_of_other_noise(tmp_path: Path, of: Callable[..., CheckR
     report = of(tmp_path, RIGHT)
     assert report.verdict == "plausible"
     assert not [f for f in report.findings if f.channel in ("color", "reference", "reference_b")]
+
+
+def splatted(light: Pixels, seed: int) -> Pixels:
+    """Noise of samples that count in the pixels around theirs as well, as with a Gaussian filter."""
+    image = noisy(light, seed) * np.random.default_rng(1000 + seed).exponential(size=light.shape[1:])
+    for axis in (1, 2):
+        image = 0.2 * np.roll(image, -1, axis) + 0.6 * image + 0.2 * np.roll(image, 1, axis)
+    return image.astype(np.float32)
+
+
+@pytest.mark.parametrize("of", [of_seeds, of_halves])
+def test_noise_that_neighbours_share_is_no_curve(tmp_path: Path, of: Callable[..., CheckReport]) -> None:
+    report = of(tmp_path, RIGHT, noise=splatted)
+    assert not [f for f in report.findings if f.found.startswith("in seed") or f.channel == "reference_b"]
+
+
+def curve(light: Pixels) -> Pixels:
+    return light / (1 + light)
+
+
+@pytest.mark.parametrize("of", [of_seeds, of_halves])
+def test_a_curve_is_told(tmp_path: Path, of: Callable[..., CheckReport]) -> None:
+    report = of(tmp_path, curve)
+    assert any("is no multiple of" in f.found for f in report.findings)
+
+
+def test_the_file_of_the_seed_that_lacks_a_channel_is_named(tmp_path: Path) -> None:
+    path = write_clip(tmp_path / "clip", SHOTS[:2], seeds=2)
+    (path / "seed_01").mkdir()
+    for i in range(2):
+        write_frame(frame_path(path, i, 1), {"albedo": SHOTS[i]["albedo"]})
+    with pytest.raises(NteError, match=r"seed_01/frame_0000\.exr: channel 'color' is missing; the file has albedo"):
+        check(Clip(path))
 
 
 def test_a_seed_of_another_size_is_refused(tmp_path: Path) -> None:
