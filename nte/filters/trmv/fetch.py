@@ -1,11 +1,12 @@
 """Fetching history from the surface that it belongs to: bilinear over those of the four pixels that show it."""
 
-from typing import NamedTuple
+from typing import NamedTuple, TypeAlias
 
 import torch
 import torch.nn.functional as F
 from torch import Tensor
 
+from nte.filters.bilateral import ROUGHNESS
 from nte.filters.trmv.inputs import FrameInputs
 from nte.motion.geometric import Reprojection
 from nte.motion.neighbours import pairs
@@ -16,13 +17,20 @@ LEAST_WEIGHT = 0.01  # least sum of the bilinear weights of pixels that show the
 ALIKE = 0.9  # n·n′ of pixels that are interpolated, 26°: cones of one number lie elsewhere at another normal
 CORNERS = ((0, 0), (1, 0), (0, 1), (1, 1))
 
+Places: TypeAlias = tuple[Tensor, Tensor, Tensor]  # indices (P,) of batch, row and column
+
 
 class MixedPixels(NamedTuple):
     """The P pixels whose four source pixels may not all show the same surface, and the weights to use for them."""
 
-    at: tuple[Tensor, Tensor, Tensor]  # indices (P,) of batch, row and column
+    at: Places
     source: Tensor  # (4, P) row-major indices of the four pixels
-    weight: Tensor  # (4, P): they sum to 1, or to 0 where no pixel shows the surface
+    weight: Tensor  # (4, P): they sum to 1, or to less where hardly any pixel shows the surface
+
+    @staticmethod
+    def mean(at: Places, source: Tensor, weight: Tensor) -> "MixedPixels":
+        """Use bilinear weights (4, P) of the pixels that show the surface, over their sum."""
+        return MixedPixels(at, source, weight / weight.sum(0).clamp(min=LEAST_WEIGHT))
 
 
 class Fetcher(NamedTuple):
@@ -57,49 +65,94 @@ def fetch_from_anything(vectors: Reprojection) -> Fetcher:
 def fetch_from_surface(vectors: Reprojection, inputs: FrameInputs) -> Fetcher:
     """Make a fetcher that uses only pixels of the previous frame whose depth is that of the surface.
 
-    Where the surface was hidden, so that history comes from beside the occluder, the expected depth is that of the
-    nearest pixel there. A miss matches a miss. Depths are compared as 1/z, which is linear in the image on any plane,
-    however steep. Where surfaces meet, depths are equal, and only pixels that face the same way are used.
+    Where no pixel shows the surface there is no history. Where surfaces meet, depths are equal, and only pixels that
+    face the same way are used.
     """
     plain = fetch_from_anything(vectors)
     if inputs.before is None:
         return plain
-    width = vectors.motion.shape[3]
+    four = _corners(vectors, inputs)
+    nearest = nearest_index(pixel_centres(vectors.motion) + vectors.motion)
+    creased = _creased(inputs.before.normal).flatten(2).gather(2, nearest).view_as(four.whole)
+    chosen = _places(plain.valid & (creased | ~four.whole))
+    source, weight = four.of(chosen)
+    n, row, column = chosen
+    facing = inputs.before.normal.flatten(2)[n, :, source]  # (4, P, 3)
+    weight = weight * _alike(facing, inputs.gbuffer.normal[n, :, row, column], weight)
+    total = four.total()
+    total[n, 0, row, column] = weight.sum(0)
+    return Fetcher(vectors.motion, plain.valid & (total >= LEAST_WEIGHT), MixedPixels.mean(chosen, source, weight))
+
+
+def fetch_within_edges(vectors: Reprojection, inputs: FrameInputs, rough: bool = False) -> Fetcher:
+    """Make a fetcher that is bilinear over those of the four pixels that show the surface, if any do, else over all.
+
+    A plain mean across an edge, taken in every frame, makes light creep over it while things move: half a pixel of what
+    lies beside is in the edge's own pixel. All pixels keep a history, since guides of an edge are means of surfaces,
+    whose depth no pixel may have. rough: a pixel of another roughness shows another surface.
+    """
+    plain = fetch_from_anything(vectors)
+    if inputs.before is None:
+        return plain
+    four = _corners(vectors, inputs, rough)
+    chosen = _places(plain.valid & ~four.whole & (four.total() >= LEAST_WEIGHT))
+    return Fetcher(vectors.motion, plain.valid, MixedPixels.mean(chosen, *four.of(chosen)))
+
+
+def _places(mask: Tensor) -> Places:
+    """Where a mask (N, 1, H, W) is true."""
+    n, row, column = mask[:, 0].nonzero(as_tuple=True)
+    return n, row, column
+
+
+class _Corners(NamedTuple):
+    """The four pixels around the ends of all vectors."""
+
+    source: list[Tensor]  # four row-major indices (N, 1, H·W)
+    weight: list[Tensor]  # four bilinear weights (N, 1, H, W), 0 for pixels that do not show the surface
+    whole: Tensor  # (N, 1, H, W) bool: all show it
+
+    def total(self) -> Tensor:
+        """Sum the weights, (N, 1, H, W)."""
+        first, second, third, fourth = self.weight
+        return first + second + third + fourth
+
+    def of(self, chosen: Places) -> tuple[Tensor, Tensor]:
+        """Return indices and weights, each (4, P), for P pixels with these batch, row and column."""
+        n, row, column = chosen
+        at = row * self.whole.shape[3] + column
+        return torch.stack([s[n, 0, at] for s in self.source]), torch.stack([w[n, 0, row, column] for w in self.weight])
+
+
+def _corners(vectors: Reprojection, inputs: FrameInputs, rough: bool = False) -> _Corners:
+    """Find the four pixels around the ends of vectors, and which have the surface's depth and, if `rough`, roughness.
+
+    A vector other than the traditional one ends elsewhere: where the shadow or the reflection was, or beside what hid
+    the surface. There the depth is that of the nearest pixel. A miss matches a miss. Depths are compared as 1/z, which
+    is linear in the image on any plane, however steep.
+    """
+    assert inputs.before is not None
     end = pixel_centres(vectors.motion) + vectors.motion
     corner = end - 0.5
     x, y = (corner - corner.floor()).chunk(2, 1)
     before = torch.where(inputs.before.depth > 0, 1 / inputs.before.depth, 0.0).flatten(2)
-
-    def at(position: Tensor) -> tuple[Tensor, Tensor]:
-        index = nearest_index(position)
-        return index, before.gather(2, index).view_as(x)
-
-    nearest, beside = at(end)
     # Where a dual vector leaves the image, the traditional one is used, which ends on the occluder.
-    dual = vectors.disoccluded & (vectors.motion != inputs.traditional.motion).any(1, keepdim=True)
-    expected = torch.where(dual, beside, inputs.guide.disparity)
+    elsewhere = (vectors.motion != inputs.traditional.motion).any(1, keepdim=True)
+    beside = before.gather(2, nearest_index(end)).view_as(x)
+    expected = torch.where(elsewhere, beside, inputs.guide.disparity)
     room = expected * DEEPER + inputs.guide.slope.abs().sum(1, keepdim=True)
-    whole = ~_creased(inputs.before.normal).flatten(2).gather(2, nearest).view_as(x)
-    sources, weights = [], []
+    sources, weights, whole = [], [], torch.ones_like(vectors.valid)
     for right, down in CORNERS:
-        index, seen = at(corner.floor() + corner.new_tensor([right + 0.5, down + 0.5]).view(1, 2, 1, 1))
+        index = nearest_index(corner.floor() + corner.new_tensor([right + 0.5, down + 0.5]).view(1, 2, 1, 1))
+        seen = before.gather(2, index).view_as(x)
         same = ((seen - expected).abs() <= room) & ((seen > 0) == (expected > 0))
+        if rough:
+            roughness = inputs.before.roughness.flatten(2).gather(2, index).view_as(x)
+            same &= (roughness - inputs.gbuffer.roughness).abs() < ROUGHNESS
         weights.append((x if right else 1 - x) * (y if down else 1 - y) * same)
         whole &= same
         sources.append(index)
-    n, row, column = (~whole & plain.valid)[:, 0].nonzero(as_tuple=True)
-    source = torch.stack([index[n, 0, row * width + column] for index in sources])
-    weight = torch.stack([share[n, 0, row, column] for share in weights])
-    facing = inputs.before.normal.flatten(2)[n, :, source]  # (4, P, 3)
-    weight = weight * _alike(facing, inputs.gbuffer.normal[n, :, row, column], weight)
-    total = weights[0] + weights[1] + weights[2] + weights[3]
-    total[n, 0, row, column] = found = weight.sum(0)
-    mixed = MixedPixels(
-        (n, row, column),
-        source,
-        weight * torch.where(found >= LEAST_WEIGHT, 1 / found.clamp(min=LEAST_WEIGHT), 0.0),
-    )
-    return Fetcher(vectors.motion, plain.valid & (total >= LEAST_WEIGHT), mixed)
+    return _Corners(sources, weights, whole)
 
 
 def _creased(normal: Tensor) -> Tensor:
@@ -107,7 +160,7 @@ def _creased(normal: Tensor) -> Tensor:
     marks = torch.zeros_like(normal[:, :1])
     for axis in (2, 3):
         one, other = pairs(normal, axis, 1)
-        apart = ((one * other).sum(1, keepdim=True) < ALIKE).to(marks.dtype)
+        apart = (~_face_alike(one, other, 1)).unsqueeze(1)
         for side in pairs(marks, axis, 1):
             side.add_(apart)
     return F.max_pool2d(marks, 3, 1, 1) > 0
@@ -121,5 +174,9 @@ def _alike(facing: Tensor, normal: Tensor, weight: Tensor) -> Tensor:
     """
     likeness = torch.where(weight >= LEAST_WEIGHT, (facing * normal).sum(2), -2.0)
     best = facing.gather(0, likeness.argmax(0)[None, :, None].expand(1, -1, 3))
-    # A sky has no normal: its pixels are alike.
-    return ((facing * best).sum(2) >= ALIKE) | (best == 0).all(2)
+    return _face_alike(facing, best, 2)
+
+
+def _face_alike(one: Tensor, other: Tensor, dim: int) -> Tensor:
+    """Whether n·n′ ≥ ALIKE, by ‖n − n′‖² = 2 (1 − n·n′), so that pixels of a sky, whose normal is 0, are alike."""
+    return (one - other).square_().sum(dim) <= 2 * (1 - ALIKE)

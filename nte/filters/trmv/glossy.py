@@ -14,6 +14,7 @@ from nte.filters.bilateral import ROUGHNESS, Edges, joint_bilateral
 from nte.filters.noise import gaussian_noise
 from nte.filters.scope import scope
 from nte.filters.trmv.accumulation import Effect, History, accumulate
+from nte.filters.trmv.fetch import fetch_within_edges
 from nte.filters.trmv.inputs import RADIUS, FrameInputs
 from nte.filters.trmv.options import TrmvOptions
 from nte.filters.trmv.samples import TINY, believable, of_usable
@@ -52,13 +53,15 @@ def denoise_glossy(
         usable = frame.get(mask_of("glossy"))
         current, known = of_usable(partial(filter_glossy, spread=spread, edges=inputs.edges), frame["glossy"], usable)
     with scope("trmv/glossy/vectors"):
-        reprojection = inputs.traditional
+        reprojection, fetcher = inputs.traditional, None
         if vectors in ("reliable", "specular"):
             lobes = gather_lobes(frame["reflection_motion"], covariance, inputs.edges)
             motion = draw(lobes, frame.index, frame["glossy"]) if vectors == "reliable" else lobes.specular
             reprojection = glossy_reprojection(motion, lobes.glossy, inputs)
+            fetcher = fetch_within_edges(reprojection, inputs, rough=True) if vectors == "reliable" else None
     used = None if vectors == "none" else reprojection
-    return accumulate("glossy", current, history, used, inputs, options, deviation_of(spread), trust, known=known)
+    reach = deviation_of(spread)
+    return accumulate("glossy", current, history, used, inputs, options, reach, trust, fetcher, known)
 
 
 def gather_lobes(mean: Tensor, covariance: Tensor, edges: Edges) -> Lobes:

@@ -9,6 +9,7 @@ from torch import Tensor
 from nte.filters.bilateral import Edges, joint_bilateral
 from nte.filters.scope import scope
 from nte.filters.trmv.accumulation import Effect, History, accumulate
+from nte.filters.trmv.fetch import fetch_within_edges
 from nte.filters.trmv.inputs import RADIUS, FrameInputs, GBuffer
 from nte.filters.trmv.options import TrmvOptions
 from nte.filters.trmv.samples import TINY, believable
@@ -46,15 +47,16 @@ def denoise_shadows(
         moved = frame["shadow_motion"] if reliable else None
         splatted = splat(frame["visibility"], frame["direct"], moved, inputs.edges, usable)
     with scope("trmv/shadow/vectors"):
-        reprojection = inputs.traditional
+        reprojection, fetcher = inputs.traditional, None
         if reliable:
             reprojection = shadow_reprojection(splatted, inputs.traditional)
+            fetcher = fetch_within_edges(reprojection, inputs)
             if inputs.before is not None:
                 trust = planarity(inputs.gbuffer, inputs.before, inputs.traditional, reprojection)
     used = None if vectors == "none" else reprojection
     reach = deviation_for(inputs.frame.size)
     visibility, known = splatted.visibility, splatted.known
-    return accumulate("shadow", visibility, history, used, inputs, options, reach, trust, known=known)
+    return accumulate("shadow", visibility, history, used, inputs, options, reach, trust, fetcher, known)
 
 
 def splat(
