@@ -12,8 +12,10 @@ from typing import NamedTuple
 
 from torch import Tensor
 
+from nte.checking.judge import EXPLAINS_GOOD
 from nte.checking.textures import Textures
 from nte.checking.values import Finding
+from nte.checking.votes import Votes
 from nte.frames.frame import Frame
 from nte.motion.conventions import CONVENTIONS, Convention
 from nte.motion.geometric import infinite_sky, traditional_motion
@@ -89,11 +91,11 @@ def _who_finds(previous: Frame, current: Frame, disagree: Tensor, at: Tensor) ->
     return int((usable & by_motion & ~by_forward).sum()), int((usable & by_forward & ~by_motion).sum())
 
 
-def judge_returns(pairs: Sequence[Returns]) -> Iterator[Finding]:
+def judge_returns(pairs: Sequence[Returns], votes: Votes) -> Iterator[Finding]:
     """Yield a fault if most forward vectors do not lead back, and a note if some are 0 that should not be.
 
     It is a doubt if the picture does not tell that it is they that are wrong; and of motion, if it tells the opposite.
-    pairs: of frames whose vectors are plausible.
+    pairs: of frames whose vectors are plausible; votes: all votes on these vectors.
     """
     moving, still = sum(pair.moving for pair in pairs), sum(pair.still for pair in pairs)
     back: Counter[Convention] = sum((pair.back for pair in pairs), Counter())
@@ -109,7 +111,9 @@ def judge_returns(pairs: Sequence[Returns]) -> Iterator[Finding]:
     expected = "px, to the next frame; no such channel where it is unknown"
     apart = moving - back[OURS]
     by_motion, by_forward = sum(pair.motion_finds for pair in pairs), sum(pair.forward_finds for pair in pairs)
-    by_itself = still > 0.5 * moving or back[fits] >= NAMED * moving  # wrong vectors make no others follow a convention
+    # Wrong vectors make no others follow a convention, but one that fits them as well: if all move sideways, of y.
+    named = back[fits] >= NAMED * moving and votes.good_by[fits] < EXPLAINS_GOOD * votes.good
+    by_itself = still > 0.5 * moving or named
     clearly = by_motion > CLEARLY * by_forward and by_motion > TELLS * apart
     if not wrong or clearly or (by_itself and by_motion >= by_forward):
         yield Finding("forward_motion", found, expected, wrong)

@@ -119,6 +119,13 @@ class _Vectors:
     def _rescaled(self) -> set[int]:
         return {frame for frame, ratio in self.units.items() if not 1 / ONCE < ratio < ONCE}
 
+    def total_votes(self) -> Votes:
+        """Add up the votes of all frames."""
+        total = Votes()
+        for votes in self.votes.values():
+            total.add(votes)
+        return total
+
     def judge_units(self) -> list[Finding]:
         """List what changes of the unit of depth are found; after a cut one is found by chance."""
         cuts = set(unlike_before(self.votes)) - self._rescaled()
@@ -133,7 +140,7 @@ class _Vectors:
         yield from judge_sky(self.skies)
         yield from judge_spaces(self.spaces)
         yield from judge_cameras(self.predictions)
-        yield from judge_returns(self.returns)
+        yield from judge_returns(self.returns, self.total_votes())
 
 
 def check(clip: Clip | Path | str) -> CheckReport:
@@ -196,13 +203,10 @@ def check(clip: Clip | Path | str) -> CheckReport:
     unknown = {"reference": exposure.not_judged(), "depth": planes.not_judged(right and is_known(vectors.orders))}
     told = {finding.channel for finding in findings}
     not_judged = {name: why for name, why in unknown.items() if why and name not in told}
-    total = Votes()
-    for votes in vectors.votes.values():
-        total.add(votes)
     return CheckReport(
-        clip.name, len(clip), judgement.verdict, judgement.reason, findings, dict(tallies), total, dict(vectors.errors),
-        vectors.disoccluded.value, vectors.invalid.value, judgement.convention, min(vectors.telling[1], len(clip) - 1),
-        not_judged,
+        clip.name, len(clip), judgement.verdict, judgement.reason, findings, dict(tallies), vectors.total_votes(),
+        dict(vectors.errors), vectors.disoccluded.value, vectors.invalid.value, judgement.convention,
+        min(vectors.telling[1], len(clip) - 1), not_judged,
     )  # fmt: skip
 
 

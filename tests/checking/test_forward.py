@@ -9,7 +9,7 @@ import pytest
 from nte.checking import check
 from nte.frames.clip import Clip
 from tests.checking.room import room_frame, seen
-from tests.synthetic import Pixels, disc_frame, write_clip
+from tests.synthetic import Pixels, disc_frame, smooth_texture, write_clip
 
 MOVING = {"velocity": (5.0, -2.0), "wall_velocity": (-3.0, 1.5), "size": (64, 96)}
 FRAMES = [disc_frame(i, **MOVING) for i in range(4)]  # type: ignore[arg-type]
@@ -36,6 +36,22 @@ def test_forward_vectors_that_do_not_lead_back_fail(
     report = check(Clip(write_clip(tmp_path / "clip", frames)))
     assert report.verdict == "implausible"
     assert f"forward_motion: {told}" in report.reason
+
+
+@pytest.mark.parametrize("name", ["motion", "forward_motion"])
+def test_which_of_two_signs_of_y_is_right_is_unknown_where_everything_moves_sideways(tmp_path: Path, name: str) -> None:
+    """Albedo that changes sideways alone is found with both signs, so neither channel is surely at fault."""
+    velocity = np.float32([1.6, 0.6]).reshape(2, 1, 1) * np.ones((1, 64, 96), np.float32)
+    frames = []
+    for i in range(4):
+        stripes = np.tile(smooth_texture(np.arange(96) - 1.6 * i, np.zeros(96), 4.0)[:, None], (1, 64, 1))
+        shown = {"color": stripes, "albedo": stripes, "motion": -velocity, "forward_motion": velocity}
+        frames.append(shown | {name: shown[name] * np.reshape(np.float32([1, -1]), (2, 1, 1))})
+    report = check(Clip(write_clip(tmp_path / "clip", frames)))
+    assert report.verdict == "undecidable"
+    assert [(f.channel, f.doubt) for f in report.findings if "motion" in f.channel] == [("forward_motion", True)]
+    assert "sign of y" in report.reason
+    assert report.reason.endswith("; or motion is wrong")
 
 
 def test_nothing_is_said_of_forward_vectors_that_are_right(tmp_path: Path) -> None:
