@@ -2,7 +2,8 @@
 
 The edges of a channel are correlated with those of the light at every displacement, as in `nte.checking.flips`. Where
 it is right, the peak is at no displacement, or beside it. A peak that is as sharp, and twice as high, elsewhere shows
-where the channel lies.
+where the channel lies. But the shadow of what floats is its outline at another place, and depth shows only outlines: of
+depth it is a doubt.
 """
 
 from collections.abc import Iterator
@@ -40,7 +41,10 @@ class DisplacedTally:
             self._matches[name] = self._matches.get(name, torch.zeros(())) + match
 
     def judge(self) -> Iterator[Finding]:
-        """Yield a fault for a reference that lies beside color, else for each guide that lies beside the light."""
+        """Yield a fault for a reference that lies beside color, else for each guide that lies beside the light.
+
+        A doubt for depth.
+        """
         for name, match in self._matches.items():
             place = _place(match)
             least = max(SHARP, BETTER * height_at(match))
@@ -48,7 +52,9 @@ class DisplacedTally:
                 right, down = (self._block * step for step in place)
                 beside = f"{_way(right, 'to the right', 'to the left')} and {_way(down, 'below', 'above')}"
                 light = "color" if name == "reference" else self._light
-                yield Finding(name, f"shows what {light} shows about {beside}", SAME_PLACE)
+                outlines = name == "depth"
+                what = f"shows what {light} shows about {beside}{'; or shadows lie there' if outlines else ''}"
+                yield Finding(name, what, SAME_PLACE, not outlines, outlines)
                 if name == "reference":
                     return
 

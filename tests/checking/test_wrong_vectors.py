@@ -13,6 +13,7 @@ from nte.checking.judge import Judgement
 from nte.checking.order import Order, depth_order, judge_order
 from nte.checking.report import _judge
 from nte.checking.values import Finding
+from nte.checking.votes import Votes
 from nte.frames.clip import Clip
 from nte.frames.frame import Frame
 from tests.checking.test_late import SHOTS, noisy
@@ -55,7 +56,7 @@ def told(shots: list[Shot]) -> list[Finding]:
         pair = returns(before, now)
         assert pair is not None
         pairs.append(pair)
-    return list(judge_returns(pairs))
+    return list(judge_returns(pairs, Votes()))
 
 
 def test_motion_is_blamed_if_only_forward_vectors_find_their_albedo() -> None:
