@@ -9,7 +9,7 @@ import warnings
 from collections.abc import Callable, Iterator, Mapping
 from concurrent.futures import FIRST_COMPLETED, CancelledError, Future, ProcessPoolExecutor, wait
 from concurrent.futures.process import BrokenProcessPool
-from contextlib import chdir, contextmanager, nullcontext
+from contextlib import chdir, contextmanager, nullcontext, suppress
 from dataclasses import dataclass
 from itertools import islice
 from multiprocessing import active_children, get_context
@@ -187,7 +187,7 @@ def _connected(distributed: ModuleType, address: str) -> Iterator["Client"]:
         client = distributed.Client(address, timeout=PATIENCE, set_as_default=False)
     except (OSError, ValueError) as error:
         raise NteError(f"no Dask scheduler answers at {address}: start one with: dask scheduler") from error
-    with client:
+    try:
         try:
             client.wait_for_workers(1, timeout=PATIENCE)
         except TimeoutError as error:
@@ -195,6 +195,9 @@ def _connected(distributed: ModuleType, address: str) -> Iterator["Client"]:
                 f"the scheduler at {address} has no workers: start some with: dask worker {address} --nthreads 1"
             ) from error
         yield client
+    finally:
+        with suppress(RuntimeError):  # of a race in Dask, where the scheduler has just gone: it must not hide that
+            client.close()
 
 
 def _as_they_end(

@@ -63,14 +63,13 @@ def view(
     if frames:
         _tell_of_short_clips(opened, first, last)
     command = {"view": folders, "denoisers": [*denoisers], "frames": (first, last), "channels": channels}
-    taken = out.exists() and (not out.is_dir() or any(out.iterdir()))
-    if taken and not (force or is_unfinished(out, command)):
-        raise already_there(out, "folder", f"replace its {PAGE} and {FOLDER}")
     total = sum(min(last + 1, len(clip)) for clip in opened.values())
     done = 0
     entries, rows = [], []
     failed: dict[str, dict[str, str]] = {}  # denoiser → clip → why
     with only_writer(out):
+        if any(out.iterdir()) and not (force or is_unfinished(out, command)):
+            raise already_there(out, "folder", f"replace its {PAGE} and {FOLDER}")
         begin(out, command)
         clear(out)
         recording = Recording(out / FOLDER, None, channels, True, first, last)

@@ -118,7 +118,9 @@ def test_the_same_command_ends_as_undisturbed(
             assert client.returncode == 2
             assert time.monotonic() - killed < BOUND
             (line,) = said
-            assert f"the scheduler at {restarted.cluster.address} is gone: start it and {name} again" in line
+            gone = f"the scheduler at {restarted.cluster.address} is gone: start it and {name} again"
+            # The recipe is there before the client has found the scheduler.
+            assert gone in line or f"no Dask scheduler answers at {restarted.cluster.address}" in line
         finished = client.returncode == 0
         restarted.mend(victim)
         if not finished:
@@ -146,7 +148,8 @@ def test_work_without_its_scheduler_ends_in_a_line_in_bounded_time(
             timer = threading.Timer(rng.uniform(0, 3), kill)
             timer.start()
             work = COUNTING, partial(np.full, 1000), units, tmp_path, cluster.address
-            with pytest.raises(NteError, match=r"the scheduler at .* is gone: start it and count again, what is done"):
+            gone = r"the scheduler at .* is gone: start it and count again, what is done|no Dask scheduler answers"
+            with pytest.raises(NteError, match=gone):
                 jobs.on_cluster(*work, lambda name, result: None)
             assert time.monotonic() - killed[0] < BOUND
             timer.join()

@@ -90,7 +90,8 @@ def point(browser: Browser, size: tuple[int, int], x: int, y: int) -> None:
 
 
 def numbers(browser: Browser) -> dict[str, list[float]]:
-    """The table of numbers: layer → values."""
+    """The table of numbers, as soon as all of them have come: layer → values."""
+    browser.wait("!document.querySelector('.numbers').textContent.includes('…')")
     rows: dict[str, list[str]] = browser.run(
         """Object.fromEntries([...document.querySelectorAll(".numbers tr")].map(row =>
           [row.dataset.layer, [...row.querySelectorAll("td:not(.unit)")].map(cell => cell.lastChild.textContent)]))"""
