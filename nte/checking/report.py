@@ -7,6 +7,7 @@ from pathlib import Path
 
 import torch
 
+from nte.checking.albedo import AlbedoTally
 from nte.checking.blank import BlankTally, StoppedTally
 from nte.checking.cameras import Prediction, judge_cameras, prediction
 from nte.checking.cells import cell_votes
@@ -159,6 +160,7 @@ def check(clip: Clip | Path | str) -> CheckReport:
     exposure, flips, guides, geometry = ExposureTally(), FlipTally(), GuideTally(), GeometryTally()
     blank, stopped, late, planes, vectors = BlankTally(), StoppedTally(), LateTally(), PlaneTally(), _Vectors()
     displaced, copies, components, repeats = DisplacedTally(), CopyTally(clip), ComponentTally(), RepeatTally()
+    albedo = AlbedoTally()
     looked, voting = spread(FRAMES, 0, len(clip)), spread(PAIRS, 1, len(clip))
     previous: Frame | None = None
     for frame in clip:
@@ -169,6 +171,7 @@ def check(clip: Clip | Path | str) -> CheckReport:
         if current.index in looked:
             flips.add(current)
             displaced.add(current)
+            albedo.add(current)
             copies.add(current)
             components.add(current)
             guides.add(current)
@@ -192,13 +195,14 @@ def check(clip: Clip | Path | str) -> CheckReport:
     late_channels |= {finding.channel for finding in of_other_frames}
     light = [f for f in exposure.judge() if f.expected != LINEAR or "reference" not in late_channels]
     turned = () if ORIENTATION in (f.expected for f in light) else flips.judge()  # the reference is turned over itself
+    colours = () if any(f.fault for f in light) or "albedo" in late_channels else albedo.judge()
     # What is late in one channel looks like another fault beside right ones: only the cause is told.
     along = [f for f in vectors.judge() if f.channel not in late_channels] if right else []
     singles = (blank, stopped, repeats, copies, components)
     values = [*judge_values(tallies), *(finding for tally in singles for finding in tally.judge())]
     units = vectors.judge_units() if judgement.verdict != "implausible" else ()  # wrong vectors lead elsewhere
     shapes = [*geometry.judge(), *planes.judge(), *units]
-    findings = [*values, *of_other_frames, *light, *turned, *shapes, *along, *guides.judge()]
+    findings = [*values, *of_other_frames, *light, *colours, *turned, *shapes, *along, *guides.judge()]
     judgement = _judge(judgement, findings)
     unknown = {"reference": exposure.not_judged(), "depth": planes.not_judged(right and is_known(vectors.orders))}
     told = {finding.channel for finding in findings}

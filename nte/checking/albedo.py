@@ -1,0 +1,118 @@
+"""A check that albedo is linear, with its components in the order of the light: steps of texture within one surface.
+
+Light is albedo times illumination, which hardly changes across an edge of a texture. So the logarithm of the reference
+steps there as that of albedo does, or less, where a surface shines as well. Encoded for display (sRGB), albedo steps by
+less than half of that, and decoding it makes the steps equal. What a step has of colour, beyond brightness, has the
+direction of that of the reference only in the right order of components.
+"""
+
+from collections.abc import Iterator
+from itertools import pairwise, permutations
+
+import torch
+from torch import Tensor
+
+from nte.checking.textures import ONE_SURFACE
+from nte.checking.values import Finding
+from nte.frames.frame import Frame
+
+APART = 2  # pixels between the two whose step is measured: pixel filters blur what is closer
+SMOOTH = 0.995  # least cosine between the normals of neighbours
+STEP, COLOUR = 0.1, 0.05  # least step of the logarithm of albedo that tells its encoding, and its order
+MUCH = 0.5  # least share of a step that is colour: gloss that is blue, as the sky's is, bends what is less
+USABLE = 0.02, 0.98  # albedo that tells an order
+BRIGHT = 0.2  # least albedo that tells an encoding: some albedo has a share of gloss, which matters in the dark
+ENOUGH = 200  # least number of steps that tell
+ENCODED = 1.4  # steps of the light in those of albedo, from which on it is encoded
+BETTER = 0.5  # decoded, the ratio is off from 1 by at most this share
+ALIKE, UNLIKE = 0.9, 0.5  # cosines between colours of steps: of the order that is named, and of the one that is given
+TIED = 0.02  # difference of cosines up to which the simplest order is named
+LINEAR = "linear albedo, not encoded for display"
+ORDER = "the order of components of the light"
+
+
+class AlbedoTally:
+    """Tally of the steps of albedo and reference within the surfaces of some frames."""
+
+    def __init__(self) -> None:
+        self._albedo: list[Tensor] = []  # (2, 3, n): at the two ends of each step
+        self._light: list[Tensor] = []  # (3, n): steps of the logarithm
+
+    def add(self, frame: Frame) -> None:
+        """Add a PyTorch frame of batch 1; albedo, reference, and one of instance and depth are needed."""
+        if not ("albedo" in frame and "reference" in frame and ("instance" in frame or "depth" in frame)):
+            return
+        names = [name for name in ("albedo", "reference", "instance", "depth", "normal") if name in frame]
+        for sideways in (True, False):
+            channels = {name: frame[name][0] if sideways else frame[name][0].transpose(1, 2) for name in names}
+            if channels["albedo"].shape[2] > APART:
+                albedo, light = _steps(channels)
+                self._albedo.append(albedo)
+                self._light.append(light)
+
+    def judge(self) -> Iterator[Finding]:
+        """Yield a fault for albedo of another order of components, or that is encoded."""
+        if not self._albedo:
+            return
+        albedo, light = torch.cat(self._albedo, 2), torch.cat(self._light, 1)
+        order = _order(albedo, light)
+        if order != (0, 1, 2):
+            names = "".join("RGB"[i] for i in order)
+            yield Finding("albedo", f"its components are in the order {names}, as edges in reference show", ORDER)
+        light = light[list(order)]
+        given, decoded = _ratio(albedo, albedo, light), _ratio(albedo, _decoded(albedo), light)
+        if given > ENCODED and abs(decoded - 1) < BETTER * (given - 1):
+            steps = f"the logarithm of reference steps {given:.3g} times as far at edges of textures"
+            yield Finding("albedo", f"is encoded, as sRGB is: {steps}, decoded {decoded:.3g} times", LINEAR)
+
+
+def _steps(channels: dict[str, Tensor]) -> tuple[Tensor, Tensor]:
+    """Steps along the rows of channels (C, H, W), within one smooth surface: albedo (2, 3, n), and light (3, n)."""
+    width = channels["albedo"].shape[2]
+    shifted = [{n: v[..., i : width - APART + i] for n, v in channels.items()} for i in range(APART + 1)]
+    albedo, light = (torch.stack([shifted[i][name] for i in (0, -1)]) for name in ("albedo", "reference"))
+    low, high = USABLE
+    good = ((albedo > low) & (albedo < high) & (light > 0) & light.isfinite()).all(0).all(0)
+    for one, other in pairwise(shifted):
+        if "instance" in one:
+            good &= (one["instance"] == other["instance"])[0]
+        if "depth" in one:
+            near, far = torch.stack([one["depth"], other["depth"]]).aminmax(dim=0)
+            good &= ((near > 0) & (far < ONE_SURFACE * near))[0]
+        if "normal" in one:
+            good &= (one["normal"] * other["normal"]).sum(0) > SMOOTH
+    light = light[:, :, good].double().log()
+    return albedo[:, :, good].double(), light[1] - light[0]
+
+
+def _ratio(bright: Tensor, albedo: Tensor, light: Tensor) -> float:
+    """Median of how many times as far as that of albedo (2, 3, n) the logarithm of light (3, n) steps; 0 if unknown.
+
+    bright: albedo that tells where it is bright enough.
+    """
+    values = (bright > BRIGHT).all(0).all(0)
+    steps = (albedo[1, :, values].mean(0) / albedo[0, :, values].mean(0)).log()
+    strong = (bright[1].log() - bright[0].log()).mean(0)[values].abs() > STEP
+    return float((light[:, values].mean(0)[strong] / steps[strong]).median()) if int(strong.sum()) >= ENOUGH else 0.0
+
+
+def _order(albedo: Tensor, light: Tensor) -> tuple[int, ...]:
+    """Find the order of the components of light (3, n) that those of albedo (2, 3, n) have; (0, 1, 2) if unknown."""
+    steps = albedo[1].log() - albedo[0].log()
+    colours, of_light = steps - steps.mean(0), light - light.mean(0)
+    strong = colours.norm(dim=0) > (MUCH * steps.norm(dim=0)).clamp(min=COLOUR)
+    right = (0, 1, 2)
+    if int(strong.sum()) < ENOUGH:
+        return right
+    colours, of_light = colours[:, strong], of_light[:, strong]
+    sizes = (colours.norm(dim=0) * of_light.norm(dim=0)).clamp(min=1e-30)
+    alike = {p: float(((colours * of_light[list(p)]).sum(0) / sizes).median()) for p in permutations(range(3))}
+    best = max(alike.values())
+    if best < ALIKE or alike[right] > UNLIKE:
+        return right
+    # Two that are exchanged are simpler than all three.
+    return max((p for p in alike if alike[p] > best - TIED), key=lambda p: sum(i == c for i, c in enumerate(p)))
+
+
+def _decoded(values: Tensor) -> Tensor:
+    return torch.where(values <= 0.04045, values / 12.92, ((values + 0.055) / 1.055) ** 2.4)

@@ -1,0 +1,86 @@
+"""Albedo that is encoded, or of another order of components, is told by its edges in the reference; right one never."""
+
+from collections.abc import Callable
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from nte.checking import CheckReport, check
+from nte.checking.albedo import LINEAR, ORDER
+from nte.frames.clip import Clip
+from tests.checking.test_late import SHOTS, noisy
+from tests.checking.test_tone import srgb
+from tests.synthetic import Pixels, write_clip
+
+Change = Callable[[Pixels], Pixels]
+WRONG: dict[str, tuple[Change, dict[str, str]]] = {
+    "sRGB": (srgb, {LINEAR: "is encoded"}),
+    "gamma": (lambda x: x ** (1 / 2.2), {LINEAR: "is encoded"}),
+    "BGR": (lambda x: x[::-1], {ORDER: "order BGR"}),
+    "GBR": (lambda x: x[[1, 2, 0]], {ORDER: "order GBR"}),
+    "sRGB in BGR": (lambda x: srgb(x[::-1]), {LINEAR: "is encoded", ORDER: "order BGR"}),
+}
+SKY = np.reshape([0.3, 0.5, 1.0], (3, 1, 1))
+LIGHTS: dict[str, Callable[[Pixels, Pixels], Pixels]] = {  # of light and albedo
+    "as it is": lambda light, albedo: light,
+    "a coloured lamp": lambda light, albedo: light * [[[3.0]], [[1.0]], [[0.3]]],
+    "gloss": lambda light, albedo: light + SKY * (albedo > 0),
+    "a noisy reference": lambda light, albedo: noisy(light, 77),
+}
+
+
+def of(folder: Path, albedo: Change, light: str = "as it is", without: tuple[str, ...] = ()) -> CheckReport:
+    frames = []
+    for i, shot in enumerate(SHOTS[:4]):
+        lit = LIGHTS[light](shot["reference"], shot["albedo"]).astype(np.float32)
+        given = np.ascontiguousarray(albedo(shot["albedo"]), np.float32) * (shot["depth"] > 0)
+        frame = shot | {"color": noisy(lit, i), "reference": lit, "albedo": given.astype(np.float32)}
+        frames.append({name: values for name, values in frame.items() if name not in without})
+    return check(Clip(write_clip(folder / "clip", frames)))
+
+
+def told(report: CheckReport) -> dict[str, str]:
+    return {f.expected: f.found for f in report.findings if f.expected in (LINEAR, ORDER)}
+
+
+@pytest.mark.parametrize("without", [(), ("instance", "normal"), ("depth", "position")])
+@pytest.mark.parametrize("name", WRONG)
+def test_wrong_albedo_is_named(tmp_path: Path, name: str, without: tuple[str, ...]) -> None:
+    change, named = WRONG[name]
+    report = of(tmp_path, change, without=without)
+    found = told(report)
+    assert found.keys() == named.keys()
+    assert all(words in found[expected] for expected, words in named.items())
+    assert report.verdict == "implausible"
+
+
+@pytest.mark.parametrize("light", LIGHTS)
+def test_nothing_is_said_of_right_albedo(tmp_path: Path, light: str) -> None:
+    assert not told(of(tmp_path, lambda x: x, light))
+
+
+@pytest.mark.parametrize("hardly", [0.0, 0.01])
+def test_gloss_of_the_sky_on_brown_textures_is_no_order(tmp_path: Path, hardly: float) -> None:
+    """Its blue weakens the steps of one component most: what little colour they have points elsewhere."""
+    brown = np.reshape([1.0, 1.4, 2.0], (3, 1, 1))
+    frames = []
+    for i, shot in enumerate(SHOTS[:4]):
+        albedo = np.where(shot["depth"] > 0, shot["albedo"][:1] ** brown + hardly, 0)
+        light = shot["reference"] / np.maximum(shot["albedo"], 0.01) * albedo + SKY * (albedo > 0)
+        reference = light.astype(np.float32)
+        changed = {"color": noisy(reference, i), "reference": reference, "albedo": albedo.astype(np.float32)}
+        frames.append(shot | changed)
+    assert not told(check(Clip(write_clip(tmp_path / "clip", frames))))
+
+
+def test_gloss_that_albedo_counts_is_no_encoding(tmp_path: Path) -> None:
+    """Some renderers add what a surface reflects at its front, which matt light does not show."""
+    assert not told(of(tmp_path, lambda x: np.minimum(x + 0.05, 1)))
+
+
+def test_a_wrong_reference_accuses_no_albedo(tmp_path: Path) -> None:
+    frames = [shot | {"reference": shot["reference"][::-1].copy()} for shot in SHOTS[:4]]
+    report = check(Clip(write_clip(tmp_path / "clip", frames)))
+    assert report.verdict == "implausible"
+    assert not told(report)
