@@ -172,7 +172,7 @@ def check(clip: Clip | Path | str) -> CheckReport:
             flips.add(current)
             displaced.add(current)
             albedo.add(current)
-            copies.add(current)
+            copies.add(current, previous)
             components.add(current)
             guides.add(current)
             geometry.add(current)
@@ -198,8 +198,9 @@ def check(clip: Clip | Path | str) -> CheckReport:
     colours = () if any(f.fault for f in light) or "albedo" in late_channels else albedo.judge()
     # What is late in one channel looks like another fault beside right ones: only the cause is told.
     along = [f for f in vectors.judge() if f.channel not in late_channels] if right else []
-    singles = (blank, stopped, repeats, copies, components)
-    values = [*judge_values(tallies), *(finding for tally in singles for finding in tally.judge())]
+    singles = (blank, stopped, repeats, components)
+    of_one_light = copies.judge("reference" not in late_channels)
+    values = [*judge_values(tallies), *(finding for tally in singles for finding in tally.judge()), *of_one_light]
     units = vectors.judge_units() if judgement.verdict != "implausible" else ()  # wrong vectors lead elsewhere
     shapes = [*geometry.judge(), *planes.judge(), *units]
     findings = [*values, *of_other_frames, *light, *colours, *turned, *shapes, *along, *guides.judge()]

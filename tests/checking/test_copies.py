@@ -112,3 +112,43 @@ def test_the_file_of_the_seed_that_lacks_a_channel_is_named(tmp_path: Path) -> N
 def test_a_seed_of_another_size_is_refused(tmp_path: Path) -> None:
     with pytest.raises(NteError, match=r"seed_01/frame_0000\.exr"):
         of_seeds(tmp_path, lambda x: x[:, :20])
+
+
+MOVED: dict[str, tuple[Callable[[int], Pixels], str]] = {
+    "another place": (lambda i: np.roll(SHOTS[i]["color"], (6, -8), (1, 2)), "about 8 px to the right and 6 px above"),
+    "the frame before": (lambda i: SHOTS[i - 1]["color"], "one frame earlier"),
+    "the next frame": (lambda i: SHOTS[i + 1]["color"], "one frame later"),
+    "its own": (lambda i: SHOTS[i]["color"], ""),
+}
+
+
+@pytest.mark.parametrize("name", MOVED)
+def test_a_seed_or_half_of_another_place_or_frame_is_told(tmp_path: Path, name: str) -> None:
+    """Its noise hides edges, but the reference, and many samples, have less of it."""
+    shown, words = MOVED[name]
+    seeds, halves = (write_clip(tmp_path / of, frames(of == "halves", shown), seeds=2 - (of == "halves")) for of in OF)
+    (seeds / "seed_01").mkdir()
+    for i in range(1, 6):
+        write_frame(frame_path(seeds, i - 1, 1), {"color": noisy(shown(i), 90 + i)})
+    for path, channel, start in ((seeds, "color", "in seed 1: shows what reference"), (halves, "reference_b", "shows")):
+        report = check(Clip(path))
+        found = [f.found for f in report.findings if f.channel == channel]
+        assert len(found) == bool(words)
+        assert all(what.startswith(start) and words in what for what in found)
+        assert report.verdict == ("implausible" if words else "plausible")
+
+
+OF = ("seeds", "halves")
+
+
+def frames(halves: bool, shown: Callable[[int], Pixels]) -> list[dict[str, Pixels]]:
+    found = []
+    for i in range(1, 6):
+        shot = SHOTS[i] | {"color": noisy(SHOTS[i]["color"], i)}
+        if halves:
+            drawn = [np.random.default_rng(50 * k + i).gamma(64, 1 / 64, (1, 64, 96)) for k in range(2)]
+            pair = SHOTS[i]["color"] * drawn[0], shown(i) * drawn[1]
+            shot |= {f"reference_{k}": image.astype(np.float32) for k, image in zip("ab", pair, strict=True)}
+            del shot["reference"]
+        found.append(shot)
+    return found
