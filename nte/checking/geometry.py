@@ -11,6 +11,7 @@ from dataclasses import dataclass, field
 from statistics import median, median_high, median_low
 from typing import cast
 
+import torch
 from torch import Tensor
 
 from nte.checking.kinds import EXACT, KINDS, Fit, explain
@@ -63,21 +64,27 @@ class GeometryTally:
         hit = hit if depth is None else hit & (depth > 0)
         if int(hit.sum()) < ENOUGH:
             return
+        steps = rounding(position, hit) if "position" in frame else torch.zeros_like(position)
         if "position" in frame and frame.view is not None and frame.projection is not None:
             seen = project(position[None], frame.view.double(), frame.projection.double())
             apart = (seen - pixel_centres(seen))[0, :, hit].norm(dim=0).nan_to_num(float("inf"))
-            self._beside.append(float(apart.median()))
+            for each in range(3):  # rounding moves a point by up to half a step along each
+                off = steps * torch.eye(3, dtype=steps.dtype)[each].view(3, 1, 1) / 2
+                moved = project((position + off)[None], frame.view.double(), frame.projection.double()) - seen
+                apart -= moved[0, :, hit].norm(dim=0).nan_to_num(0.0)
+            self._beside.append(float(apart.clamp(min=0).median()))
         axis, fits = None, True
         if depth is not None:
             step = max(1, int(hit.sum()) // SAMPLED)
-            fit, axis = explain(position[:, hit][:, ::step], depth[hit][::step])
+            fit, axis = explain(*(v[..., hit][..., ::step] for v in (position, depth, steps.norm(dim=0))))
             self._fits.append(fit)
             fits = fit.axis < FITS_NOT
             if "position" in frame and axis is not None and fit.axis <= EXACT:
                 pixels = pixel_centres(depth[None, None])[0, :, hit][:, ::step]
                 self._origins.append(origin_of(position[:, hit][:, ::step], pixels, depth[hit][::step]))
-        if "normal" in frame and fits and (turn := turn_of(frame["normal"][0].double(), position, hit, depth, axis)):
-            self._turns.append(turn)
+        if "normal" in frame and fits:
+            turn = turn_of(frame["normal"][0].double(), position, hit, depth, axis, steps.norm(dim=0))
+            self._turns += [turn] if turn else []
 
     def _add_misses(self, frame: Frame, depth: Tensor) -> None:
         self._pixels += depth.numel()
@@ -151,6 +158,18 @@ class GeometryTally:
             yield Finding("depth", found, "the units of position in all frames", bool(off))
         elif off:
             yield Finding("depth", f"is {off[0]:.4g} times as long as position shows", "the units of position")
+
+
+def rounding(position: Tensor, hit: Tensor) -> Tensor:
+    """Steps (3, H, W) to which positions are rounded: those of half floats, if all where `hit` (H, W) are such values.
+
+    Away from the origin they may be longer than from pixel to pixel.
+    """
+    values = position[:, hit]
+    halves = bool((values.half().double() == values).all())
+    bits, least = (10, -14) if halves else (23, -126)
+    exponents = position.abs().nan_to_num(0, 0, 0).clamp(min=2.0**least).log2().floor()
+    return (exponents - bits).exp2()
 
 
 def _positions(frame: Frame) -> Tensor | None:

@@ -12,6 +12,7 @@ from torch import Tensor
 EXACT = 2e-3  # a function fits if half of the points miss it by less than this share of the depths' spread
 FLAT = 0.02  # points whose least extent is a smaller share of the greatest lie in a plane, and tell no scale
 CENTRED = 0.1  # squared distances from a point are 0 there, up to this share of the median of the squared depths
+COARSE = 3.0  # least extent of the points, in steps of their rounding, that tells a scale
 RATES, STEP = 36, 1.26  # exponentials that are tried, from 0.01 on, and the ratio of their rates
 CLOSER = 7  # times that this ratio is narrowed around the best of them
 
@@ -35,10 +36,11 @@ class Fit(NamedTuple):
     behind: float  # share of the points in the half of all directions that is opposite to the others
 
 
-def explain(points: Tensor, depth: Tensor) -> tuple[Fit, Tensor | None]:
+def explain(points: Tensor, depth: Tensor, steps: Tensor | None = None) -> tuple[Fit, Tensor | None]:
     """Fit functions of points (3, n) to their depth (n,).
 
-    Also returns the view axis (3,), which is the gradient of depth; None if all points lie in a plane.
+    steps: (n,), to which points are rounded; errors up to half of them are none. Also returns the view axis (3,), which
+    is the gradient of depth; None if all points lie in a plane.
     """
     centre = points.mean(1, keepdim=True)
     extent = torch.linalg.eigvalsh(torch.cov(points)).clamp(min=0).sqrt()
@@ -46,10 +48,12 @@ def explain(points: Tensor, depth: Tensor) -> tuple[Fit, Tensor | None]:
     near = ((points - centre) / size).T
     linear = torch.cat([near, torch.ones_like(near[:, :1])], 1)
     unit = depth / depth.median()
+    rounded = 0.0 if steps is None else steps / depth.median() / 2
     spread = (unit - unit.median()).abs().median().clamp(min=1e-3)
 
     def error(values: Tensor) -> float:
-        return float(((values - unit).abs().nan_to_num(1e30, 1e30, 1e30)).median() / spread)
+        off = (values - unit).abs().nan_to_num(1e30, 1e30, 1e30)
+        return float((off - rounded).clamp(min=0).median() / spread)
 
     # Fitted again without outliers: silhouettes show means of several surfaces.
     plane = _solve(linear, unit)
@@ -66,7 +70,7 @@ def explain(points: Tensor, depth: Tensor) -> tuple[Fit, Tensor | None]:
         logarithm = _logarithm(linear, scaled)
         root = error((linear @ _solve(linear, unit.square())).clamp(min=0).sqrt())
     axis = plane[:3] * depth.median() / size
-    known = float(extent[0]) > FLAT * float(size)
+    known = float(extent[0]) > max(FLAT * float(size), 0.0 if steps is None else COARSE * float(steps.median()))
     errors = along, error(to_camera), buffer, logarithm, root
     return Fit(*errors, float(axis.norm()) if known else None, behind), axis if known else None
 

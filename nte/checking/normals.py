@@ -4,6 +4,7 @@ If they are not, and a single rotation of all normals makes them so, they are gi
 the camera. If only the signs of some walls' normals are wrong, half a turn explains that as well: it tells nothing.
 """
 
+import math
 from collections.abc import Iterator, Sequence
 from statistics import median
 from typing import NamedTuple
@@ -29,14 +30,17 @@ class Turn(NamedTuple):
     given: float
     unsigned: float
     turned: float
+    rounded: float = 0.0  # what rounding of positions may take from them
 
 
-def turn_of(normal: Tensor, position: Tensor, hit: Tensor, depth: Tensor | None, axis: Tensor | None) -> Turn | None:
+def turn_of(
+    normal: Tensor, position: Tensor, hit: Tensor, depth: Tensor | None, axis: Tensor | None, steps: Tensor
+) -> Turn | None:
     """Compare normals (3, H, W) with the surface that the positions (3, H, W) of neighbours span.
 
     hit: bool (H, W), pixels with a position. depth (H, W) tells which neighbours show one surface; without it those do
     whose positions are evenly spaced. axis: the view axis (3,); None if unknown, and then normals count as facing the
-    camera. None if too few pixels can tell.
+    camera. steps: (H, W), to which positions are rounded. None if too few pixels can tell.
     """
     if min(hit.shape) < 3:
         return None
@@ -56,6 +60,9 @@ def turn_of(normal: Tensor, position: Tensor, hit: Tensor, depth: Tensor | None,
     if int(inside.sum()) < ENOUGH:
         return None
     step = max(1, int(inside.sum()) // SAMPLED)
+    # About a quarter of a step at both ends of each side; a right angle at most.
+    angles = [(steps[1:-1, 1:-1] / 2 / side.norm(dim=0))[inside][::step] for side in (across, down)]
+    rounded = 1 - (angles[0].square() + angles[1].square()).sqrt().clamp(max=math.pi / 2).cos()
     surface, normal = (values[:, inside][:, ::step] for values in (surface, normal))
     surface, normal = surface / surface.norm(dim=0), normal / normal.norm(dim=0)
     # The sign of the cross product depends on the handedness of the space. In a plane the axis is unknown.
@@ -65,8 +72,8 @@ def turn_of(normal: Tensor, position: Tensor, hit: Tensor, depth: Tensor | None,
     # Bumps are in no surface, however normals are turned: where they are strong, the rest of the pixels tells.
     smooth = (cosine.abs() > ALONG) | (turned.abs() > ALONG)
     if 2 * int(smooth.sum()) > len(smooth) and int(smooth.sum()) >= ENOUGH:
-        cosine, turned = cosine[smooth], _turned(surface[:, smooth], normal[:, smooth])
-    return Turn(float(cosine.mean()), float(cosine.abs().mean()), float(turned.mean()))
+        cosine, turned, rounded = cosine[smooth], _turned(surface[:, smooth], normal[:, smooth]), rounded[smooth]
+    return Turn(float(cosine.mean()), float(cosine.abs().mean()), float(turned.mean()), float(rounded.mean()))
 
 
 def _turned(surface: Tensor, normal: Tensor) -> Tensor:
@@ -80,13 +87,13 @@ def judge_turns(turns: Sequence[Turn], shown_by: str) -> Iterator[Finding]:
     """Yield a finding for normals that do not agree with surfaces. shown_by: what shows the surfaces, in words."""
     if not turns:
         return
-    given, unsigned, turned = (median(turn[i] for turn in turns) for i in range(3))
+    given, unsigned, turned, rounded = (median(turn[i] for turn in turns) for i in range(4))
     away = (1 - given / unsigned) / 2 if unsigned > ALONG else 0.0  # share of the pixels
     if away > SOME:
         where = "most" if given < 0 else f"{away:.0%} of the"
         found = f"point away from the camera in {where} pixels, as {shown_by} shows"
         yield Finding("normal", found, "normals that face the camera", False)
-    elif 1 - unsigned > OFF and 1 - turned < TURNED * (1 - unsigned):
+    elif 1 - unsigned > OFF + rounded and 1 - turned < TURNED * (1 - unsigned):
         found = f"not perpendicular to the surfaces of {shown_by}, but one rotation of all makes them so"
         expected = "world space for both (for normals in camera space normal.space=camera, with cameras)"
         if shown_by != "position":  # which of the three is wrong cannot be told: depth was not compared with anything
