@@ -120,3 +120,19 @@ def test_a_picture_of_one_brightness_shows_no_curve_and_says_so() -> None:
     noisy = flat * np.random.default_rng(0).exponential(size=(1, 32, 32)).astype(np.float32)
     tally.add(Frame({"color": torch.tensor(noisy)[None], "reference": torch.tensor(flat)[None]}, 0))
     assert "2 are needed to see a tone curve" in tally.not_judged()
+
+
+@pytest.mark.parametrize("spp", [1, 4, 16])
+def test_noise_that_neighbours_share_bends_nothing(spp: int) -> None:
+    """A reference of few samples, each of which counts in the pixels around its own as well."""
+    rng = np.random.default_rng(9)
+    pairs = []
+    for _, light in lights():
+        images = []
+        for samples in (1, spp):
+            image = light * rng.gamma(samples, 1 / samples, (1, *light.shape[1:]))
+            for axis in (1, 2):
+                image = 0.25 * np.roll(image, -1, axis) + 0.5 * image + 0.25 * np.roll(image, 1, axis)
+            images.append(np.float32(image))
+        pairs.append((images[0], images[1]))
+    assert not [finding for finding in told(pairs) if "multiple" in finding.found]
