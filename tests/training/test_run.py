@@ -4,6 +4,7 @@ import json
 import re
 import subprocess
 import sys
+from importlib.metadata import version
 from pathlib import Path
 from typing import Any
 
@@ -32,7 +33,7 @@ def test_a_run_folder_says_everything_about_its_run(finished: Path, noisy_disc: 
     plan = json.loads((finished / "plan.json").read_text())
     assert (plan["processes"], plan["steps"], [clip[0] for clip in plan["clips"]]) == (1, [4, 4], ["disc"])
     versions = json.loads((finished / "versions.json").read_text())
-    assert versions["torch"] == torch.__version__
+    assert versions["torch"] == version("torch")
     assert {"pyoidn", "onnxruntime", "openvino"} <= versions.keys()
     assert str(noisy_disc) in (finished / "config.yaml").read_text()
     assert checkpoint(finished)["step"] == "8"
