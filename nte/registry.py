@@ -4,7 +4,8 @@ from collections.abc import Sequence
 from os.path import isdir, isfile  # false of text that is no name of a file, such as options that are longer
 from pathlib import Path
 
-from nte.denoiser import Denoiser
+from nte.denoiser import Denoiser, Filter
+from nte.elsewhere import class_elsewhere, is_elsewhere
 from nte.errors import NteError, expected_one_of
 from nte.filters.composition import COMPOSITE, EACH, Composition, lights_of
 from nte.filters.named import NAMES, filter_type, load, make, parse, require_device
@@ -30,6 +31,8 @@ def load_denoiser(spec: str | Path, device: str = "cpu", threads: int = 0) -> De
     An .onnx file and a released model take options too: `model.onnx:provider=openvino,threads=2`
     (nte.runtime.providers.OnnxOptions). Where they name no provider it is that of `device`, whose number is kept:
     `cuda:1`.
+
+    A class of another package is `package.module:Class`, or `package.module:Class:key=value` for a Filter.
 
     `estimate+` or `estimate:key=value+` before any denoiser estimates the motion vectors from the images (module
     nte.filters.estimated; keys noise, guides, known). `target=components`, for filters that have every component as a
@@ -64,14 +67,31 @@ def load_denoiser(spec: str | Path, device: str = "cpu", threads: int = 0) -> De
     if name not in NAMES:
         if isdir(spec):
             raise NteError(f"'{spec}' is no run folder: config.yaml is missing")
+        attribute, _, options = text.partition(":")
+        if is_elsewhere(f"{name}:{attribute}"):
+            return _elsewhere(f"{name}:{attribute}", options, spec, device)
         instead = expected_one_of(name, [*names(), *NAMES, COMPOSITE])
-        raise NteError(f"'{spec}' is no denoiser{instead}, a run folder, or an .onnx file")
+        raise NteError(f"'{spec}' is no denoiser{instead}, a run folder, an .onnx file, or package.module:Class")
     kind = filter_type(spec)
     given = parse(spec, text)
     if given.get("target") == EACH:
         _refuse_missing_target(kind.options_type, spec)
         return Composition({c: make(kind, {**given, "target": c}, spec, device) for c in COMPONENTS})
     return make(kind, given, spec, device)
+
+
+def _elsewhere(name: str, options: str, spec: str, device: str) -> Denoiser:
+    """The denoiser of a class in another package; only a Filter has options."""
+    kind = class_elsewhere(name, Denoiser, f"'{spec}'")
+    if Filter in kind.__mro__ and hasattr(kind, "options_type"):
+        return make(kind, parse(spec, options), spec, device)
+    if options:
+        raise NteError(f"'{spec}': {kind.__name__} is no Filter, so it has no options: leave out '{options}'")
+    try:
+        made: Denoiser = kind()
+    except TypeError as error:
+        raise NteError(f"'{spec}': {kind.__name__} cannot be made without arguments: {error}") from error
+    return made
 
 
 def parts_of(spec: str) -> list[str]:

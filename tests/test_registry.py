@@ -46,6 +46,58 @@ def test_a_folder_wins_over_a_name(tmp_path: Path, monkeypatch: pytest.MonkeyPat
         load_denoiser(name)
 
 
+OWN = """
+from nte import Denoiser, Result
+from nte.filters.taa import Taa
+
+class Mine(Taa):
+    pass
+
+class Plain(Denoiser):
+    needs = ("color",)
+
+    def step(self, frame, state, extras=()):
+        return Result(0 * frame["color"]), ()
+
+class Wanting(Plain):
+    def __init__(self, weight):
+        self.weight = weight
+"""
+
+
+@pytest.fixture
+def own(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> str:
+    """The name of a module of denoisers."""
+    name = f"own_{tmp_path.name}"
+    (tmp_path / f"{name}.py").write_text(OWN)
+    monkeypatch.syspath_prepend(str(tmp_path))
+    return name
+
+
+def test_a_class_of_another_package_is_a_denoiser(own: str) -> None:
+    assert load_denoiser(f"{own}:Mine:alpha=0.25").options.alpha == 0.25  # type: ignore[attr-defined]
+    frame = Frame({"color": np.ones((1, 3, 4, 5), np.float32)})
+    np.testing.assert_array_equal(load_denoiser(f"{own}:Plain").step(frame, None)[0].image, 0 * frame["color"])
+
+
+@pytest.mark.parametrize(
+    ("spec", "said"),
+    [
+        ("{own}:Mine:alpha=2", "alpha"),
+        ("{own}:Plain:alpha=2", "Plain is no Filter, so it has no options: leave out 'alpha=2'"),
+        ("{own}:Nobody", "has no Denoiser of that name"),
+        ("{own}:OWN", "has no Denoiser of that name"),
+        ("{own}:Wanting", "Wanting cannot be made without arguments: .*weight"),
+        ("{own}_not:Mine", "there is no module '.*_not': install it, or name its folder in PYTHONPATH"),
+        ("{own}", "is no denoiser.*, or package.module:Class"),
+    ],
+)
+def test_a_class_that_cannot_be_taken_is_told(own: str, spec: str, said: str) -> None:
+    with pytest.raises(NteError, match=said) as error:
+        load_denoiser(spec.format(own=own))
+    assert "\n" not in str(error.value)
+
+
 @pytest.mark.parametrize("name", NAMES)
 def test_options_have_the_name_that_is_typed(name: str) -> None:
     module, kind, _ = NAMES[name]

@@ -9,7 +9,7 @@ from nte.runtime.providers import PROVIDERS
 
 # help text of a denoiser's specification
 DENOISER = (
-    "run, released model, model.onnx, model.onnx:provider=NAME, name:key=value, or "
+    "run, released model, model.onnx, model.onnx:provider=NAME, name:key=value, package.module:Class, or "
     "composite:visibility=SPEC,glossy=[SPEC,with=commas],indirect=SPEC"
 )
 

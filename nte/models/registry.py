@@ -1,9 +1,9 @@
 """The table of networks: what `network.kind` in a training configuration means. A new network is a new row."""
 
-from importlib import import_module
 from inspect import Parameter, signature
 from typing import Any
 
+from nte.elsewhere import class_elsewhere, is_elsewhere
 from nte.errors import NteError, expected_one_of
 from nte.frames.channels import CHANNELS, TARGETS
 from nte.models.trainable import NetworkConfig, TrainableDenoiser
@@ -23,20 +23,11 @@ def network_type(kind: Any) -> type[TrainableDenoiser]:
 
     Raises NteError if there is no such class, or if it is not a TrainableDenoiser.
     """
-    known = f"expected {', '.join(KINDS)}, or package.module:Class"
     place = KINDS.get(kind, kind) if isinstance(kind, str) else ""
-    module, _, name = place.partition(":")
-    if not (name and all(part.isidentifier() for part in module.split("."))):
+    if not is_elsewhere(place):
         raise NteError(f"'network.kind' is {kind!r}{expected_one_of(kind, KINDS)}, or package.module:Class")
-    try:
-        found = getattr(import_module(module), name, None)
-    except Exception as error:  # whatever the file does when it is imported
-        what = f"{module} cannot be imported: {type(error).__name__}: {error}".splitlines()[0]
-        if isinstance(error, ModuleNotFoundError) and f"{module}.".startswith(f"{error.name}."):
-            what = f"there is no module '{error.name}': install it, or name its folder in PYTHONPATH"
-        raise NteError(f"'network.kind' is '{kind}': {what}") from error
-    if not (isinstance(found, type) and issubclass(found, TrainableDenoiser)):
-        raise NteError(f"'network.kind' is '{kind}': {module} has no TrainableDenoiser of that name; {known}")
+    found = class_elsewhere(place, TrainableDenoiser, f"'network.kind' is '{kind}'")
+    name = found.__name__
     if not issubclass(getattr(found, "Config", object), NetworkConfig):
         raise NteError(f"'network.kind' is '{kind}': {name} has no Config, expected a dataclass based on NetworkConfig")
     return found
