@@ -9,7 +9,7 @@ import warnings
 from collections.abc import Callable, Iterator, Mapping
 from concurrent.futures import FIRST_COMPLETED, CancelledError, Future, ProcessPoolExecutor, wait
 from concurrent.futures.process import BrokenProcessPool
-from contextlib import chdir, contextmanager, nullcontext, suppress
+from contextlib import chdir, contextmanager, nullcontext
 from dataclasses import dataclass
 from itertools import islice
 from multiprocessing import active_children, get_context
@@ -196,8 +196,10 @@ def _connected(distributed: ModuleType, address: str) -> Iterator["Client"]:
             ) from error
         yield client
     finally:
-        with suppress(RuntimeError):  # of a race in Dask, where the scheduler has just gone: it must not hide that
+        try:
             client.close()
+        except RuntimeError:  # of a race in Dask, where the scheduler has just gone: it must not hide that
+            client.status = "closed"  # or Dask closes again at the end, and shows a traceback
 
 
 def _as_they_end(
