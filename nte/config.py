@@ -18,7 +18,7 @@ from omegaconf.errors import (
 from yaml import MarkedYAMLError, YAMLError
 
 from nte.errors import NteError, expected_one_of, naming
-from nte.files import is_inside
+from nte.files import is_inside, refuse_pipe
 from nte.shipped import beside
 
 _KINDS = {
@@ -190,6 +190,7 @@ def _read(path: Path, contained: bool, trail: tuple[Path, ...] = ()) -> DictConf
 
 def _read_alone(path: Path) -> DictConfig:
     try:
+        refuse_pipe(path)
         loaded = OmegaConf.load(path)
     except OSError as error:
         if error.strerror is None:  # OmegaConf raises this for a file that is a single number

@@ -189,6 +189,15 @@ if hasattr(os, "register_at_fork"):
     os.register_at_fork(after_in_child=_close_inherited)
 
 
+def refuse_pipe(path: Path) -> None:
+    """Raise NteError for a pipe: reading it would wait, without end, for somebody who writes.
+
+    Raises OSError as reading does.
+    """
+    if path.is_fifo():
+        raise NteError(f"{path}: is a pipe, expected a file")
+
+
 @contextmanager
 def only_writer_of(path: Path, force: bool) -> Iterator[None]:
     """Reserve the file `path` for this block, which makes it.

@@ -9,7 +9,7 @@ import numpy.typing as npt
 import OpenEXR
 
 from nte.errors import NteError
-from nte.files import make_folder, write_whole
+from nte.files import make_folder, refuse_pipe, write_whole
 from nte.frames.exr_header import MAGIC, Header, unbelievable, window_size
 from nte.frames.quiet import quiet
 
@@ -74,6 +74,7 @@ def load_exr(path: Path, size: tuple[int, int] | None = None) -> tuple[OpenEXR.F
     if not _is_text(path):
         raise NteError(f"{path}: the name is not UTF-8, which the OpenEXR library needs: rename it")
     try:
+        refuse_pipe(path)
         with path.open("rb") as opened:
             magic = opened.read(len(MAGIC))
     except OSError as error:

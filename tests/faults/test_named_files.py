@@ -1,5 +1,7 @@
-"""Files that somebody else's channel map or model names: none outside its folder, no frames outside the source."""
+"""Files by their names: what a channel map or model names lies in its folder; frames, in the source; no pipes."""
 
+import os
+import re
 import shutil
 from collections.abc import Callable
 from pathlib import Path
@@ -121,3 +123,19 @@ def test_a_model_reads_no_weights_elsewhere(way: str, provider: str, tmp_path: P
     (folder / "model.onnx").write_bytes(model.SerializeToString())
     with pytest.raises(NteError, match=r"model\.onnx: .*(External data|outside the base directory)"):
         load_denoiser(f"{folder / 'model.onnx'}:provider={provider}")
+
+
+@pytest.mark.skipif(not hasattr(os, "mkfifo"), reason="the system has no pipes with names")
+@pytest.mark.parametrize("words", [["denoise", "pipe.exr", "--out", "out"], ["info", "pipe.yaml"], ["info", "clip"]])
+def test_a_pipe_that_nobody_writes_to_is_refused(
+    words: list[str], noisy_disc: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch,
+    capfd: pytest.CaptureFixture[str],
+) -> None:  # fmt: skip
+    monkeypatch.chdir(tmp_path)
+    shutil.copytree(noisy_disc, "clip")
+    Path("clip", "frame_0000.exr").unlink()
+    for name in ("pipe.exr", "pipe.yaml", "clip/frame_0000.exr"):
+        os.mkfifo(name)
+    assert main(words) == 2
+    (line,) = capfd.readouterr().err.splitlines()
+    assert re.match(r"nte: \S+: is a pipe, expected a file|nte: \S*frame_0000.exr: missing", line)
