@@ -62,7 +62,7 @@ export function Stage() {
       const arrows = vectors.value && found && motionLayer.value ? motionLayer.value : null;
       cancelAnimationFrame(request);
       if (!found || !now) return;
-      const waits = [...inSight.value, ...(arrows ? [arrows] : [])].some((layer) => isComing(found, layer, index));
+      const waits = inSight.value.some((layer) => isComing(found, layer, index));
       frameElement.current!.ariaBusy = "true"; // until all that is chosen is drawn
       request = requestAnimationFrame(() => {
         for (const one of [element, overlay.current!]) {
