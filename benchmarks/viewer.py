@@ -38,8 +38,8 @@ def _milliseconds(work: Callable[[], object]) -> float:
     return 1e3 * (time.perf_counter() - start)
 
 
-def _key(browser: Browser, key: str, shift: bool = False) -> None:
-    browser.press(key, shift=shift)
+def _key(browser: Browser, key: str) -> None:
+    browser.press(key)
     browser.settle()
 
 
@@ -54,8 +54,8 @@ def main(arguments: Sequence[str]) -> int:
     with TemporaryDirectory() as name:
         folder = Path(name)
         disc = {"start": (width / 4, height / 2), "radius": height / 4}
-        frames = (disc_frame(index, (height, width), rng=rng, **disc) for index in range(options.frames))
-        clip = write_clip(folder / "disc", [*frames])
+        frames = [disc_frame(index, (height, width), rng=rng, **disc) for index in range(options.frames)]
+        clip = write_clip(folder / "disc", frames)
         channels = ("albedo", "motion", "depth")
         page = view([clip], {spec: load_denoiser(spec) for spec in options.denoisers}, folder / "page", None, channels)
         print(f"page of {options.frames} frames of {width}x{height}: {size_of(page.parent) / 1e6:.0f} MB")

@@ -11,8 +11,7 @@ from collections.abc import Iterator
 import torch
 from torch import Tensor
 
-from nte.checking.edges import edges, picture
-from nte.checking.flips import BETTER, LEAST, PICTURES, SHARP, block_of, correlation, height_at
+from nte.checking.flips import BETTER, PICTURES, SHARP, block_of, correlation, edges_of, height_at
 from nte.checking.values import Finding
 from nte.frames.frame import Frame
 
@@ -31,11 +30,8 @@ class DisplacedTally:
     def add(self, frame: Frame) -> None:
         """Add a PyTorch frame of batch 1."""
         self._block = block_of(frame.size)
-        size = frame.size[0] // self._block, frame.size[1] // self._block
-        if min(size) < LEAST:
-            return
         self._light = "reference" if "reference" in frame else "color"
-        seen = {name: edges(picture(frame, name, size)) for name in ("color", self._light, *PICTURES) if name in frame}
+        seen = edges_of(frame, dict.fromkeys(("color", self._light, *PICTURES)))
         for name in (name for name in ("reference", *PICTURES) if name in seen):
             match = correlation(seen["color" if name == "reference" else self._light], seen[name])
             self._matches[name] = self._matches.get(name, torch.zeros(())) + match

@@ -5,7 +5,7 @@ two pictures. Where a guide is right, the correlation has its peak at no displac
 only after it has been turned over, the peak is there instead: so sharp a peak at just that place is no coincidence.
 """
 
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 
 import torch
 from torch import Tensor
@@ -36,15 +36,11 @@ class FlipTally:
 
     def add(self, frame: Frame) -> None:
         """Add a PyTorch frame of batch 1."""
-        height, width = (max(1, side // block_of(frame.size)) for side in frame.size)
-        if min(height, width) < LEAST:
-            return
         self._light = "reference" if "reference" in frame else "color"
-        light = edges(picture(frame, self._light, (height, width)))
-        for name in (name for name in PICTURES if name in frame):
-            guide = edges(picture(frame, name, (height, width)))
+        seen = edges_of(frame, (self._light, *PICTURES))
+        for name in (name for name in PICTURES if name in seen):
             for how, sides in {AS_IT_IS: (), **FLIPS}.items():
-                match = correlation(light, guide.flip(sides))
+                match = correlation(seen[self._light], seen[name].flip(sides))
                 self._matches[name, how] = self._matches.get((name, how), torch.zeros(())) + match
 
     def judge(self) -> Iterator[Finding]:
@@ -55,6 +51,14 @@ class FlipTally:
             if peaks and max(peaks.values()) >= least:
                 how = max(peaks, key=lambda how: peaks[how])
                 yield Finding(name, f"shows the picture of {self._light} {how}", ORIENTATION)
+
+
+def edges_of(frame: Frame, names: Iterable[str]) -> dict[str, Tensor]:
+    """Measure the edges (h, w) of the channels that a PyTorch frame of batch 1 has; of none if it is too small."""
+    size = frame.size[0] // block_of(frame.size), frame.size[1] // block_of(frame.size)
+    if min(size) < LEAST:
+        return {}
+    return {name: edges(picture(frame, name, size)) for name in names if name in frame}
 
 
 def block_of(size: tuple[int, int]) -> int:

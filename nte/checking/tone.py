@@ -25,10 +25,8 @@ CHANNELS = 3  # the noise of three channels is that of one
 SURE = 3.0  # standard errors of the mean of a bin that count as noise
 TRUSTED = 0.2  # greatest relative standard error of a bin that tells: fewer samples may have missed all the light
 BENT = 1.05  # least ratio between bins, beyond noise; measured: 0.99 at most in right clips, 1.07 to 30 with curves
-BENT_AROUND, SURE_AROUND = (
-    1.02,
-    2.0,
-)  # the same where blocks are sorted by what is around them, which tells bright from dark less well
+# The same where blocks are sorted by what is around them, which tells bright from dark less well.
+BENT_AROUND, SURE_AROUND = 1.02, 2.0
 STOPS = 2  # stops of brightness that the bins must span to tell a gentle curve from none
 CAUSES = "a tone curve, an encoding, clipped, or another picture, such as a blurred one, or one of another frame"
 EXPECTED = "a multiple of color: linear light, not clipped, no tone curve, not encoded for display"
