@@ -17,9 +17,10 @@ from nte.training.config import TrainConfig, load_train_config
 from nte.training.data import training_loader
 from nte.training.initial import begin_with, read_weights
 from nte.training.log import RunLog
-from nte.training.material import Material, launch, open_material
+from nte.training.material import Material, open_material
 from nte.training.meter import Meter
 from nte.training.plan import Plan, digests
+from nte.training.processes import launch, needing_each_other
 from nte.training.run import DECODED, RunFolder
 from nte.training.schedule import Schedule
 from nte.training.state import TrainingState
@@ -38,8 +39,8 @@ def train(
     config: the configuration, or its YAML file. force: replace a run that exists. device: auto, cpu, cuda, cuda:1, …
     overrides: `key=value` for the file, such as `resume=true`. Training ends after the steps of its phases, never by
     the clock; Ctrl-C stops it after the current step, and then raises KeyboardInterrupt. Raises NteError for wrong data
-    or configuration, for a run that exists without `force`, if another process trains in the run's folder, and if the
-    loss or its gradient is not finite.
+    or configuration, for a run that exists without `force`, if another process trains in the run's folder, if one of
+    several processes has ended or does not answer, and if the loss or its gradient is not finite.
 
     >>> run = nte.train("config.yaml", device="cpu", overrides=["name=mine"])
     step 1: loss ...
@@ -59,7 +60,7 @@ def train(
     lengths = [phase.length(material.data.epoch, config.optimiser.accumulate) for phase in config.phases]
     clips, validation = material.data.clips, material.validation.clips
     plan = Plan(fabric.world_size, lengths, digests(clips), digests(validation), begun.digest if begun else "")
-    with only_writer(run.folder) if fabric.is_global_zero else nullcontext():
+    with needing_each_other(fabric), only_writer(run.folder) if fabric.is_global_zero else nullcontext():
         if fabric.is_global_zero:
             RunFolder.begin(config, plan, force)
         fabric.barrier()

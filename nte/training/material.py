@@ -1,13 +1,10 @@
-"""What a training needs before its first step: processes on their devices, and the clips that fit the network."""
+"""What a training needs before its first step: the clips that fit its network and its losses."""
 
-import os
 from collections.abc import Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import NamedTuple
 
-import torch
-
-from nte.errors import NteError, needs_extra
+from nte.errors import NteError
 from nte.filters.prior import complete
 from nte.frames.channels import reference_of, way_to
 from nte.frames.clip import Clip
@@ -18,9 +15,6 @@ from nte.training.data import TrainingBatches
 from nte.training.losses import HIDDEN
 from nte.training.target import Target
 from nte.training.validation import ValidationSet, spread
-
-if TYPE_CHECKING:  # its import takes twice as long as that of PyTorch
-    from lightning_fabric import Fabric
 
 
 class Material(NamedTuple):
@@ -81,34 +75,3 @@ def needed_channels(denoiser: TrainableDenoiser, config: TrainConfig) -> tuple[s
 def _seen(denoiser: TrainableDenoiser, channels: Sequence[str]) -> list[str]:
     """The channels that `forward` takes: batches have the scalars that the others are there to measure."""
     return [name for name in channels if name in denoiser.inputs]
-
-
-def launch(device: str, seed: int) -> "Fabric":
-    """Start one process on one device; under torchrun one of its processes, on the device of its local rank.
-
-    Raises NteError for a device that does not exist.
-    """
-    try:
-        from lightning_fabric import Fabric
-    except ImportError as error:
-        raise needs_extra("train", "training", error) from error
-    kind, _, index = device.partition(":")
-    processes = int(os.environ.get("LOCAL_WORLD_SIZE", 1)) if "TORCHELASTIC_RUN_ID" in os.environ else 0
-    devices: Any = processes or ([int(index)] if index.isdigit() else 1)
-    try:
-        # Fabric's own mixed precision would round the inputs to bfloat16, including every motion vector.
-        fabric = Fabric(
-            accelerator=kind,
-            devices=devices,
-            num_nodes=int(os.environ.get("GROUP_WORLD_SIZE", 1)),
-            strategy="ddp" if processes else "auto",
-            precision="32-true",
-        )
-        fabric.launch()
-    except (ValueError, RuntimeError, AssertionError) as error:
-        raise NteError(f"--device {device}: {str(error).splitlines()[0]}") from error
-    torch.use_deterministic_algorithms(fabric.device.type == "cpu")
-    # It would also fill every new tensor with NaN, which took a tenth of a step.
-    torch.utils.deterministic.fill_uninitialized_memory = False  # type: ignore[attr-defined]
-    fabric.seed_everything(seed, verbose=False)
-    return fabric

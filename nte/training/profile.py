@@ -18,8 +18,9 @@ from nte.models.registry import make_network
 from nte.text_table import aligned
 from nte.training.config import TrainConfig
 from nte.training.data import training_loader
-from nte.training.material import launch, open_material
+from nte.training.material import open_material
 from nte.training.meter import Meter
+from nte.training.processes import launch
 from nte.training.schedule import Schedule
 from nte.training.step import Stepper, make_loss, make_optimiser
 

@@ -49,22 +49,65 @@ def test_two_processes_do_what_one_does_with_the_same_batch_and_one_of_them_writ
         train(tiny_config(tmp_path, tmp_path / "clips", twenty, *same, "data.batch=1", "resume=true"), device="cpu")
 
 
-def test_a_killed_process_ends_the_others(tmp_path: Path, noisy_disc: Path) -> None:
+def told(rank: int) -> str:
+    """The line that a process says when it has lost the other one."""
+    return f"nte: process {rank} of 2, counted from 0: another one has ended, or has not answered for"
+
+
+@pytest.mark.parametrize("victim", [0, 1])
+def test_a_killed_process_ends_the_other_with_a_line(victim: int, tmp_path: Path, noisy_disc: Path) -> None:
     process = start(config_file(tmp_path, noisy_disc), "phases=[{steps: 100000}]", launcher=TORCHRUN)
-    assert process.stdout is not None
-    for line in process.stdout:
-        if line.startswith("step 3:"):
-            break
-    workers = children(process.pid)
-    assert len(workers) >= 2
-    os.kill(workers[-1], signal.SIGKILL)
+    workers = children_at_step(process, 3)
+    os.kill(workers[victim], signal.SIGKILL)
     began = time.monotonic()
     _, errors = process.communicate(timeout=120)
     assert time.monotonic() - began < 60
     assert process.returncode not in (0, None)
+    lines = [line for line in errors.splitlines() if line.startswith("nte: ")]
+    # torchrun stops the other one by SIGTERM, if it has not noticed by itself.
+    assert len(lines) == 1, errors
+    assert lines[0].startswith((told(1 - victim), "nte: interrupted"))
+    assert "[rank" not in errors  # before the lines of an error that the other one has not caught
     assert "SIGKILL" in errors or "Signal 9" in errors  # torchrun says which of them was killed
     assert all(not Path(f"/proc/{worker}").exists() for worker in workers)
     assert int(str(checkpoint(tmp_path / "runs" / "tiny")["step"])) >= 2  # it can be resumed
+
+
+def test_a_process_that_hangs_is_waited_for_in_bounded_time(tmp_path: Path, noisy_disc: Path) -> None:
+    impatient = tmp_path / "impatient.py"
+    impatient.write_text(
+        "import sys\nfrom nte.cli import main\nfrom nte.training import processes\nprocesses.PATIENCE = 5\n"
+        "sys.exit(main(['train', *sys.argv[1:]]))\n"
+    )
+    launcher = (*TORCHRUN[:-1], str(impatient))
+    process = start(config_file(tmp_path, noisy_disc), "phases=[{steps: 100000}]", launcher=launcher)
+    workers = children_at_step(process, 3)
+    os.kill(workers[1], signal.SIGSTOP)
+    assert process.stderr is not None
+    began = time.monotonic()
+    for line in process.stderr:
+        if line.startswith("nte: "):
+            break
+    assert line.startswith(told(0))
+    assert time.monotonic() - began < 60
+    os.kill(workers[1], signal.SIGCONT)  # otherwise torchrun kills it half a minute later
+    process.communicate(timeout=120)
+    assert process.returncode not in (0, None)
+    assert int(str(checkpoint(tmp_path / "runs" / "tiny")["step"])) >= 2
+
+
+def children_at_step(process: "subprocess.Popen[str]", step: int) -> list[int]:
+    """The processes of a training, by their rank, when it has done a step."""
+    assert process.stdout is not None
+    for line in process.stdout:
+        if line.startswith(f"step {step}:"):
+            break
+    ranks = {}
+    for worker in children(process.pid):
+        words = Path(f"/proc/{worker}/environ").read_bytes().split(b"\0")
+        ranks |= {int(word[5:]): worker for word in words if word.startswith(b"RANK=")}
+    assert sorted(ranks) == [0, 1]
+    return [ranks[0], ranks[1]]
 
 
 def children(parent: int) -> list[int]:
