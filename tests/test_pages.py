@@ -69,17 +69,6 @@ def test_denoisers_of_ones_own_as_the_page_shows_them(own_page: str) -> None:
     assert there["Lag"]
 
 
-def test_tables_of_scores_as_the_page_shows_them(own_page: str, capsys: pytest.CaptureFixture[str]) -> None:
-    assert own_page
-    nte.evaluate("data/quickstart/test", {"noisy": nte.load_denoiser("noisy")}, "report")
-    (block,) = blocks((ROOT / "docs" / "comparisons.md").read_text("utf-8"), "python")
-    exec(block, {})
-    header, first, *_ = Path("scores.csv").read_text("utf-8").splitlines()
-    assert header.startswith("denoiser,clip,target,region,psnr,")
-    assert first.startswith("noisy,rooms_000,color,all,")
-    assert re.search(r"^noisy( & \d+\.\d{3}){4} \\\\$", capsys.readouterr().out, re.MULTILINE)
-
-
 @pytest.mark.slow
 def test_a_network_of_ones_own_as_the_page_shows_it(own_page: str, monkeypatch: pytest.MonkeyPatch) -> None:
     page = own_page.split("## A network")[1]

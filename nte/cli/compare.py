@@ -40,5 +40,5 @@ def _compare(options: argparse.Namespace) -> int:
         comparison, options.data, options.out, runs, options.force, options.device, options.jobs, options.scheduler
     )
     print(plain(summary))
-    print(f"reports: {options.out}; tables in Markdown: {options.out / 'tables.md'}")
+    print(f"reports: {options.out}; tables: {options.out / 'tables.md'}, tables.tex, tables.csv")
     return 2 if failure_lines(summary) else 0

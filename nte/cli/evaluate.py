@@ -13,7 +13,7 @@ def add(commands: Commands) -> None:
     parser = command(commands, "evaluate", _evaluate, text, "eval")
     parser.add_argument("--clips", type=Path, nargs="+", required=True, help="clips, or folders of clips")
     parser.add_argument("--denoisers", nargs="+", required=True, metavar="SPEC", help=DENOISER)
-    parser.add_argument("--out", type=Path, required=True, help="folder for metrics.json and index.html")
+    parser.add_argument("--out", type=Path, required=True, help="folder for metrics.json, index.html and tables")
     parser.add_argument("--first-frame", action="store_true", help="score the first frame too")
     text = f"frames of each clip that the report plays, around the one with most disoccluded pixels (default: {PLAYED})"
     parser.add_argument("--play", type=int, default=PLAYED, metavar="N", help=text)

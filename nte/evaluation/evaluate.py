@@ -8,6 +8,7 @@ from nte.errors import NteError
 from nte.evaluation.report import PLAYED
 from nte.evaluation.report.page import write_report
 from nte.evaluation.results import Evaluation, gathered
+from nte.evaluation.table_files import CSV, LATEX
 from nte.evaluation.units import ClipScores, ClipUnit, elsewhere, require_scorable, score_clip
 from nte.files import already_there, only_writer
 from nte.frames.clip import Clip, clip_labels, find_clips
@@ -17,7 +18,7 @@ from nte.unfinished import MARK, begin, finish, is_unfinished
 from nte.viewer.page import clear
 from nte.viewer.recorder import FOLDER, Recording
 
-OURS = ("metrics.json", "index.html", "layers")  # all that an evaluation writes, and that force replaces
+OURS = ("metrics.json", CSV, LATEX, "index.html", "layers")  # all that an evaluation writes, and that force replaces
 CHANNELS = ("albedo", "normal", "depth", "motion")  # that the report shows besides what is compared
 Advance = Callable[[int, int, str], None]  # frames done, frames in all, clip and frame
 
@@ -38,7 +39,7 @@ def evaluate(
     """Run every denoiser over every clip, score its frames, and write `out`/metrics.json and index.html, the report.
 
     The report plays `played` frames of each clip, around the one with the most disoccluded pixels; their linear values
-    lie in `out`/layers.
+    lie in `out`/layers. Its tables are also written to `out`/tables.csv and, in LaTeX, to tables.tex.
 
     clips: clip folders, or folders that hold clips. denoisers: specifications as for `load_denoiser`, or a mapping from
     a name for the rows to a denoiser. first: index of the first frame that is scored; every denoiser starts at frame 0.
@@ -55,7 +56,7 @@ def evaluate(
     >>> means["taa"]["psnr"] > means["noisy"]["psnr"]  # in decibels, over all clips and frames but the first
     True
     >>> sorted(path.name for path in Path("report").iterdir())
-    ['index.html', 'layers', 'metrics.json']
+    ['index.html', 'layers', 'metrics.json', 'tables.csv', 'tables.tex']
     """
     require_jobs(jobs)
     if played < 1:

@@ -32,6 +32,7 @@ from tests.synthetic import write_clip
 from tests.training.test_clips import cut_off, scramble
 from tests.viewer.reading import data_of
 
+WITH_A_PAGE = ("index.html", "tables.csv", "tables.tex")
 TEXT = """
 recipes: {".": ../recipe.yaml}
 situations:
@@ -92,9 +93,10 @@ def test_each_situation_has_its_numbers_its_report_and_its_strips(config: Path, 
     ]
     files = {path.relative_to(out).as_posix() for path in out.rglob("*") if path.is_file()}
     assert {name for name in files if "/layers/" not in name} == {
-        "summary.json", "tables.md", "comparison.yaml", "disc/metrics.json", "disc/index.html",
+        "summary.json", "tables.md", "tables.tex", "tables.csv", "comparison.yaml",
+        *(f"{name}/{file}" for name in ("disc", "other") for file in ("metrics.json", *WITH_A_PAGE)),
         "disc/clips/disc_000.npz", "disc/clips/disc_001.npz", "disc/strips/disc_000_color.png",
-        "disc/strips/disc_001_color.png", "other/metrics.json", "other/index.html", "other/clips/other_000.npz",
+        "disc/strips/disc_001_color.png", "other/clips/other_000.npz",
         "other/strips/other_000_color.png",
     }  # fmt: skip
     page = data_of((out / "disc" / "index.html").read_text("utf-8"))

@@ -25,7 +25,10 @@ def table_of(scores: Scores) -> Row:
         "tables": [{
             "name": "both", "caption": "", "against": "filter",
             "columns": [{"title": "moving", "clips": len(clips), "metrics": ["psnr"], "margins": ["psnr"]}],
-            "rows": [{"method": m.title, "label": m.title, "parts": [part]} for m, part in parts.items()],
+            "rows": [
+                {"method": m.title, "label": m.title, "seeds": list(m.seeds), "parts": [part]}
+                for m, part in parts.items()
+            ],
         }],
         "failures": [],
     }  # fmt: skip

@@ -15,7 +15,7 @@ import torch
 from nte import Clip, Denoiser, Frame, NteError, Result
 from nte.denoiser import Noisy, State
 from nte.evaluation.benchmark.quality import Judge
-from nte.evaluation.evaluate import evaluate
+from nte.evaluation.evaluate import OURS, evaluate
 from nte.evaluation.metrics import score
 from nte.evaluation.results import Evaluation, means_of
 from nte.evaluation.score_clip import ClipRun, mean
@@ -86,7 +86,7 @@ def test_metrics_json_has_the_promised_form(clip: Path, tmp_path: Path) -> None:
         assert all(len(values) == 3 for values in row["per_frame"].values())
     assert set(metrics["means"]) == {"noisy", "taa"}
     assert metrics["means"]["taa"]["psnr"] > metrics["means"]["noisy"]["psnr"] + 1
-    assert {p.name for p in (tmp_path / "report").iterdir()} == {"metrics.json", "index.html", "layers"}
+    assert {p.name for p in (tmp_path / "report").iterdir()} == {*OURS}
 
 
 def test_scores_agree_with_the_metrics_of_hand_made_display_images(clip: Path, tmp_path: Path) -> None:
@@ -447,7 +447,7 @@ def test_results_are_replaced_only_by_force(clip: Path, tmp_path: Path) -> None:
     (out / "notes.txt").write_text("mine")
     before = (out / "metrics.json").read_text()
     with pytest.raises(
-        NteError, match=r"out: exists: .*or replace its metrics\.json, index\.html and layers with --force"
+        NteError, match=r"out: exists: .*or replace its metrics\.json, .*, index\.html and layers with --force"
     ):
         evaluate([clip], ["noisy"], out)
     assert (out / "metrics.json").read_text() == before
@@ -472,7 +472,7 @@ def test_what_was_stopped_while_it_wrote_is_written_again_by_the_same_evaluation
     with pytest.raises(NteError, match="out: exists"):
         evaluate([clip], ["taa"], out)
     evaluate([clip], ["noisy"], out)
-    assert {path.name for path in out.iterdir()} == {"metrics.json", "index.html", "layers"}
+    assert {path.name for path in out.iterdir()} == {*OURS}
 
 
 def test_leftovers_of_a_killed_process_are_in_nobodys_way(clip: Path, tmp_path: Path) -> None:
@@ -484,7 +484,7 @@ def test_leftovers_of_a_killed_process_are_in_nobodys_way(clip: Path, tmp_path: 
         path = temporary_name(out / name)
         path.with_name(path.name.replace(f"_{os.getpid()}_", f"_{dead.pid}_")).touch()
     evaluate([clip], ["noisy"], out)
-    assert {path.name for path in out.iterdir()} == {"metrics.json", "index.html", "layers"}
+    assert {path.name for path in out.iterdir()} == {*OURS}
 
 
 def test_clips_are_found_below_a_folder_once_and_in_order(tmp_path: Path) -> None:

@@ -37,7 +37,8 @@ def test_the_report_is_one_page_and_its_layers(evaluation: Evaluation, tmp_path:
     data = data_of(path.read_text(encoding="utf-8"))
     assert data["rows"] == evaluation.metrics["rows"]
     assert [clip["name"] for clip in data["clips"]] == ["one", "two & <b>"]
-    assert [path.name for path in tmp_path.iterdir()] == ["index.html"]  # the layers were written by the evaluation
+    written = sorted(path.name for path in tmp_path.iterdir())
+    assert written == ["index.html", "tables.csv", "tables.tex"]  # the layers were written by the evaluation
 
 
 def test_tables_state_the_numbers_of_metrics_json(evaluation: Evaluation) -> None:

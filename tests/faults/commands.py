@@ -1,5 +1,6 @@
 """Commands that write files, to be disturbed: started again, each ends with the files of an undisturbed run."""
 
+import csv
 import io
 import json
 import re
@@ -89,6 +90,16 @@ def _page(data: bytes) -> bytes:
     return TABLE.sub(lambda found: re.sub(rb" +([0-9]+\.[0-9](?=\n|<))?", b" ", found[0]), page)
 
 
+def _timeless(data: bytes) -> bytes:
+    """LaTeX tables without times, the numbers with one decimal."""
+    return re.sub(rb"(?<![\d.])\d+\.\d(?!\d)", b"", data)
+
+
+def _columns(data: bytes) -> bytes:
+    """The lines of a CSV without times."""
+    return json.dumps([_untimed(line) for line in csv.DictReader(data.decode().splitlines())]).encode()
+
+
 def _archive(data: bytes) -> bytes:
     """What a comparison keeps of a clip: the archive's own files have the time at which they were written."""
     with np.load(io.BytesIO(data), allow_pickle=False) as file:
@@ -105,5 +116,5 @@ def _nothing(data: bytes) -> bytes:
 
 _MASKED = {
     "metrics.json": _scores, "index.html": _page, ".npz": _archive, ".safetensors": _weights,
-    "metrics.jsonl": _nothing, "tiny/config.yaml": _nothing,
+    "tables.csv": _columns, "tables.tex": _timeless, "metrics.jsonl": _nothing, "tiny/config.yaml": _nothing,
 }  # fmt: skip

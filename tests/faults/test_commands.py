@@ -7,6 +7,8 @@ import numpy as np
 import pytest
 
 from nte.evaluation.metric_table import METRICS, format_table
+from nte.evaluation.report.files import csv_rows, latex_tables
+from nte.evaluation.table_files import write_tables
 from nte.viewer.page import write_page
 from tests.faults.commands import contents
 
@@ -19,7 +21,10 @@ def results(folder: Path, milliseconds: float = 1.2, psnr: float = 30.0, **more:
     }
     folder.mkdir()
     (folder / "metrics.json").write_text(json.dumps(metrics))
-    tables = [{"rows": {"taa": {"psnr": [psnr, None, None], "ms_per_frame": [milliseconds, milliseconds - 1, None]}}}]
+    cells = {"psnr": [psnr, None, None], "ms_per_frame": [milliseconds, milliseconds - 1, milliseconds + 1]}
+    best = {metric: [] for metric in cells}
+    tables = [{"region": "all", "light": "", "rows": {"taa": cells}, "best": best}]
+    write_tables(folder, csv_rows(tables), latex_tables(tables))
     write_page(folder, {"title": "a", "rows": metrics["rows"], "tables": tables}, format_table(metrics))
     text = np.frombuffer(json.dumps(metrics).encode(), np.uint8)
     np.savez_compressed(folder / "a.npz", about=text, image=np.full(3, psnr))
@@ -30,10 +35,11 @@ def results(folder: Path, milliseconds: float = 1.2, psnr: float = 30.0, **more:
 def test_times_are_masked_and_nothing_else(more: dict[str, str], tmp_path: Path) -> None:
     expected = contents(results(tmp_path / "undisturbed", **more))
     assert contents(results(tmp_path / "slower", milliseconds=1234.5, **more)) == expected
-    others = results(tmp_path / "other numbers", psnr=30.1, **more), results(tmp_path / "other", settings="alpha=0.2")
-    for found in map(contents, others):
+    numbers = contents(results(tmp_path / "other numbers", psnr=30.1, **more))
+    settings = contents(results(tmp_path / "other", settings="alpha=0.2"))  # which tables do not state
+    for found, same in ((numbers, []), (settings, ["tables.csv", "tables.tex"])):
         assert found.keys() == expected.keys()
-        assert [name for name in found if found[name] == expected[name]] == []
+        assert sorted(name for name in found if found[name] == expected[name]) == same
 
 
 @pytest.mark.parametrize("more", ["nothing in it/", ".a.npz.0123.tmp", "layers/0000.js"])

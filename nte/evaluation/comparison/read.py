@@ -8,6 +8,7 @@ from nte.errors import NteError, expected_one_of
 from nte.evaluation.comparison.schema import RUN_OF, Columns, Comparison, Situation, Table
 from nte.evaluation.metric_table import METRICS
 from nte.evaluation.metrics import REGIONS
+from nte.evaluation.table_files import CSV, LATEX
 from nte.files import is_folder_name
 from nte.frames.channels import TARGETS
 from nte.shipped import beside, shipped
@@ -15,7 +16,7 @@ from nte.viewer.recorder import INPUT, REFERENCE
 
 _NAMES = tuple(metric.name for metric in METRICS)
 _OF_A_CLIP = "ms_per_frame"  # the metric without a value for each frame
-_RESULTS = ("comparison.yaml", "summary.json", "tables.md")  # files in the folder that has one for each situation
+_RESULTS = ("comparison.yaml", "summary.json", "tables.md", CSV, LATEX)  # beside the folders of situations
 # Keys of a training configuration that the comparison decides.
 _DECIDED = {
     "seed": "give the network 'seeds'", "name": "a run has the network's title", "runs": "use --runs",

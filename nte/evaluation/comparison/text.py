@@ -1,9 +1,10 @@
-"""The tables of a comparison as text: aligned for terminals, and in Markdown for pages."""
+"""The tables of a comparison as text: aligned for terminals, in Markdown for pages, in LaTeX and CSV for papers."""
 
 from collections.abc import Iterator
 from typing import NamedTuple, TypeAlias
 
 from nte.evaluation.metric_table import METRICS, Metric, Row, best_of
+from nte.evaluation.table_files import LatexTable, latex, latex_number
 from nte.text_table import aligned
 
 _METRICS = {metric.name: metric for metric in METRICS}
@@ -42,6 +43,49 @@ def markdown(summary: Summary) -> str:
         blocks.append("\n".join(lines))
     failures = [f"- {line}" for line in failure_lines(summary)]
     return "\n\n".join([*blocks, *(["\n".join(["### Failures", "", *failures])] if failures else [])]) + "\n"
+
+
+def latex_tables(summary: Summary) -> list[LatexTable]:
+    """Make all tables in LaTeX; the best of each column is bold."""
+    found = []
+    for table in summary["tables"]:
+        columns = _columns(table)
+        heads = [latex(head) for head in (_heading(table), *(column.heading for column in columns))]
+        rows = [
+            [latex(row["label"]), *(latex_number(c.cells[number], c.best[number]) for c in columns)]
+            for number, row in enumerate(table["rows"])
+        ]
+        found.append(LatexTable(f"{table['name']}: {table['caption']}".removesuffix(": "), heads, rows))
+    return found
+
+
+def csv_rows(summary: Summary) -> list[Row]:
+    """Make the lines of the CSV: one for each method in each part of a table, with the number of clips of each metric.
+
+    NAME_margin is the difference from the method `against`, NAME_margin_low and NAME_margin_high its interval.
+    """
+    return [
+        {
+            "table": table["name"], "part": part["title"], "light": numbers["light"], "region": numbers["region"],
+            "first": numbers["first"], "method": row["method"], "seeds": len(row["seeds"]) or None,
+            "against": table["against"] or None, **_numbers(numbers),
+        }
+        for table in summary["tables"]
+        for number, part in enumerate(table["columns"])
+        for row in table["rows"]
+        for numbers in [row["parts"][number]]
+    ]  # fmt: skip
+
+
+def _numbers(part: Summary) -> Row:
+    found: Row = {}
+    for name, mean in part["metrics"].items():
+        found |= {name: mean, f"{name}_clips": part["counted"][name]}
+    for name, margin in part.get("margins", {}).items():
+        if margin is not None:
+            ends = {f"{name}_margin_{key}": margin[key] for key in ("low", "high", "clips")}
+            found |= {f"{name}_margin": margin["mean"], **ends}
+    return found
 
 
 def failure_lines(summary: Summary) -> list[str]:

@@ -1,4 +1,4 @@
-"""The results of a comparison: a report for each situation, summary.json, tables.md and plots."""
+"""The results of a comparison: a report for each situation, summary.json, tables as text and plots."""
 
 import json
 from collections.abc import Mapping, Sequence
@@ -9,11 +9,12 @@ from nte.evaluation.comparison.numbers import Evaluated, Method, Selection, part
 from nte.evaluation.comparison.planned import Planned, unit_name
 from nte.evaluation.comparison.plot import write_plot
 from nte.evaluation.comparison.schema import Columns, Comparison, Plot, Table
-from nte.evaluation.comparison.text import markdown
+from nte.evaluation.comparison.text import csv_rows, latex_tables, markdown
 from nte.evaluation.metric_table import Row
 from nte.evaluation.report.page import write_report
 from nte.evaluation.report.strips import write_strips
 from nte.evaluation.results import Evaluation, gathered, means_of
+from nte.evaluation.table_files import write_tables
 from nte.evaluation.units import ClipScores
 from nte.files import make_folder, write_whole
 from nte.viewer.page import clear
@@ -33,7 +34,8 @@ def write_results(
     """Write everything that comes out of a comparison, and return the content of summary.json.
 
     <situation>/ gets metrics.json, index.html (tables, plots over time, pictures) and strips/; of a network, the page
-    shows the first seed. summary.json has the numbers of all tables, tables.md the same as text, <plot>.svg the plots.
+    shows the first seed. summary.json has the numbers of all tables, tables.md, tables.tex and tables.csv the same as
+    text, <plot>.svg the plots.
     """
     found = {}
     for plan in planned:
@@ -45,6 +47,7 @@ def write_results(
     text = json.dumps(summary, indent=1, allow_nan=False) + "\n"
     write_whole(out / "summary.json", lambda temporary: temporary.write_text(text, encoding="utf-8"))
     write_whole(out / "tables.md", lambda temporary: temporary.write_text(markdown(summary), encoding="utf-8"))
+    write_tables(out, csv_rows(summary), latex_tables(summary))
     for plot in comparison.plots:
         _plot(plot, *found[plot.situation], data, out / f"{plot.name}.svg")
     return summary

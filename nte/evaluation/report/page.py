@@ -4,10 +4,12 @@ from collections.abc import Mapping
 from pathlib import Path
 
 from nte.evaluation.metric_table import Row, format_table
+from nte.evaluation.report.files import csv_rows, latex_tables
 from nte.evaluation.report.how import how_it_is_computed
 from nte.evaluation.report.numbers import metric_table, tables
 from nte.evaluation.report.pictures import picture_clips
 from nte.evaluation.results import Evaluation
+from nte.evaluation.table_files import write_tables
 from nte.viewer.page import write_page
 
 _CHOSEN = (
@@ -20,13 +22,14 @@ def write_report(evaluation: Evaluation, out: Path, methods: Mapping[str, str] |
     """Write `out`/index.html, which needs neither network nor server, and return its path.
 
     Clips that were recorded play; of the others, the pictures that the evaluation has are written to `out`/layers.
+    The tables of the page are written to `out`/tables.csv and `out`/tables.tex as well.
     methods: title → spec, if the evaluation's denoisers have titles. Raises NteError if a file cannot be written.
     """
     recorded = {entry["name"] for entry in evaluation.recorded}
     pictures = picture_clips([one for one in evaluation.shown if one.clip not in recorded], out)
-    return write_page(
-        out, report_data(evaluation, methods, [*evaluation.recorded, *pictures]), format_table(evaluation.metrics)
-    )
+    data = report_data(evaluation, methods, [*evaluation.recorded, *pictures])
+    write_tables(out, csv_rows(data["tables"]), latex_tables(data["tables"]))
+    return write_page(out, data, format_table(evaluation.metrics))
 
 
 def report_data(evaluation: Evaluation, methods: Mapping[str, str] | None, clips: list[Row]) -> Row:
