@@ -4,7 +4,7 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from nte.errors import NteError
+from nte.errors import NteError, printable
 from nte.frames.channels import CHANNELS
 from nte.frames.clip import Clip
 from nte.released import model_path
@@ -41,7 +41,7 @@ def _clip(clip: Clip) -> str:
     lines = [f"clip {clip.folder}: {len(clip)} frames, {clip.width}x{clip.height}"]
     lines += [f"  {key}: {value}" for key, value in facts.items()]
     lines += [f"  {name}: {', '.join(CHANNELS[name].components)} in {CHANNELS[name].unit}" for name in clip.channels]
-    return "\n".join(lines)
+    return _text(lines)
 
 
 def _model(path: Path) -> str:
@@ -52,9 +52,11 @@ def _model(path: Path) -> str:
     lines += [f"  needs: {', '.join(model.needs)}", f"  optional: {', '.join(model.optional) or 'none'}"]
     if model.prior:
         lines += [f"  prior: made by {model.prior}; with it only what that needs must be there, and all else is wanted"]
+    if lower := model.info.get("precision"):
+        lines += [f"  the network computes in {lower}, all else in f32"]
     lines += [f"  {line}" for line in model.info.get("cost", [])]
     lines += [f"  {line}" for line in _places(path)]
-    return "\n".join(lines + [f"  {key}: {value}" for key, value in model.info["conventions"].items()])
+    return _text(lines + [f"  {key}: {value}" for key, value in model.info["conventions"].items()])
 
 
 def _places(path: Path) -> Iterator[str]:
@@ -82,14 +84,14 @@ def _run(folder: Path) -> str:
     if (folder / BEST).is_file():
         best, state = read_checkpoint(folder, BEST)
         lines.append(f"  best validation: {state['psnr'].item():.2f} dB after {best} steps, in {folder / BEST}")
-    return "\n".join(lines)
+    return _text(lines)
 
 
 def _configuration(path: Path) -> str:
     from nte.models.registry import make_network
     from nte.training.config import load_train_config
 
-    return "\n".join([f"training configuration {path}", *_network(make_network(load_train_config(path, []).network))])
+    return _text([f"training configuration {path}", *_network(make_network(load_train_config(path, []).network))])
 
 
 def _network(network: "TrainableDenoiser") -> list[str]:
@@ -99,3 +101,8 @@ def _network(network: "TrainableDenoiser") -> list[str]:
     about = f"network '{network.config.kind}' denoises '{network.target}'; needs: {', '.join(network.needs)}"
     about += f"; prior is made by {network.prior}" if network.prior else ""
     return [f"  {line}" for line in (about, *cost_of(network).lines())]
+
+
+def _text(lines: list[str]) -> str:
+    """Join lines, none of which a text from a file can break or end."""
+    return "\n".join(map(printable, lines))

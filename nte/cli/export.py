@@ -4,23 +4,48 @@ import argparse
 from pathlib import Path
 
 from nte.cli.parsing import Commands, add_force, command
+from nte.errors import NteError
 
 
 def add(commands: Commands) -> None:
     """Add `export` to the subcommands of `nte`."""
-    text = "export a run as one ONNX file, checked against PyTorch"
+    text = "export a run as one ONNX file, checked against PyTorch; or one of a lower precision"
     parser = command(commands, "export", _export, text, "train")
-    parser.add_argument("source", type=Path, metavar="RUN", help="run folder, or a .safetensors file in one")
+    parser.add_argument(
+        "source",
+        type=Path,
+        metavar="RUN",
+        help="run folder, or a .safetensors file in one; with --precision an .onnx file, or a released model",
+    )
     parser.add_argument("--out", type=Path, required=True, metavar="MODEL.onnx", help="file to write")
     parser.add_argument(
         "--vectors", type=Path, metavar="FOLDER", help="write inputs and outputs of four frames there, to check ports"
     )
     text = "write the weights alone there, for a training's init_from"
     parser.add_argument("--weights", type=Path, metavar="FILE.safetensors", help=text)
+    text = "copy an exported model with a network that computes in float16, or in bytes"
+    parser.add_argument("--precision", choices=["f16", "int8"], help=text)
+    text = "for int8: typical clips, such as some of the training, which tell how large values become"
+    parser.add_argument("--calibrate", type=Path, nargs="+", default=[], metavar="CLIP", help=text)
     add_force(parser)
 
 
 def _export(options: argparse.Namespace) -> None:
+    if options.precision or options.calibrate:
+        print(_lower(options))
+        return
     from nte.runtime.export import export
 
     print(export(options.source, options.out, options.force, vectors=options.vectors, weights=options.weights))
+
+
+def _lower(options: argparse.Namespace) -> Path:
+    """Write a copy of lower precision of an exported model."""
+    from nte.registry import model_of
+    from nte.runtime.precision import lower
+
+    if (model := model_of(str(options.source))) is None or model[1]:
+        raise NteError(f"{options.source}: is no exported model: export it first, and then that file with --precision")
+    if options.vectors or options.weights or not options.precision:
+        raise NteError("--precision goes with --calibrate alone; --vectors and --weights are for a run")
+    return lower(model[0], options.out, options.precision, options.calibrate, options.force)

@@ -57,6 +57,7 @@ def read_description(path: Path, text: str | None, inputs: Shapes, outputs: Sequ
         "optional": _are_channels(info.get("optional")),
         "target": info.get("target") in TARGETS,
         "prior": isinstance(info.get("prior", ""), str),
+        "precision": isinstance(info.get("precision", ""), str),
         "smallest": type(info.get("smallest")) is int and 0 < info["smallest"] < 2**16,
         "conventions": isinstance(info.get("conventions"), dict),
         "cost": isinstance(cost, list) and all(isinstance(line, str) for line in cost),

@@ -4,7 +4,6 @@ import json
 from collections.abc import Callable
 from pathlib import Path
 
-import numpy as np
 import onnx
 import torch
 
@@ -19,7 +18,7 @@ from nte.runtime.providers import OnnxOptions
 from nte.runtime.session import OnnxDenoiser
 from nte.runtime.switch import KNOWN, scatter_inside
 from nte.runtime.tracing import traced
-from nte.runtime.trial import trial_frames
+from nte.runtime.trial import CHECK_FRAMES, difference
 from nte.runtime.vectors import FRAMES, INDEX, write_vectors
 from nte.version import __version__
 
@@ -44,7 +43,6 @@ OF_SEQUENCES = {
 }
 
 CHECK_SIZES = ((64, 96), (45, 77), (16, 16))
-CHECK_FRAMES = 20
 TYPICAL, WORST = 1e-4, 0.05  # limits of |a − b| / (|b| + 0.01): of its 99.9th percentile, and of its maximum
 
 
@@ -96,7 +94,8 @@ def export_onnx(denoiser: TrainableDenoiser, path: Path, progress: Callable[[str
         onnx.save(model, temporary)
         seal(temporary)
         for size in CHECK_SIZES:
-            typical, worst = compare_with_torch(denoiser, OnnxDenoiser(temporary, OnnxOptions(threads=1)), size)
+            with torch.no_grad():
+                typical, worst = difference(OnnxDenoiser(temporary, OnnxOptions(threads=1)), denoiser, size)
             found = f"{size[1]}x{size[0]}, {CHECK_FRAMES} frames: 99.9th percentile {typical:.1e}, maximum {worst:.1e}"
             if not (typical < TYPICAL and worst < WORST):
                 limits = f"expected at most {TYPICAL} and {WORST}"
@@ -105,31 +104,6 @@ def export_onnx(denoiser: TrainableDenoiser, path: Path, progress: Callable[[str
 
     make_folder(path.parent)
     write_whole(path, write)
-
-
-def compare_with_torch(
-    denoiser: TrainableDenoiser, exported: OnnxDenoiser, size: tuple[int, int]
-) -> tuple[float, float]:
-    """Compare an exported model with PyTorch over a recurrent sequence of random frames of `size` (height, width).
-
-    Returns the 99.9th percentile and the maximum of |a − b| / (|b| + 0.01), where b is PyTorch's output. Raises
-    NteError where PyTorch's output itself is not finite.
-    """
-    ours, theirs = None, None
-    errors = []
-    with torch.no_grad():
-        for frame in trial_frames((*exported.needs, *exported.optional), size, CHECK_FRAMES):
-            expected, ours = denoiser.step(frame, ours)
-            if not np.isfinite(expected.image).all():
-                raise NteError(
-                    f"not exported: in frame {frame.index} of a test with bad light and unknown vectors, the network's "
-                    "own image is NaN or infinite: its forward must make its inputs usable (nte.frames.usable), and "
-                    "its weights must be finite"
-                )
-            found, theirs = exported.step(frame, theirs)
-            errors.append(np.abs(found.image - expected.image) / (np.abs(expected.image) + 0.01))
-    every = np.concatenate([e.ravel() for e in errors])
-    return float(np.quantile(every, 0.999)), float(every.max())
 
 
 def _graph(denoiser: TrainableDenoiser) -> onnx.ModelProto:

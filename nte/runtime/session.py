@@ -11,7 +11,7 @@ from nte.frames.clip import Pixels
 from nte.frames.frame import Frame
 from nte.recurrence import DENOISED, FORWARD, NetworkState, begin, hand_on
 from nte.runtime.description import METADATA_KEY, read_description, recurrent_of, require_seal
-from nte.runtime.engine import Engine, Spent
+from nte.runtime.engine import Engine, Spent, Value
 from nte.runtime.onnx_engine import OnnxRuntime
 from nte.runtime.onnx_file import metadata_of
 from nte.runtime.providers import PROVIDERS, OnnxOptions, require_installed
@@ -59,23 +59,30 @@ class OnnxDenoiser(Denoiser):
         a sequence.
         """
         require_extras(self, extras, self.path)
-        arrays = frame.numpy()
-        feed = {name: self._checked(arrays, name) for name in self.needs}
-        if FORWARD in self._inputs:  # the graph makes it where it is NaN everywhere
-            given = FORWARD in arrays
-            feed[FORWARD] = self._checked(arrays, FORWARD) if given else np.full_like(feed["motion"], np.nan)
-        state, reset = begin(arrays, state, self._recurrent, lambda shape: np.zeros(shape, np.float32), self._inputs)
-        feed |= {"reset": reset, **state.scalars.known()}
+        feed, state = self.fed(frame, state)
         sources = {tensor.source for tensor in self._recurrent.values()}
         feed |= {name: self._engine.keep(feed[name]) for name in sources if name in feed}
         outputs = {name: DENOISED + name if name in self.components else name for name in extras}
         shown = list(dict.fromkeys(["image", *outputs.values()]))
-        used = {name: value for name, value in (feed | state.tensors).items() if name in self._inputs}
+        used = {name: value for name, value in feed.items() if name in self._inputs}
         made = self._engine.run(used, shown, [name for name in self._outputs if name in sources.difference(shown)])
         both = {name: self._engine.keep(made[name]) for name in sources.intersection(shown)}  # `shown` is the caller's
         after = hand_on(state, self._recurrent, feed | made | both)
         result = Result(made["image"], {name: made[output] for name, output in outputs.items()}).like(frame)
         return result, after
+
+    def fed(self, frame: Frame, state: NetworkState | None) -> tuple[dict[str, Value], NetworkState]:
+        """Return what a frame brings to the graph, and the state, which begins where it is None.
+
+        Raises NteError as `step` does.
+        """
+        arrays = frame.numpy()
+        feed: dict[str, Value] = {name: self._checked(arrays, name) for name in self.needs}
+        if FORWARD in self._inputs:  # the graph makes it where it is NaN everywhere
+            given = FORWARD in arrays
+            feed[FORWARD] = self._checked(arrays, FORWARD) if given else np.full_like(feed["motion"], np.nan)
+        state, reset = begin(arrays, state, self._recurrent, lambda shape: np.zeros(shape, np.float32), self._inputs)
+        return feed | {"reset": reset, **state.scalars.known(), **state.tensors}, state
 
     def profiled(self) -> "OnnxDenoiser":
         """Load the model once more, with the same options, to be profiled."""

@@ -1,4 +1,4 @@
-"""Random frames with everything that a denoiser must cope with: the trial of an exported graph."""
+"""The trial of an exported graph: random frames with everything that a denoiser must cope with."""
 
 from collections.abc import Iterable, Iterator
 from dataclasses import replace
@@ -6,12 +6,37 @@ from dataclasses import replace
 import numpy as np
 import numpy.typing as npt
 
+from nte.denoiser import Denoiser
+from nte.errors import NteError
 from nte.frames.channels import CHANNELS, Channel, Kind, width_of
 from nte.frames.frame import Frame
 from nte.frames.scalars import sequence_scalars
 from nte.recurrence import FORWARD
 
 Numbers = npt.NDArray[np.number]
+CHECK_FRAMES = 20
+
+
+def difference(exported: Denoiser, expected: Denoiser, size: tuple[int, int]) -> tuple[float, float]:
+    """Compare an exported model with what it should be over a recurrent sequence of random frames, (height, width).
+
+    Returns the 99.9th percentile and the maximum of |a − b| / (|b| + 0.01), where b is the expected image. Raises
+    NteError where that is not finite.
+    """
+    state, ours = None, None
+    errors = []
+    for frame in trial_frames((*exported.needs, *exported.optional), size, CHECK_FRAMES):
+        target, ours = expected.step(frame, ours)
+        if not np.isfinite(target.image).all():
+            raise NteError(
+                f"not exported: in frame {frame.index} of a test with bad light and unknown vectors, the network's "
+                "own image is NaN or infinite: its forward must make its inputs usable (nte.frames.usable), and "
+                "its weights must be finite"
+            )
+        found, state = exported.step(frame, state)
+        errors.append(np.abs(found.image - target.image) / (np.abs(target.image) + 0.01))
+    every = np.concatenate([e.ravel() for e in errors])
+    return float(np.quantile(every, 0.999)), float(every.max())
 
 
 def trial_frames(

@@ -12,7 +12,7 @@ from pathlib import Path
 import pytest
 
 from nte.cli import main
-from nte.runtime import export
+from nte.runtime import trial
 from tests.conftest import Rounds
 from tests.faults.commands import COMMANDS, command, contents
 from tests.faults.watched import WARM, watched
@@ -123,7 +123,7 @@ def test_another_command_is_refused_too(
 
 def told(arguments: Sequence[str], said: str) -> None:
     """Run a command, and write what it says to a file."""
-    export.CHECK_FRAMES = 2
+    trial.CHECK_FRAMES = 2
     with open(said, "w") as file:
         sys.stdout = sys.stderr = file
         code = main(arguments)

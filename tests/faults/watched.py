@@ -6,7 +6,7 @@ import sys
 from collections.abc import Callable, Sequence
 
 from nte.cli import main
-from nte.runtime import export
+from nte.runtime import trial
 
 # Forks processes that have imported what the commands need, and have started no thread yet.
 WARM = multiprocessing.get_context("forkserver")
@@ -21,7 +21,7 @@ def watched(arguments: Sequence[str], audit: Callable[[str, tuple[object, ...]],
 
     Only for a process of its own, since a hook stays.
     """
-    export.CHECK_FRAMES = 2  # the check takes long, and changes no file
+    trial.CHECK_FRAMES = 2  # the check takes long, and changes no file
     with open(os.devnull, "w") as nowhere:
         sys.stdout = sys.stderr = nowhere
         sys.addaudithook(audit)

@@ -15,8 +15,9 @@ from nte.models.reading import feature
 from nte.models.registry import make_network
 from nte.models.reprojection import LONGEST, accumulate
 from nte.models.temporal import TemporalConfig
-from nte.runtime.export import compare_with_torch, export_onnx
+from nte.runtime.export import export_onnx
 from nte.runtime.session import OnnxDenoiser
+from nte.runtime.trial import difference
 from tests.models.lights import NETWORKS, OF_KERNELS, frames_of_all, images, light_network
 
 EXTREMES = [np.nan, np.inf, -np.inf, -1.0, 1e-30, 6e4, 3e38]
@@ -223,7 +224,7 @@ def test_the_exported_graph_is_the_network(name: str, tmp_path: Path, monkeypatc
     frames[2] = replace(frames[2], reset=np.ones(1, np.float32))
     for ours, theirs in zip(images(exported, frames), images(network, frames), strict=True):
         np.testing.assert_allclose(ours, theirs, rtol=1e-3, atol=1e-4)
-    typical, _ = compare_with_torch(light_network(name, seed=1), exported, (33, 47))
+    typical, _ = difference(exported, light_network(name, seed=1), (33, 47))
     assert typical > 1e-3  # other weights are another image: the comparison sees them
 
 

@@ -17,8 +17,9 @@ from nte.errors import NteError
 from nte.frames.scalars import sequence_scalars
 from nte.models.temporal import TemporalDenoiser
 from nte.runtime import export
-from nte.runtime.export import compare_with_torch, export_onnx
+from nte.runtime.export import export_onnx
 from nte.runtime.session import OnnxDenoiser
+from nte.runtime.trial import difference
 from tests.networks import small_network
 from tests.synthetic import random_frames
 
@@ -67,12 +68,12 @@ def test_the_loop_that_the_page_shows_is_that_of_nte(
 
 def test_the_comparison_sees_a_difference(network: TemporalDenoiser, model: Path) -> None:
     exported = OnnxDenoiser(model)
-    typical, worst = compare_with_torch(network, exported, (33, 47))
+    typical, worst = difference(exported, network, (33, 47))
     assert typical < 1e-4
     assert worst < 0.05
     other = copy.deepcopy(network)
     other.prediction.trunk.encoders[0][0].weight += 1e-3
-    assert compare_with_torch(other, exported, (33, 47))[0] > 1e-4
+    assert difference(exported, other, (33, 47))[0] > 1e-4
 
 
 def test_a_network_that_passes_bad_pixels_on_is_told_so(
@@ -80,7 +81,7 @@ def test_a_network_that_passes_bad_pixels_on_is_told_so(
 ) -> None:
     monkeypatch.setattr("nte.models.reading.usable_light", lambda target, light, exposure: light)
     with pytest.raises(NteError, match=r"^not exported: in frame 0 .* its forward must make its inputs usable"):
-        compare_with_torch(network, OnnxDenoiser(model), (33, 47))
+        difference(OnnxDenoiser(model), network, (33, 47))
 
 
 @pytest.mark.slow
