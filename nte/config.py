@@ -25,6 +25,7 @@ _KINDS = {
     int: "a whole number", float: "a number", bool: "true or false", str: "text", list: "a list",
     dict: "keys with values",
 }  # fmt: skip
+_LARGEST = 2**63 - 1  # whole number
 Schema = TypeVar("Schema")
 # ${oc.env:HOME} and other function calls, also with a composed name: ${${name}:HOME}
 _RESOLVER = re.compile(r"\$\{[^}]*[:$]")
@@ -73,12 +74,12 @@ def load_config(
         raise NteError(f"{source}: not readable as YAML: {problem_of(error)}") from error
     except RecursionError as error:
         raise NteError(f"{source}: nested too deeply: expected a few levels of keys") from error
-    except (OmegaConfBaseException, ValueError, TypeError) as error:
+    except (OmegaConfBaseException, ValueError, TypeError, OverflowError) as error:
         key = getattr(error, "full_key", None)
         where = f"'{_place(schema, loaded) if source == str(path) else ''}{key}': " if key else ""
         raise NteError(f"{source}: {where}{problem_with(error)}") from error
     with naming(path):
-        _refuse_nested(made, type(made))
+        _refuse_unfit(made, type(made))
         check(made)
     return made
 
@@ -99,27 +100,30 @@ def _place(schema: type, values: object) -> str:
                 return ""  # the key of what is no section is named with its number
             try:
                 OmegaConf.merge(OmegaConf.structured(of_entry), entry)
-            except (OmegaConfBaseException, ValueError, TypeError):
+            except (OmegaConfBaseException, ValueError, TypeError, OverflowError):
                 assert isinstance(of_entry, type)
                 return f"{name}[{number}].{_place(of_entry, entry)}"
     return ""
 
 
-def _refuse_nested(value: object, hint: object, key: str = "") -> None:
+def _refuse_unfit(value: object, hint: object, key: str = "") -> None:
     """Raise NteError for a list or a dictionary in the place of a single value: OmegaConf lets it pass within a list.
 
+    Also for a whole number that no library can take.
     hint: the type that the value should have. key: where it is.
     """
     hint = next((one for one in get_args(hint) if type(None) in get_args(hint) and one is not type(None)), hint)
     if is_dataclass(value):
         for name, of_field in get_type_hints(type(value)).items():
-            _refuse_nested(getattr(value, name), of_field, f"{key}.{name}" if key else name)
+            _refuse_unfit(getattr(value, name), of_field, f"{key}.{name}" if key else name)
     elif isinstance(value, list | dict):
         if hint in (int, float, bool, str):
             raise NteError(f"'{key}': {value!r:.60} is given, expected {_KINDS[hint]}")
         of_entry = get_args(hint)[-1] if get_args(hint) else object
         for place, entry in enumerate(value) if isinstance(value, list) else value.items():
-            _refuse_nested(entry, of_entry, f"{key}[{place}]" if isinstance(value, list) else f"{key}.{place}")
+            _refuse_unfit(entry, of_entry, f"{key}[{place}]" if isinstance(value, list) else f"{key}.{place}")
+    elif isinstance(value, int) and abs(value) > _LARGEST:
+        raise NteError(f"'{key}': {value!r:.40}… is given, expected a number of at most 64 bits")
 
 
 def _chosen(
@@ -220,7 +224,7 @@ def refuse_resolvers(source: str, values: object, key: str = "") -> None:
         for i, value in enumerate(values):
             refuse_resolvers(source, value, f"{key}[{i}]")
     elif isinstance(values, str) and _RESOLVER.search(values):
-        raise NteError(f"{source}: '{key}': '{values}' calls a resolver: write the value itself")
+        raise NteError(f"{source}: '{key}': {values!r:.60} calls a resolver: write the value itself")
 
 
 def problem_of(error: Exception) -> str:

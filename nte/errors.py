@@ -1,6 +1,7 @@
 """NteError, the one error that is meant for users, and what makes its messages."""
 
 import re
+import unicodedata
 from collections.abc import Iterable, Iterator
 from contextlib import contextmanager
 from difflib import get_close_matches
@@ -10,8 +11,35 @@ class NteError(Exception):
     """A mistake in usage or input, told in one line.
 
     The message says what was found, where, what was expected and what to do. The command line prints it without a
-    traceback and exits with status 2; any other exception is a bug in nte.
+    traceback and exits with status 2; any other exception is a bug in nte. Characters that would break the line, steer
+    a terminal or have no encoding are escaped, and the middle of a long message is left out: texts of other people's
+    files are quoted in it.
     """
+
+    def __init__(self, message: str) -> None:
+        super().__init__(printable(_shortened(message)))
+
+
+_BEGIN, _END = 600, 400  # characters that stay of a long message: where and what was found, and what was expected
+
+
+def _shortened(text: str) -> str:
+    return text if len(text) <= _BEGIN + _END else f"{text[:_BEGIN]} … {text[-_END:]}"
+
+
+def printable(text: str, but: str = "") -> str:
+    r"""Escape the characters that would break a line, steer a terminal, turn the text's direction or have no encoding.
+
+    The last are bytes of a file's name that are no text: \udc80 to \udcff. but: characters that stay.
+
+    >>> from nte.errors import printable
+    >>> print(printable("a\nb\x1b[2J"))
+    a\nb\x1b[2J
+    """
+    return "".join(
+        c if c.isprintable() or c in but or unicodedata.category(c) == "Zs" else c.encode("unicode_escape").decode()
+        for c in text
+    )
 
 
 @contextmanager

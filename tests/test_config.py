@@ -275,6 +275,9 @@ NONSENSE = [
     "name: " + "[" * 3000 + "]" * 3000, "name: " + "{a: " * 500 + "1" + "}" * 500, "- a", "3", "''",
     "name: !!python/object/apply:os.system ['echo hi']", "1.5: 3", "true: x", "seed: .nan", "seed: 1e400", "data: 5",
     "train: [null]", "situations: [{name: [a]}]", "channels: {null: x}", "channels: {color: {a: b}}", "xml: 5",
+    "seed: " + "9" * 400, "xml: " + "x" * 300, '"\\ud800": 1', 'name: "\\ud800\\n\\x1b[31m"',
+    "xml: x\ncamera: [{frame: " + "9" * 400 + ", origin: [0, 0, 1], target: [0, 0, 0]}]",
+    "channels: {color: {layer: R, scale: " + "9" * 400 + "}}",
     "xml: x\nobjects: {a: 5}", "name: a\nname: b", "\0", "%YAML 3.0\n---\na: 1", "--- a\n--- b", "name: ???", "<<: 3",
 ]  # fmt: skip
 READERS = [lambda path: load_train_config(path, []), read_recipe, read_comparison, load_channel_map, read_animation]

@@ -8,6 +8,17 @@ from nte.frames.show import show
 from nte.importing.channel_map import find_map
 from nte.models.registry import network_type
 
+
+def test_whatever_a_file_holds_an_error_is_one_line_of_printable_text() -> None:
+    """Of a long one, where and what was found, and what was expected."""
+    said = str(NteError(f"a.json: 'x\n\x1b[31m\u202e\ud800\u3000é' and {'y' * 10_000}, expected a number"))
+    assert said.startswith("a.json: 'x\\n\\x1b[31m\\u202e\\ud800\u3000é' and yyy")
+    assert said.endswith("yyy, expected a number")
+    assert " … " in said
+    assert len(said) < 1100
+    said.encode()
+
+
 NAMES = ("noisy", "taa", "svgf", "align_taa")
 
 

@@ -31,24 +31,26 @@ def read_clip_info(folder: Path) -> dict[str, Any]:
         raise NteError(f"{folder}: {state if folder.exists() else 'does not exist'}; expected a folder with clip.json")
     try:
         info = json.loads(path.read_text(encoding="utf-8"))
+        json.dumps(info, ensure_ascii=False).encode()  # half of a surrogate pair could neither be printed nor written
     except (ValueError, OSError, RecursionError) as error:
         raise NteError(f"{path}: not readable as JSON: {error}") from error
     if not isinstance(info, dict) or info.get("format") != FORMAT:
         found = info.get("format") if isinstance(info, dict) else type(info).__name__
-        raise NteError(f"{path}: format is {found!r}, expected '{FORMAT}'")
+        raise NteError(f"{path}: format is {found!r:.40}, expected '{FORMAT}'")
     for key in ("width", "height", "frames", "seeds"):
         found = info.get(key, 1 if key == "seeds" else None)
         if type(found) is not int or not 1 <= found < 2**31:
             raise NteError(f"{path}: '{key}' is {found!r:.40}, expected a whole number of at least 1")
-    for key in ("exposure", "depth_scale"):
+    for key in ("exposure", "depth_scale", "fps", "spp", "reference_spp"):
         found = info.get(key, 1)
         if type(found) not in (int, float) or not 0 < found < 1e38:
             raise NteError(f"{path}: '{key}' is {found!r:.40}, expected a positive number")
     if type(info.get("clean_guides")) not in (bool, type(None)):
-        raise NteError(f"{path}: 'clean_guides' is {info['clean_guides']!r}, expected true, false or null for unknown")
+        found = f"{info['clean_guides']!r:.40}"
+        raise NteError(f"{path}: 'clean_guides' is {found}, expected true, false or null for unknown")
     shutter = info.get("shutter", 1)
     if type(shutter) not in (int, float) or not 0 < shutter <= 1:
-        raise NteError(f"{path}: 'shutter' is {shutter!r}, expected the open share of the frame, in (0, 1]")
+        raise NteError(f"{path}: 'shutter' is {shutter!r:.40}, expected the open share of the frame, in (0, 1]")
     if "cameras" in info:
         _require_cameras(path, info["cameras"], info["frames"])
     return info
@@ -56,7 +58,7 @@ def read_clip_info(folder: Path) -> dict[str, Any]:
 
 def _require_cameras(path: Path, cameras: object, frames: int) -> None:
     if not isinstance(cameras, list) or len(cameras) != frames:
-        found = len(cameras) if isinstance(cameras, list) else repr(cameras)
+        found = len(cameras) if isinstance(cameras, list) else f"{cameras!r:.40}"
         raise NteError(f"{path}: 'cameras' has {found} for {frames} frames")
     for index, camera in enumerate(cameras):
         for key in ("view", "projection"):

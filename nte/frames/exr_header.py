@@ -19,13 +19,17 @@ _OTHERS = (256, 20_000)  # DWA, HTJ2K and compressions to come
 _LINES = {int(kind): lines for kind, (lines, _) in _CHUNKS.items()}  # by the number in a file
 _OFFSET = 8  # bytes of a chunk's entry in the file's table of offsets
 _SMALL = 1 << 24  # bytes; a file that promises less is always believed
-_LARGEST = 1 << 26  # pixels, 8192×8192: the largest display window around a smaller picture
+# Pixels outside the data window take memory as well, and nothing in the file.
+_LARGEST = 1 << 30  # bytes; a display window that takes less is always believed
+_AROUND = 16  # so many times as large as its data window may a display window be that takes more
+_MOST_BYTES = 4  # of a value: the library tells no type before it has read the pixels
 
 Header: TypeAlias = Mapping[str, Any]  # attributes of an OpenEXR part, by their names
 
 
 def unbelievable(headers: Sequence[Header], file_size: int) -> str | None:
     """Say why a file of `file_size` bytes cannot hold the pixels that its parts' headers promise; None if it can."""
+    promised, held, around = 0.0, 0.0, 0.0  # bytes of all parts: of pixels, of the file, of what surrounds the pixels
     for header in headers:
         data, display = window_size(header["dataWindow"]), window_size(header["displayWindow"])
         if min(*data, *display) < 1:
@@ -35,11 +39,15 @@ def unbelievable(headers: Sequence[Header], file_size: int) -> str | None:
         # Chroma channels have a quarter of the pixels.
         sampled = sum(1 / max(1, c.xSampling * c.ySampling) for c in header.get("channels", ()))
         least = 2 * pixels * (sampled or 1)  # bytes; no type is smaller than half
+        promised, held = promised + least, held + least / ratio
         chunks = 0 if "tiles" in header else -(-data[0] // lines)
-        if chunks * _OFFSET > file_size or least > max(ratio * file_size, _SMALL):
+        if chunks * _OFFSET > file_size or (held > file_size and promised > _SMALL):
             return f"{file_size} bytes cannot hold the {data[1]}x{data[0]} pixels that its header promises"
-        if display[0] * display[1] > max(pixels, _LARGEST):
-            return f"its display window is {display[1]}x{display[0]} around {data[1]}x{data[0]} pixels"
+        if display[0] * display[1] > _AROUND * pixels:
+            around += _MOST_BYTES * display[0] * display[1] * max(1, len(header.get("channels", ())))
+        if around > _LARGEST:
+            sizes = f"{display[1]}x{display[0]} around {data[1]}x{data[0]} pixels"
+            return f"its display window is {sizes}, which may take {around / 1e9:,.1f} GB"
     return None
 
 

@@ -214,7 +214,7 @@ def _source(path: Path, name: str, given: Any, how: ChannelMap) -> Source:
     try:
         merged = OmegaConf.merge(OmegaConf.structured(Source(file=how.file, part=how.part, view=how.view)), listed)
         source: Source = OmegaConf.to_object(merged)  # type: ignore[assignment]
-    except OmegaConfBaseException as error:
+    except (OmegaConfBaseException, OverflowError) as error:
         key = getattr(error, "full_key", None)
         if key and key.startswith("layer"):
             raise NteError(f"{where}: {given!r}: expected a layer, or {_names(row)}") from error

@@ -102,8 +102,12 @@ def prefixes(stored: Stored, name: str, source: Source, ignored: Sequence[str]) 
 
     ignored: prefixes that count only if there is no other.
     """
-    candidates = {""} | {key[: match.start()] for key in stored for match in re.finditer(r"\.", key)}
-    fitting = sorted(prefix for prefix in candidates if find(stored, name, source, prefix))
+    below: dict[str, dict[str, npt.NDArray[np.generic]]] = {"": dict(stored)}
+    for key, pixels in stored.items():
+        for match in re.finditer(r"\.", key):
+            below.setdefault(key[: match.start()], {})[key] = pixels
+    # Each prefix looks at its own channels only: files of thousands would take the square of that.
+    fitting = sorted(prefix for prefix, own in below.items() if find(own, name, source, prefix))
     return [prefix for prefix in fitting if prefix not in ignored] or fitting
 
 

@@ -43,6 +43,7 @@ def read_description(path: Path, text: str | None, inputs: Shapes, outputs: Sequ
     """
     try:
         info = json.loads(text) if text else {}
+        json.dumps(info, ensure_ascii=False).encode()  # half of a surrogate pair could not be printed
     except (ValueError, RecursionError):
         info = {}
     found = info.get("format") if isinstance(info, dict) else None

@@ -59,6 +59,22 @@ def test_a_window_that_the_file_cannot_hold_asks_for_no_memory(
     assert resource.getrusage(resource.RUSAGE_SELF).ru_maxrss - before < 100 * 1024  # KiB
 
 
+@pytest.mark.parametrize("parts", [1, 4])
+def test_a_large_display_window_counts_the_channels_of_all_parts(parts: int, tmp_path: Path) -> None:
+    """Pictures of 4 pixels; what surrounds them would take more than 1 GB, no part of four that much."""
+    path, side = tmp_path / "a.exr", 2000
+    names = [[f"{n}.{i}.R" for i in range(100 // parts)] for n in range(parts)]
+    header = {"compression": OpenEXR.ZIP_COMPRESSION, "type": OpenEXR.scanlineimage}
+    made = [OpenEXR.Part({**header, "name": n[0]}, {k: np.zeros((2, 2), np.float32) for k in n}) for n in names]
+    OpenEXR.File(made).write(str(path))
+    assert len(read_layers(path)) == 100
+    window = b"displayWindow\0box2i\0" + struct.pack("<i", 16)
+    was, large = (window + struct.pack("<4i", 0, 0, side - 1, side - 1) for side in (2, side))
+    path.write_bytes(path.read_bytes().replace(was, large))
+    with pytest.raises(NteError, match=r"display window is 2000x2000 around 2x2 pixels, which may take 1\.[26] GB"):
+        read_layers(path)
+
+
 def test_a_frame_of_another_size_than_its_clip_is_refused_before_it_is_read(tmp_path: Path) -> None:
     clip = Clip(disc_clip(tmp_path / "clip", frames=2, seed=1))
     write_frame(frame_path(clip.folder, 1), disc_frame(1, (12, 18)))

@@ -1,6 +1,7 @@
 """The channel maps that ship, each on files built as its renderer's documentation says."""
 
 import json
+import time
 from collections.abc import Callable, Sequence
 from pathlib import Path
 
@@ -10,6 +11,7 @@ import pytest
 import yaml
 
 from nte.cli import main
+from nte.errors import NteError
 from nte.frames.clip import Clip
 from nte.frames.exr import read_layers, write_exr
 from nte.importing.cameras import camera_of_fov
@@ -333,6 +335,16 @@ def test_maps_are_parsed_once_however_many_files_are_looked_at(tmp_path: Path, m
 
     monkeypatch.setattr("nte.importing.recognise.load_channel_map", parse)
     assert recognise(paths[1]) == "arnold"
+
+
+def test_thousands_of_channels_are_looked_at_one_by_one(tmp_path: Path) -> None:
+    """Each layer is a prefix that might be meant: looking for each in all channels took ten seconds and more."""
+    path = tmp_path / "many.exr"
+    write_exr(path, {f"layer{i}.{'RGB'[i % 3]}": np.zeros((2, 2), np.float16) for i in range(5000)})
+    start = time.process_time()
+    with pytest.raises(NteError, match=r"many\.exr: has no channel of ours"):
+        recognise(path)
+    assert time.process_time() - start < 5
 
 
 def test_an_unknown_map_lists_what_there_is(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:

@@ -1,5 +1,6 @@
 """Recipes: YAML files that say which clips to render, and that derive everything random from one seed."""
 
+import os
 from collections import Counter
 from dataclasses import dataclass, field, replace
 from hashlib import sha256
@@ -177,7 +178,7 @@ def scene_name(group: Group) -> str:
 def _require_own(where: str, group: Group, folder: Path) -> None:
     """Raise NteError for an animation, or a scene, that cannot be rendered."""
     path = folder / group.scene
-    if not path.is_file():
+    if not os.path.isfile(path):  # False also for a name that is too long for any file
         raise NteError(f"{where}.scene: {path} is no file")
     unknown = [name for name in group.parameters if name != START]
     if unknown or type(group.parameters.get(START, 0)) is not int:

@@ -1,5 +1,6 @@
 """Keyframes: a YAML file that says which XML scene is animated, and how its shapes, lights and camera move."""
 
+import os
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 from itertools import pairwise
@@ -71,7 +72,7 @@ def read_animation(path: Path) -> Animation:
             if np.linalg.norm(np.cross(forward, view.up)) < 1e-9 * max(1.0, float(np.linalg.norm(forward))):
                 raise NteError(f"{path}: camera[{number}]: origin, target and up lie on one line")
     xml = path.parent / animation.xml
-    if not xml.is_file():
+    if not os.path.isfile(xml):  # False also for a name that is too long for any file
         raise NteError(f"{path}: xml: {xml} is no file")
     animation.xml = str(xml)
     return animation
