@@ -15,7 +15,7 @@ ROOT = Path(nte.__file__).parent
 LAYERS = (
     "version errors shipped released",
     "files",
-    "config elsewhere interrupt machine memory options overlap progress text_table",
+    "config console elsewhere interrupt machine memory options overlap progress text_table",
     "frames jobs unfinished",
     "color motion",
     "denoiser viewer",

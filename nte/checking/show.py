@@ -9,6 +9,7 @@ from torch import Tensor
 
 from nte.checking.report import CheckReport
 from nte.checking.residuals import COMPARED, visible_in_both
+from nte.errors import printable
 from nte.frames.clip import Clip
 from nte.frames.show import RGB, Picture, grid, heat, quantise, show
 from nte.motion.geometric import frame_vectors, traditional_motion
@@ -39,7 +40,7 @@ def describe(report: CheckReport) -> str:
         verdict = "fault" if any(f.fault for f in found) else "doubt" if any(f.doubt for f in found) else "note"
         verdict = verdict if found else "not judged" if name in report.not_judged else "ok"
         lines.append(f"  {name:28}{low:12.4g}{tally.mean:11.4g}{high:11.4g}{tally.bad:12d}  {verdict}")
-    return "\n".join(lines)
+    return "\n".join(map(printable, lines))
 
 
 def undrawable(clip: Clip) -> str:

@@ -6,6 +6,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from nte.cli.parsing import Commands, add_force, command
+from nte.errors import printable
 
 if TYPE_CHECKING:
     from nte.importing.exr import Imported
@@ -63,5 +64,5 @@ def _tell(imported: "Imported") -> int:
     from nte.importing.outcome import tell
 
     for note in imported.notes:
-        print(f"  {note}")
+        print(f"  {printable(note)}")
     return tell(imported)

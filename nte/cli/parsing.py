@@ -5,6 +5,7 @@ import re
 from collections.abc import Callable
 from typing import NoReturn, Protocol
 
+from nte.errors import printable
 from nte.runtime.providers import PROVIDERS
 
 # help text of a denoiser's specification
@@ -19,7 +20,7 @@ class Parser(argparse.ArgumentParser):
 
     def error(self, message: str) -> NoReturn:
         """Print the message in one line and end the process with status 2."""
-        self.exit(2, f"{self.prog}: error: {message}; see {self.prog} --help\n")
+        self.exit(2, f"{self.prog}: error: {printable(message)}; see {self.prog} --help\n")
 
 
 class Commands(Protocol):

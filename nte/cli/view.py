@@ -4,7 +4,7 @@ import argparse
 from pathlib import Path
 
 from nte.cli.parsing import DENOISER, Commands, add_device, add_force, command, parse_frames
-from nte.errors import NteError, expected_one_of
+from nte.errors import NteError, expected_one_of, printable
 
 
 def add(commands: Commands) -> None:
@@ -51,5 +51,5 @@ def _view(options: argparse.Namespace) -> int:
     if not options.no_open and not webbrowser.open(page.resolve().as_uri()):
         print("no browser was found: open the page in one")
     for line in failed:
-        print(f"nte: {line}", file=sys.stderr)
+        print(f"nte: {printable(line)}", file=sys.stderr)
     return 2 if failed else 0

@@ -4,6 +4,7 @@ from dataclasses import asdict
 from typing import Any
 
 from nte.checking import check, describe
+from nte.errors import printable
 from nte.frames.clip import Clip
 from nte.frames.frame import Frame
 from nte.importing.convert import revert_vectors
@@ -29,7 +30,7 @@ def tell(imported: Imported) -> int:
     for name, what in WITHOUT.items():
         if name not in clip.channels:
             source = f" ({imported.called[name]})" if name in imported.called else ""
-            print(f"  without {name}{source}: {what}")
+            print(printable(f"  without {name}{source}: {what}"))
     report = check(clip)
     print(describe(report))
     if report.verdict != "implausible":
