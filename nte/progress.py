@@ -6,6 +6,8 @@ from typing import Self
 
 from tqdm import tqdm
 
+from nte.errors import printable
+
 
 class Progress:
     """Display of progress up to `total` on stderr: a tqdm bar on a terminal, else one line for each `say`.
@@ -32,6 +34,7 @@ class Progress:
 
     def say(self, what: str) -> None:
         """Show the name of the piece of work that has just been finished."""
+        what = printable(what)
         self.bar.set_postfix_str(what)
         if self.lines:
             print(f"{what} ({self.done}/{self.total} {self.unit}s)", file=sys.stderr, flush=True)
