@@ -64,32 +64,37 @@ def writing(path: Path) -> Iterator[None]:
 
 
 @contextmanager
-def whole(path: Path) -> Iterator[Path]:
+def whole(path: Path, of_many: bool = False) -> Iterator[Path]:
     """Yield a temporary name beside `path`; the file of that name is renamed after the block, or removed if it raises.
 
-    Leftovers of this file from killed processes are removed first. Raises NteError if it cannot be renamed.
+    Leftovers of this file from killed processes are removed first. of_many: they are not, so that their folder must be
+    swept once, and nothing waits for the disk: after a power cut the file may be torn. Raises NteError if it cannot be
+    renamed.
     """
-    sweep(path.parent, path.name)
+    if not of_many:
+        sweep(path.parent, path.name)
     temporary = temporary_name(path)
     try:
         yield temporary
         with writing(path):
-            with temporary.open("rb") as file:
-                os.fsync(file.fileno())
+            if not of_many:
+                with temporary.open("rb") as file:
+                    os.fsync(file.fileno())
             temporary.replace(path)
     finally:
         with suppress(OSError):  # from a folder that cannot be written to: the error above says so
             temporary.unlink(missing_ok=True)
 
 
-def write_whole(path: Path, write: Callable[[Path], object]) -> None:
+def write_whole(path: Path, write: Callable[[Path], object], of_many: bool = False) -> None:
     """Call `write` with a temporary name beside `path`, so that the file is whole or absent.
 
-    Raises NteError, with the temporary file removed, if writing fails (no space left, no permission).
+    of_many: see `whole`. Raises NteError, with the temporary file removed, if writing fails (no space left, no
+    permission).
     """
     path = Path(path)
     try:
-        with whole(path) as temporary:
+        with whole(path, of_many) as temporary:
             write(temporary)
     except (OSError, RuntimeError) as error:
         reason = getattr(error, "strerror", None) or error

@@ -8,7 +8,7 @@ from importlib.resources import files
 from pathlib import Path
 
 from nte.errors import NteError
-from nte.files import remove, write_whole
+from nte.files import remove, sweep, write_whole
 from nte.frames.show import heat_tables
 from nte.version import __version__
 from nte.viewer.recorder import FOLDER, Entry
@@ -77,6 +77,7 @@ def clear(out: Path) -> None:
         raise NteError(f"{folder}: is a link: nothing is deleted through links; remove it")
     for path in sorted(folder.rglob("*"), reverse=True) if folder.is_dir() else ():  # what is inside comes first
         if path.is_dir() and not path.is_symlink():
+            sweep(path)
             _remove_empty(path)
         elif _LAYER.fullmatch(path.name):
             remove(path)

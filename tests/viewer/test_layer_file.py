@@ -1,11 +1,16 @@
 """Images as scripts: nothing is lost but what a half float cannot hold."""
 
+from multiprocessing import get_context
+from pathlib import Path
+
 import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from nte.files import temporary_name
 from nte.viewer.layer_file import layer_script, type_of
+from nte.viewer.page import clear
 from tests.viewer.reading import read_script
 
 NASTY = 'a"b</script>/é'
@@ -49,3 +54,18 @@ def test_half_floats_where_they_keep_what_counts(channel: str, values: list[floa
 
 def test_bytes_stay_bytes() -> None:
     assert type_of("color", np.zeros((3, 2, 2), np.uint8)) == "byte"
+
+
+def test_what_a_killed_process_has_left_of_a_layer_goes_with_the_page(tmp_path: Path) -> None:
+    def die(folder: Path) -> None:
+        left = temporary_name(folder / "0000.js")
+        left.touch()
+
+    folder = tmp_path / "layers" / "a"
+    folder.mkdir(parents=True)
+    process = get_context("fork").Process(target=die, args=(folder,))
+    process.start()
+    process.join()
+    assert len(list(folder.iterdir())) == 1
+    clear(tmp_path)
+    assert list(tmp_path.iterdir()) == []
