@@ -1,6 +1,8 @@
 """Whose folder it is: resuming, refusing, and never deleting what is not ours."""
 
 import os
+import subprocess
+import sys
 from collections.abc import Callable
 from pathlib import Path
 
@@ -134,12 +136,16 @@ def test_the_same_recipe_keeps_its_clips_even_if_forced(tmp_path: Path):
 
 def test_what_killed_writers_left_is_removed_and_what_may_be_written_stays(tmp_path: Path):
     (tmp_path / "seed_01").mkdir()
-    alive = [".frame_0002.exr.0a1b2c3d_99_01234567.tmp", temporary_name(tmp_path / "frame_0003.exr").name]
+    abroad = [".frame_0002.exr.0a1b2c3d_99_01234567_01234567.tmp", "seed_01/.frame_0000.exr.0a1b2c3d_99_0_0.tmp"]
+    alive = [*abroad, temporary_name(tmp_path / "frame_0003.exr").name]
     kept = [*alive, "clip.json", "frame_0000.exr", "mine.tmp", "seed_01/frame_0000.exr"]
-    ours = [".frame_0001.exr.0a1b2c3d.tmp", ".clip.json.01234567.tmp", "seed_01/.frame_0000.exr.ffffffff.tmp"]
-    for name in kept + ours:
+    for name in kept:
         (tmp_path / name).write_text("x")
-    for name in ours:  # of another machine, or of an earlier version
-        os.utime(tmp_path / name, (0, 0))
+        os.utime(tmp_path / name, (0, 0))  # on whatever clock: it may jump, and another machine has another one
+    ours = [tmp_path / name for name in ("frame_0001.exr", "clip.json", "seed_01/frame_0000.exr")]
+    code = "import sys; from pathlib import Path; from nte.files import temporary_name as name; "
+    code += "[name(Path(path)).touch() for path in sys.argv[1:]]"
+    subprocess.run([sys.executable, "-c", code, *map(str, ours)], check=True)
+    assert len(list(tmp_path.rglob("*.tmp"))) == len(alive) + 1 + len(ours)
     remove_leftovers(tmp_path)
     assert {p.relative_to(tmp_path).as_posix() for p in tmp_path.rglob("*") if p.is_file()} == set(kept)

@@ -1,7 +1,6 @@
 """The folder that a recipe is rendered into: which recipe owns it, and which frames in it are done."""
 
 import re
-import time
 from contextlib import suppress
 from pathlib import Path
 
@@ -12,7 +11,6 @@ from nte.frames.clip import frame_path, read_frame
 from nte.render.recipes.recipe import SHARP, SPLITS, ClipPlan, Recipe, recipe_text
 
 _BEGUN = re.compile(r"\.recipe\.yaml\.\w+\.tmp")  # left by a process that was killed before its first rendering
-_WRITTEN_IN = 300  # seconds; a frame's file takes less, on any machine
 _OURS = re.compile(r"(seed_\d{2}/)?(\.?frame_\d{4}\.exr(\.\w+\.tmp)?|\.?clip\.json(\.\w+\.tmp)?)")
 
 
@@ -70,12 +68,13 @@ def remove_leftovers(clip: Path) -> None:
     """Delete the temporary files that killed writers have left beside the frames of a clip that is now complete.
 
     A worker of a cluster whose client was killed may still write the same frames as one of the next client. So a file
-    stays if its writer may be alive: a process of this machine that is, or another machine within the last minutes.
+    stays if its writer may be alive, as any on another machine may: by the time of a file nobody could tell, since two
+    machines have two clocks. It goes when a clip here is completed by a process of that machine.
     """
     for path in clip.rglob("*.tmp"):
         if _OURS.fullmatch(path.relative_to(clip).as_posix()):
             with suppress(FileNotFoundError):  # its writer has renamed it
-                if is_abandoned(path) or time.time() - path.stat().st_mtime > _WRITTEN_IN:
+                if is_abandoned(path):
                     path.unlink()
 
 
