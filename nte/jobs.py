@@ -6,7 +6,7 @@ whole or absent, so nothing has to be locked: a unit whose worker dies is done a
 
 import time
 import warnings
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping, MutableSequence
 from concurrent.futures import FIRST_COMPLETED, CancelledError, Future, ProcessPoolExecutor, wait
 from concurrent.futures.process import BrokenProcessPool
 from contextlib import chdir, contextmanager, nullcontext
@@ -32,7 +32,7 @@ Result = TypeVar("Result")
 QUEUED = 500  # units that a scheduler has at a time, more than a cluster has workers
 PATIENCE = 10  # seconds within which a scheduler must answer and have a worker
 RETURN = 300  # seconds within which workers must be back, once all have gone: a batch system may start others
-LOOK = 1  # seconds without a result after which we look whether there are workers
+LOOK = 1  # seconds without a result after which we look how far units are, and whether there are workers
 
 
 class NoWorkersWarning(UserWarning):
@@ -64,25 +64,34 @@ def in_processes(
     units: Mapping[str, Unit],
     jobs: int,
     done: Callable[[str, Result], None],
+    advance: Callable[[int], None] = lambda count: None,
 ) -> None:
     """Do all units in `jobs` processes; call done(name, result) as each ends.
 
+    advance: called every LOOK seconds, and before `done`, with the pieces of work that units have told by `tick`.
     units: name → unit. Processes are spawned, because threads of Dr.Jit and PyTorch do not survive a fork. Raises what
     a unit raises, and NteError if a process is killed.
     """
     require_jobs(jobs)
     context = get_context("spawn")
-    pool = ProcessPoolExecutor(jobs, mp_context=context, initializer=_begin_worker, initargs=(kind, jobs))
+    ticks = context.RawArray("q", len(units))  # a number for each unit, so that nobody needs a lock
+    pool = ProcessPoolExecutor(jobs, mp_context=context, initializer=_begin_worker, initargs=(kind, jobs, ticks))
+    seen = 0
     try:
         with stopping_workers():
-            left, running = iter(units.items()), dict[Future[Result], str]()
+            left, running = iter(enumerate(units.items())), dict[Future[Result], str]()
 
             def begin(count: int) -> None:
-                running.update((pool.submit(_do_here, work, unit), name) for name, unit in islice(left, count))
+                for number, (name, unit) in islice(left, count):
+                    running[pool.submit(_do_here, work, unit, number)] = name
 
             begin(2 * jobs)  # not all at once: a result is in memory as long as its future
             while running:
-                for future in wait(running, return_when=FIRST_COMPLETED).done:
+                ended = wait(running, LOOK, FIRST_COMPLETED).done
+                now = sum(ticks)
+                advance(now - seen)
+                seen = now
+                for future in ended:
                     name = running.pop(future)
                     begin(1)
                     done(name, future.result())
@@ -107,13 +116,31 @@ def _end(pool: ProcessPoolExecutor) -> None:
         raise
 
 
-def _begin_worker(kind: Kind, jobs: int) -> None:
+class _Ticks:
+    """Where a process of a pool tells how far it is."""
+
+    counts: MutableSequence[int] | None = None  # in memory that it shares with its parent
+    unit = 0  # the number of the unit that it works on
+
+
+def tick(count: int = 1) -> None:
+    """Tell how many pieces of a unit are done now, in the process that works on it.
+
+    It is heard by `in_processes`, and costs an addition; elsewhere nobody hears it.
+    """
+    if _Ticks.counts is not None:
+        _Ticks.counts[_Ticks.unit] += count
+
+
+def _begin_worker(kind: Kind, jobs: int, ticks: MutableSequence[int]) -> None:
     stop_when_told()
+    _Ticks.counts = ticks
     kind.share_cores(jobs)
 
 
-def _do_here(work: Callable[[Unit], Result], unit: Unit) -> Result:
+def _do_here(work: Callable[[Unit], Result], unit: Unit, number: int) -> Result:
     """Do one unit, in a process of the pool."""
+    _Ticks.unit = number
     return stoppable(lambda: work(unit))
 
 

@@ -12,7 +12,7 @@ import numpy.typing as npt
 import pytest
 
 from nte.errors import NteError
-from nte.jobs import Kind, in_processes
+from nte.jobs import Kind, in_processes, tick
 from tests.conftest import Rounds
 
 ALIVE = 6  # results that may be on their way at a time, with two processes
@@ -48,6 +48,33 @@ def test_results_are_not_kept() -> None:
     in_processes(KIND, filled, units, 2, done)
     assert seen == units
     assert most <= ALIVE
+
+
+def ticking(count: int) -> int:
+    """A unit that tells each of its pieces."""
+    for _ in range(count):
+        tick()
+    return count
+
+
+@pytest.mark.slow
+def test_what_units_tell_is_heard_before_they_end() -> None:
+    told, finished, late = 0, 0, []
+
+    def advance(count: int) -> None:
+        nonlocal told
+        told += count
+
+    def done(name: str, result: int) -> None:
+        nonlocal finished
+        finished += result
+        late.append(finished > told)
+
+    units = {f"unit {number}": number for number in range(10)}
+    in_processes(KIND, ticking, units, 2, done, advance)
+    assert told == finished == sum(units.values())
+    assert not any(late)
+    assert tick() is None  # nobody listens to this process
 
 
 @pytest.mark.slow

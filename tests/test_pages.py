@@ -7,7 +7,6 @@ from pathlib import Path
 
 import pytest
 
-import nte
 from nte.cli import main
 from tests.evaluation.conftest import noisy_frames
 from tests.synthetic import write_clip

@@ -47,9 +47,10 @@ def evaluate(
     progress: called after each frame with the frames done, the frames in all and the frame's name. jobs: number of
     processes, each of which evaluates a clip at a time. scheduler: address of a Dask scheduler, whose workers evaluate
     instead; they must see `out` and the working directory under the same paths. Both need specifications, and progress
-    is then told after each clip. The numbers are the same, except for times. One frame of one clip is in memory at a
-    time, besides the denoisers' states. Raises NteError, before any work is done, for missing clips, channels or
-    denoisers, and for an `out` that holds anything without `force`, unless the same evaluation was killed there.
+    is then told about once a second, with no name before the end. The numbers are the same, except for times. One frame
+    of one clip is in memory at a time, besides the denoisers' states. Raises NteError, before any work is done, for
+    missing clips, channels or denoisers, and for an `out` that holds anything without `force`, unless the same
+    evaluation was killed there.
 
     >>> found = nte.evaluate("data/clips", ["noisy", "taa"], "report")
     >>> means = found.metrics["means"]
@@ -141,15 +142,22 @@ def _elsewhere(
 ) -> dict[str, ClipScores]:
     """Score clips in other processes."""
     scores: dict[str, ClipScores] = {}
+    scored, total = 0, sum(frames.values())
+
+    def advance(count: int) -> None:
+        nonlocal scored
+        scored += count
+        if progress and count and scored < total:
+            progress(scored, total, "")
 
     def done(label: str, found: ClipScores) -> None:
         if found.fault or found.failed:
             raise NteError(found.fault or next(iter(found.failed.values())))
         scores[label] = found
-        if progress:
-            progress(sum(frames[label] for label in scores), sum(frames.values()), label)
+        if progress and len(scores) == len(units):
+            progress(total, total, label)
 
-    elsewhere(units, out, jobs, scheduler, done)
+    elsewhere(units, out, jobs, scheduler, done, advance)
     return scores
 
 

@@ -17,7 +17,7 @@ from nte.evaluation.score_clip import ClipRun, Shown
 from nte.filters.threads import limit_threads
 from nte.frames.channels import reference_of
 from nte.frames.clip import Clip
-from nte.jobs import Kind, in_processes, on_cluster, require_jobs
+from nte.jobs import Kind, in_processes, on_cluster, require_jobs, tick
 from nte.registry import load_denoiser, parts_of
 from nte.version import DENOISING, versions_of
 from nte.viewer.recorder import Recording, recorder_of
@@ -158,8 +158,12 @@ def elsewhere(
     jobs: int,
     scheduler: str | None,
     done: Callable[[str, ClipScores], None],
+    advance: Callable[[int], None],
 ) -> None:
-    """Evaluate units in processes, or on the workers of a Dask scheduler that see `folder`; call done(name, scores)."""
+    """Evaluate units in processes, or on the workers of a Dask scheduler that see `folder`; call done(name, scores).
+
+    advance: called with the number of frames that were done, as they are; on a cluster, with those of each whole clip.
+    """
     require_jobs(jobs)
 
     def tell(name: str, scores: ClipScores) -> None:
@@ -167,16 +171,20 @@ def elsewhere(
             warnings.warn(message, stacklevel=2)
         done(name, scores)
 
+    def whole(name: str, scores: ClipScores) -> None:
+        advance(len(Clip(units[name].clip)))
+        tell(name, scores)
+
     if scheduler is not None:
-        on_cluster(EVALUATION, _there, units, folder, scheduler, tell)
+        on_cluster(EVALUATION, _there, units, folder, scheduler, whole)
     else:
-        in_processes(EVALUATION, _there, units, jobs, tell)
+        in_processes(EVALUATION, _there, units, jobs, tell, advance)
 
 
 def _there(unit: ClipUnit) -> ClipScores:
     """Evaluate a clip in another process, which hands its warnings on."""
     with warnings.catch_warnings(record=True) as told:
-        scores = evaluate_clip(unit)
+        scores = evaluate_clip(unit, lambda index: tick())
     return replace(scores, told=[warning.message for warning in told if isinstance(warning.message, Warning)])
 
 

@@ -3,22 +3,19 @@
 import json
 from collections.abc import Mapping
 from pathlib import Path
-from typing import TYPE_CHECKING, NoReturn
 
 from torch import Tensor
 from torch.utils.tensorboard import SummaryWriter
 
 from nte.files import writing
-
-if TYPE_CHECKING:
-    from tqdm import tqdm
+from nte.progress import Progress
 
 
 class RunLog:
     """The log of the run in `folder`, from step `first` on. Every method raises NteError if it cannot be written."""
 
-    def __init__(self, folder: Path, first: int, bar: "tqdm[NoReturn]") -> None:
-        self.folder, self._bar = folder, bar
+    def __init__(self, folder: Path, first: int, progress: Progress) -> None:
+        self.folder, self._progress = folder, progress
         with writing(folder):
             self._events = SummaryWriter(str(folder), purge_step=first)
 
@@ -30,10 +27,11 @@ class RunLog:
             for name, value in values.items():
                 self._events.add_scalar(name, value, step)
         line = f"step {step}: " + ", ".join(f"{name} {value:.4g}" for name, value in values.items())
-        if self._bar.disable:
+        if self._progress.lines:
             print(line, flush=True)
+            self._progress.told()
         else:
-            self._bar.set_postfix_str(f"loss {values['loss']:.4f}" if "loss" in values else "")
+            self._progress.say(f"loss {values['loss']:.4f}" if "loss" in values else "")
 
     def picture(self, step: int, name: str, image: Tensor) -> None:
         """Show a picture (3, H, W) in [0, 1] among TensorBoard's."""

@@ -6,13 +6,13 @@ from pathlib import Path
 from typing import TYPE_CHECKING, cast
 
 from torch.optim.swa_utils import AveragedModel, get_ema_multi_avg_fn
-from tqdm import tqdm
 
 from nte.errors import NteError
 from nte.files import only_writer
 from nte.interrupt import InterruptFlag
 from nte.models.registry import make_network
 from nte.models.trainable import TrainableDenoiser
+from nte.progress import Progress
 from nte.training.config import TrainConfig, load_train_config
 from nte.training.data import training_loader
 from nte.training.initial import begin_with, read_weights
@@ -89,9 +89,8 @@ def _run(
 
     meter = Meter(config.data.batch * config.data.frames * accumulate * fabric.world_size)
     stepper = Stepper(fabric, model, optimiser, config, meter)
-    shown = None if fabric.is_global_zero else True  # None: on a terminal
-    bar = tqdm(total=last, initial=first, desc=f"train {config.name}", unit="step", disable=shown)
-    log = RunLog(run.folder, first, bar) if fabric.is_global_zero else None
+    progress = Progress(f"train {config.name}", last, "step", fabric.is_global_zero, first)
+    log = RunLog(run.folder, first, progress) if fabric.is_global_zero else None
     done = saved = first
 
     def judge(step: int) -> None:
@@ -105,7 +104,7 @@ def _run(
     if log is not None and first and _is_judged(first, last, config) and not run.was_judged(first):
         judge(first)  # the run was stopped between its checkpoint and the validation
     loader = training_loader(data, first * accumulate, last * accumulate, fabric.device.type != "cpu")
-    with InterruptFlag() as interrupted, closing(loader):
+    with InterruptFlag() as interrupted, closing(loader), progress:
         for step in range(first, last):
             settings = schedule.at(step)
             try:
@@ -115,7 +114,7 @@ def _run(
             average.update_parameters(denoiser)
 
             done = step + 1
-            bar.update()
+            progress.advance(1)
             # All processes stop after the same step, or one would wait for the others forever.
             stop = done == last or fabric.strategy.reduce_boolean_decision(interrupted(), all=False)
             if not fabric.is_global_zero:
@@ -137,7 +136,6 @@ def _run(
                 judge(done)
             if stop:
                 break
-    bar.close()
     if log is not None:
         log.close()
     if done < last:

@@ -132,6 +132,8 @@ class _Networks:
                     told.advance(1)
                     told.say(f"{name} failed: {fault}" if fault else name)
 
+                logs = next(iter(self._units.values())).folder.parent
+                told.say(f"train: each run writes to its log, {logs / '*.log'}")
                 train_all(self._units, out, jobs, scheduler, done)
         return [
             Failure(unit.title, unit.seed, "", self._faults[name])
@@ -190,12 +192,7 @@ def _evaluate(
             told.say(f"{name} failed: {found.fault}" if found.fault else name)
 
         if left and (jobs > 1 or scheduler is not None):
-
-            def ended(name: str, found: ClipScores) -> None:
-                told.advance(frames[name])
-                done(name, found)
-
-            elsewhere(left, out, jobs, scheduler, ended)
+            elsewhere(left, out, jobs, scheduler, done, told.advance)
         else:
             for name, unit in left.items():
                 done(name, evaluate_clip(unit, lambda index: told.advance(1)))

@@ -11,7 +11,7 @@ from nte.files import make_folder, only_writer, remove
 from nte.frames.channels import channels_of
 from nte.frames.clip import write_frame
 from nte.frames.clip_info import write_clip_info
-from nte.jobs import in_processes, on_cluster, require_jobs
+from nte.jobs import in_processes, on_cluster, require_jobs, tick
 from nte.progress import Progress
 from nte.render.components.frame import noisy, references
 from nte.render.engine.backend import load_mitsuba, require_arrays
@@ -71,16 +71,16 @@ def render_recipe(
         claim(out, recipe, force, path.parent)
 
         units = {unit.folder: unit for unit in plans}
-        work = partial(render_clip, out=out.absolute())
+        work = partial(render_clip, out=out.absolute(), advance=tick)
 
-        def done(name: str, _: None) -> None:
+        def whole(name: str, _: None) -> None:
             told.advance(units[name].group.frames)
             told.say(name)
 
         if scheduler is not None:
-            on_cluster(RENDERING, work, units, out, scheduler, done)
+            on_cluster(RENDERING, work, units, out, scheduler, whole)
         elif jobs > 1:
-            in_processes(RENDERING, work, units, jobs, done)
+            in_processes(RENDERING, work, units, jobs, lambda name, _: told.say(name), told.advance)
         else:
             for unit in plans:
                 render_clip(unit, out, told.advance)
