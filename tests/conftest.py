@@ -2,6 +2,8 @@
 
 import gc
 import os
+import random
+import secrets
 import subprocess
 import sys
 from collections import Counter
@@ -33,6 +35,7 @@ def pytest_addoption(parser: pytest.Parser) -> None:
     parser.addoption(
         "--torture", action="store_true", help="only tests that torture, with long rounds; for make torture"
     )
+    parser.addoption("--seed", type=int, help="of random moments, as a test that failed has said it")
 
 
 def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item]) -> None:
@@ -59,6 +62,15 @@ def rounds(pytestconfig: pytest.Config, record_property: Callable[[str, object],
         return count
 
     return of
+
+
+@pytest.fixture
+def moments(pytestconfig: pytest.Config) -> random.Random:
+    """Draw moments at which a test kills: others in every run, as each must do. A test that fails says their seed."""
+    given: int | None = pytestconfig.getoption("seed")
+    seed = secrets.randbits(32) if given is None else given
+    print(f"random moments: --seed {seed} draws the same again")
+    return random.Random(seed)
 
 
 def pytest_terminal_summary(terminalreporter: pytest.TerminalReporter, config: pytest.Config) -> None:

@@ -79,7 +79,7 @@ OFTEN = {"render": 50}  # kills in torture, where it is not 10
     "name", [name if name in MOMENTS else pytest.param(name, marks=pytest.mark.torture) for name in COMMANDS]
 )
 def test_it_is_started_again_and_ends_as_undisturbed(
-    name: str, noisy_disc: Path, run: Path, tmp_path: Path, rounds: Rounds
+    name: str, noisy_disc: Path, run: Path, tmp_path: Path, rounds: Rounds, moments: random.Random
 ) -> None:
     def arguments(out: Path) -> list[str]:
         return command(name, out, noisy_disc, run, tmp_path)
@@ -88,9 +88,8 @@ def test_it_is_started_again_and_ends_as_undisturbed(
     count = operations(arguments(undisturbed), undisturbed)
     expected = contents(undisturbed)
     more = rounds("kills", len(daily), OFTEN.get(name, 10)) - len(daily)
-    rng = random.Random()  # other moments in every run of this test: each must do
-    for moment in (*daily, *(rng.randint(1, count) for _ in range(more))):
-        out = tmp_path / f"killed at {moment} {rng.random()}"
+    for number, moment in enumerate((*daily, *(moments.randint(1, count) for _ in range(more)))):
+        out = tmp_path / f"killed at {moment} {number}"
         assert killed(arguments(out), out, moment)
         if moment in daily:
             assert contents(out) != expected  # otherwise it was killed too late: choose another moment

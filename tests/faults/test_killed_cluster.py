@@ -10,7 +10,7 @@ import subprocess
 import sys
 import threading
 import time
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import ExitStack, suppress
 from functools import partial
 from importlib.util import find_spec
@@ -89,7 +89,7 @@ def whole_files(out: Path) -> int:
 @pytest.mark.parametrize("victim", VICTIMS)
 @pytest.mark.parametrize("name", ["render", "evaluate"])
 def test_the_same_command_ends_as_undisturbed(
-    name: str, victim: str, restarted: Restarted, discs: Path, tmp_path: Path, rounds: Rounds
+    name: str, victim: str, restarted: Restarted, discs: Path, tmp_path: Path, rounds: Rounds, moments: random.Random
 ) -> None:
     if name == "render" and find_spec("mitsuba") is None:  # not imported: nte.render must choose the LLVM first
         pytest.skip("mitsuba is not installed")
@@ -98,13 +98,13 @@ def test_the_same_command_ends_as_undisturbed(
         return command(name, out, discs, discs, tmp_path)
 
     assert main(words(tmp_path / "undisturbed")) == 0
-    expected, rng = contents(tmp_path / "undisturbed"), random.Random()
-    files = whole_files(tmp_path / "undisturbed")
+    expected, files = contents(tmp_path / "undisturbed"), whole_files(tmp_path / "undisturbed")
+    told_that_it_is_gone = 0
     for number in range(rounds(f"killed {victim}s of a cluster", 1, 10)):
         out = tmp_path / f"out {number}"
         arguments = [*words(out), "--scheduler", restarted.cluster.address]
         # Files that are there when it is killed.
-        moment = rng.randint(1, files - 1) if number else files // 2
+        moment = moments.randint(1, files - 1) if number else files // 2
         with started(arguments) as client:
             wait_for(lambda: whole_files(out) >= moment or client.poll() is not None)  # noqa: B023
             restarted.kill(victim, client)
@@ -121,6 +121,7 @@ def test_the_same_command_ends_as_undisturbed(
             gone = f"the scheduler at {restarted.cluster.address} is gone: start it and {name} again"
             # The recipe is there before the client has found the scheduler.
             assert gone in line or f"no Dask scheduler answers at {restarted.cluster.address}" in line
+            told_that_it_is_gone += gone in line
         finished = client.returncode == 0
         restarted.mend(victim)
         if not finished:
@@ -128,16 +129,17 @@ def test_the_same_command_ends_as_undisturbed(
                 assert again.communicate(timeout=300)[1].count("nte: ") == 0
             assert again.returncode == 0
         assert contents(out) == expected, moment
+    assert told_that_it_is_gone or victim != "scheduler"
 
 
 @pytest.mark.parametrize("queued", [1, 500])
 def test_work_without_its_scheduler_ends_in_a_line_in_bounded_time(
-    queued: int, tmp_path: Path, rounds: Rounds, monkeypatch: pytest.MonkeyPatch
+    queued: int, tmp_path: Path, rounds: Rounds, moments: random.Random, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """Also where it is killed before the first unit is handed out, or while a result is on its way."""
     monkeypatch.setattr(jobs, "QUEUED", queued)
-    units, rng = {f"unit {number}": number for number in range(100_000)}, random.Random()
-    for number in range(rounds("killed schedulers", 1, 20)):
+    units = {f"unit {number}": number for number in range(100_000)}
+    for number in range(rounds("killed schedulers", 2, 20)):
         with Cluster(tmp_path / f"cluster {number}", workers=1) as cluster:
             killed = list[float]()
 
@@ -145,14 +147,20 @@ def test_work_without_its_scheduler_ends_in_a_line_in_bounded_time(
                 killed.append(time.monotonic())
                 cluster.scheduler.kill()
 
-            timer = threading.Timer(rng.uniform(0, 3), kill)
-            timer.start()
+            def done(name: str, result: object, amid: bool = not number, kill: Callable[[], None] = kill) -> None:
+                if amid:  # the first time it is gone for sure
+                    kill()
+
+            timer = threading.Timer(moments.uniform(0, 3), kill)
             work = COUNTING, partial(np.full, 1000), units, tmp_path, cluster.address
-            gone = r"the scheduler at .* is gone: start it and count again, what is done|no Dask scheduler answers"
+            gone = r"the scheduler at .* is gone: start it and count again, what is done"
+            if number:
+                timer.start()
+                gone += "|no Dask scheduler answers"
             with pytest.raises(NteError, match=gone):
-                jobs.on_cluster(*work, lambda name, result: None)
+                jobs.on_cluster(*work, done)
             assert time.monotonic() - killed[0] < BOUND
-            timer.join()
+            timer.cancel()
 
 
 def test_a_receiver_that_takes_longer_than_the_client_waits_for_a_scheduler(

@@ -45,7 +45,7 @@ def finish(path: Path, *overrides: str) -> None:
 
 
 def test_killed_at_random_moments_and_again_while_resuming(
-    undisturbed: Path, tmp_path: Path, noisy_disc: Path, rounds: Rounds
+    undisturbed: Path, tmp_path: Path, noisy_disc: Path, rounds: Rounds, moments: random.Random
 ) -> None:
     for number in range(rounds("killed trainings", 3, 51) // 3):
         folder = tmp_path / str(number)
@@ -56,12 +56,11 @@ def test_killed_at_random_moments_and_again_while_resuming(
         stop(process, signal.SIGKILL)
         assert process.returncode == -signal.SIGKILL
         reached = 0
-        rng = random.Random()  # another moment in every run of this test: each must do
         for _ in range(2):
             process = Forked(path, LONG, "resume=true")
             # A step takes about 20 ms: the kill falls between steps, inside one, into a checkpoint or a validation.
-            wait_for_step(process, reached + rng.randint(1, 8))
-            time.sleep(rng.uniform(0, 0.05))
+            wait_for_step(process, reached + moments.randint(1, 8))
+            time.sleep(moments.uniform(0, 0.05))
             stop(process, signal.SIGKILL)
             reached = int(str(checkpoint(run)["step"])) if (run / "checkpoint.safetensors").exists() else 0
             assert reached % 2 == 0
