@@ -56,6 +56,8 @@ class NoisebaseSequence:
         array = arrays[name]
         if array.shape != (*lead, *expected):
             raise NteError(f"{path}: '{name}' has the shape {array.shape}, expected {(*lead, *expected)}")
+        if array.dtype.kind not in "fiu":  # objects may be pickled: a codec of old numcodecs runs what is in them
+            raise NteError(f"{path}: '{name}' has the type {array.dtype}, expected numbers")
         index = [*([frame] if lead else []), ..., *([samples] if samples else [])]
         try:
             return np.asarray(array[tuple(index)])

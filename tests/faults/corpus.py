@@ -3,13 +3,17 @@
 import io
 import re
 import shutil
+import zipfile
+import zlib
 from collections.abc import Callable, Sequence
 from contextlib import redirect_stderr, redirect_stdout
 from pathlib import Path
 from typing import NamedTuple
 
+import numcodecs.pickles
 import numpy as np
 import OpenEXR
+from safetensors import safe_open
 
 from nte import load_denoiser
 from nte.burst.pictures import read_picture, write_picture
@@ -27,10 +31,12 @@ from nte.render.recipes.recipe import plan, read_recipe
 from nte.render.world.keyframes import read_animation
 from nte.runtime.description import UNSEALED, seal
 from nte.runtime.export import export_onnx
+from nte.training.checkpoint import checksum_of
 from nte.training.config import load_train_config
 from nte.training.loop import train
 from nte.training.run import load_run
 from tests.burst.dng import BAYER, write_dng
+from tests.faults.strangers import ROOM
 from tests.importing.producers import engine, scene
 from tests.importing.test_noisebase import sequence
 from tests.networks import small_network
@@ -44,6 +50,12 @@ train:
   - {scene: rooms, clips: 2, width: 32, height: 24, frames: 4, spp: 1, reference_spp: 16}
 test:
   - {scene: spheres, clips: 1, width: 32, height: 24, frames: 3, reference_spp: 8}
+"""
+OWN = """\
+name: own
+seed: 3
+test:
+  - {scene: moves.yaml, clips: 1, width: 8, height: 6, frames: 1, reference_spp: 2}
 """
 COMPARISON = """\
 recipes: {}
@@ -79,6 +91,7 @@ def _exr(folder: Path) -> None:
 
 
 def _noisebase(folder: Path) -> None:
+    numcodecs.pickles.ALLOW_UNSAFE_PICKLE_DECODE = True  # as in versions that do not refuse it by themselves
     found = NoisebaseSequence(folder / "scene.zip")
     for frame in range(found.frames):
         for name in ARRAYS:
@@ -91,10 +104,10 @@ def _model(folder: Path) -> None:
         session.denoise(frame)
 
 
-def _command(*words: str) -> Callable[[Path], None]:
-    """Type a command; @ stands for the folder of the corpus."""
+def _command(*words: str) -> Callable[[Path], str]:
+    """Type a command, and return what it says; @ stands for the folder of the corpus."""
 
-    def run(folder: Path) -> None:
+    def run(folder: Path) -> str:
         shutil.rmtree(folder / "out", ignore_errors=True)
         said, told = io.StringIO(), io.StringIO()
         with redirect_stderr(said), redirect_stdout(told):
@@ -103,6 +116,7 @@ def _command(*words: str) -> Callable[[Path], None]:
         if code == 2 and len(ends) == 1:
             raise NteError(ends[0])
         assert code in (0, 1), f"{words} ended with {code}: {said.getvalue()}"
+        return said.getvalue() + told.getvalue()
 
     return run
 
@@ -110,6 +124,37 @@ def _command(*words: str) -> Callable[[Path], None]:
 def _sealed_anew(path: Path) -> None:
     path.write_bytes(re.sub(rb'(?<="sha256": ")[0-9a-f]{64}', UNSEALED.encode(), path.read_bytes()))
     seal(path)
+
+
+def _weights_anew(path: Path) -> None:
+    with safe_open(path, framework="pt") as file:
+        tensors = {name: file.get_tensor(name) for name in file.keys()}  # noqa: SIM118
+        checksum = checksum_of(int(file.metadata()["step"]), tensors).encode()
+        path.write_bytes(re.sub(rb'(?<="sha256":")[0-9a-f]{64}', checksum, path.read_bytes()))
+
+
+def _members_anew(path: Path) -> None:
+    """Write a zip file again with the checksums that its members have now."""
+    with zipfile.ZipFile(path) as file:
+        members = {}
+        for name in file.namelist():
+            with file.open(name) as member:
+                member._expected_crc = None  # type: ignore[attr-defined]
+                members[name] = member.read()
+        with zipfile.ZipFile(path.with_suffix(".new"), "w") as made:
+            for name, data in members.items():
+                made.writestr(name, data)
+        path.with_suffix(".new").replace(path)
+
+
+def _chunks_anew(path: Path) -> None:
+    """Write the checksum of each chunk of a PNG anew."""
+    content, at = bytearray(path.read_bytes()), 8
+    while at + 12 <= len(content):
+        end = at + 8 + int.from_bytes(content[at : at + 4], "big")
+        content[end : end + 4] = zlib.crc32(content[at + 4 : end]).to_bytes(4, "big")
+        at = end + 4
+    path.write_bytes(content)
 
 
 FORMATS = {
@@ -123,12 +168,18 @@ FORMATS = {
     "channel map": Format("map.yaml", lambda folder: load_channel_map(folder / "map.yaml"), True),
     "cameras": Format("cameras.json", lambda folder: load_cameras(folder / "cameras.json", 4), True),
     "weights": Format("runs/tiny/checkpoint.safetensors", lambda folder: load_run(folder / "runs" / "tiny")),
+    "weights, sealed": Format(
+        "runs/tiny/checkpoint.safetensors", lambda folder: load_run(folder / "runs" / "tiny"), seal=_weights_anew
+    ),
+    "scene": Format("room.xml", lambda folder: read_recipe(folder / "own.yaml"), True),
     "run": Format("runs/tiny/config.yaml", lambda folder: load_run(folder / "runs" / "tiny"), True),
     "model": Format("model.onnx", _model),
     "model, sealed": Format("model.onnx", _model, seal=_sealed_anew),
     "noisebase": Format("scene.zip", _noisebase),
+    "noisebase, sealed": Format("scene.zip", _noisebase, seal=_members_anew),
     "photograph": Format("photo.dng", lambda folder: read_raw(folder / "photo.dng")),
     "PNG": Format("picture.png", lambda folder: read_picture(folder / "picture.png")),
+    "PNG, sealed": Format("picture.png", lambda folder: read_picture(folder / "picture.png"), seal=_chunks_anew),
     "TIFF": Format("picture.tif", lambda folder: read_picture(folder / "picture.tif")),
 } | {
     words.partition(" @")[0]: Format(files, _command(*words.removeprefix("nte ").split()), seal=seal)
@@ -150,9 +201,9 @@ def write_corpus(folder: Path) -> None:
     _write_exrs(folder / "exr")
     config_file(folder, folder / "clip")
     train(tiny_config(folder, folder / "clip", "phases=[{steps: 2}]", "data.holdout=0"), device="cpu")
-    for name, text in {"compare": COMPARISON, "recipe": RECIPE, "moves": MOVES}.items():
+    for name, text in {"compare": COMPARISON, "recipe": RECIPE, "own": OWN, "moves": MOVES}.items():
         (folder / f"{name}.yaml").write_text(text)
-    (folder / "room.xml").write_text("<scene version='3.0.0'/>")
+    (folder / "room.xml").write_text(ROOM)
     engine(folder, scene())
     export_onnx(small_network(channels=[4, 4], scales=2), folder / "model.onnx", progress=lambda line: None)
     sequence(folder / "scene.zip", count=2)

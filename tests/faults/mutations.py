@@ -5,10 +5,15 @@ import re
 from collections.abc import Callable
 
 EXTREMES = [bytes([b]) * 4 for b in (0x00, 0xFF)] + [b"\xff\xff\xff\x7f", b"\x00\x00\x00\x80", b"\x00\x00\xff\x7f"]
+CANARY = "stranger"  # the file that code in damage would make, in the folder that the reader works in
+SECRET = "NTE_TEST_SECRET"  # a variable of the environment whose value nothing that is read may hold
+RUN = f"touch {CANARY}"
 HEAD = 512  # bytes; half of the damage falls into them, as headers are believed
 WORDS = (
     "nan", ".inf", "-1", "0", "1e308", "-0.5", "99999999999999999999", "null", "true", "[]", "{}", "''", '"', "[", "}",
-    "!!python/object/apply:os.system ['touch stranger']", "${oc.env:HOME}", "${oc.env:NONE}", "../../etc/passwd",
+    f"!!python/object/apply:os.system ['{RUN}']", f"!!python/object/new:os.system ['{RUN}']",
+    f"!!python/object/apply:subprocess.check_call [[touch, {CANARY}]]", "!!python/name:os.system", "!!python/module:os",
+    f"${{oc.env:{SECRET}}}", "${oc.env:NONE}", f"${{oc.decode:${{oc.env:{SECRET}}}}}", "../../etc/passwd",
     "/etc/passwd", "ﬁ", "\x00", "\u202e", "x" * 100_000, "[" * 5_000, "&a [*a]", "<<: *x",
 )  # fmt: skip
 

@@ -226,6 +226,20 @@ def test_clips_follow_each_other_and_pass_the_check(folder: Path, tmp_path: Path
     assert np.abs(sharp["shutter_motion"]).max() > 1
 
 
+def test_an_xml_file_that_would_end_the_process_is_refused(tmp_path: Path) -> None:
+    (tmp_path / "deep.xml").write_text("<scene version='3.0.0'>" + "<shape type='sphere'>" * 20_000)
+    (tmp_path / "around.xml").write_text("<scene version='3.0.0'><include filename='deep.xml'/></scene>")
+    (tmp_path / "latin.xml").write_bytes(
+        "<scene version='3.0.0'><shape type='cube' id='Würfel'/></scene>".encode("latin-1")
+    )
+    for name, said in {
+        "deep": r"deep\.xml: nested too deeply", "around": r"deep\.xml: nested too deeply", "latin": "not UTF-8",
+    }.items():  # fmt: skip
+        (tmp_path / "moves.yaml").write_text(f"xml: {name}.xml")
+        with pytest.raises(NteError, match=said):
+            XmlStage(read_animation(tmp_path / "moves.yaml"), 8, 8, 2)
+
+
 @pytest.mark.parametrize(
     ("text", "said"),
     [

@@ -1,6 +1,8 @@
 """Loading of a user's own scene as it is: the XML needs no names and no changes for nte."""
 
 import os
+import re
+from collections.abc import Callable
 from itertools import chain, count
 from pathlib import Path
 
@@ -11,6 +13,10 @@ from nte.render.engine.backend import load_mitsuba
 from nte.render.engine.types import MitsubaScene, Struct
 from nte.render.world.keyframes import Animation
 
+_DEEPEST = 100  # elements within each other: from some thousand on Mitsuba's parser ends the process
+_TAG = re.compile(rb"""<(/?)[^\s<>/!?](?:"[^"]*"|'[^']*'|[^"'<>/]|/(?!>))*(/?)>""")
+_NO_TAGS = re.compile(rb"<!--.*?(?:-->|\Z)|<!\[CDATA\[.*?(?:\]\]>|\Z)|<\?.*?(?:\?>|\Z)", re.DOTALL)
+_INCLUDED = re.compile(rb"""<include\b[^<>]*?\bfilename\s*=\s*["']([^"'$]+)["']""")
 _Loaded = tuple[MitsubaScene, bool]
 _kept: dict[str, _Loaded] = {}  # at most one scene: the one that was loaded for a check, until it is rendered
 
@@ -47,6 +53,7 @@ def _load(animation: Animation) -> _Loaded:
     beside.prepend(str(Path(animation.xml).parent.absolute()))
     mi.set_file_resolver(beside)
     try:
+        _require_shallow(animation.xml, lambda name: Path(str(beside.resolve(name))))
         state = mi.parser.parse_file(config, animation.xml, **animation.values)
         mi.parser.transform_all(config, state)
         _drop_unused(state)
@@ -54,6 +61,8 @@ def _load(animation: Animation) -> _Loaded:
         _require_transforms(animation.xml, state)
         media = any(node.type == mi.ObjectType.Medium for node in _used(state))
         made = mi.parser.instantiate(config, state)
+    except UnicodeDecodeError as error:
+        raise NteError(f"{animation.xml}: holds a name that is not UTF-8: save it in UTF-8") from error
     except (RuntimeError, TypeError) as error:  # Mitsuba's exceptions for a faulty scene
         # Where the first line ends in a colon, the second line names the subject.
         first, *more = (line.strip() for line in str(error).strip().splitlines())
@@ -65,6 +74,26 @@ def _load(animation: Animation) -> _Loaded:
     if not isinstance(scene, mi.Scene):
         raise NteError(f"{animation.xml}: holds no <scene>: expected a Mitsuba scene")
     return scene, media
+
+
+def _require_shallow(xml: str, resolve: Callable[[str], Path]) -> None:
+    """Raise NteError for elements that are nested too deeply, also in a file that this one includes.
+
+    resolve: finds the file of an included name. Only tags are looked at: all else is for Mitsuba to judge.
+    """
+    ahead, seen = [Path(xml)], set[Path]()
+    while ahead:
+        path = ahead.pop()
+        if path in seen or not path.is_file():
+            continue
+        seen.add(path)
+        content = _NO_TAGS.sub(b"", path.read_bytes().replace(b"\0", b""))  # as a text of 16 bits has between letters
+        depth = 0
+        for end, empty in _TAG.findall(content):
+            depth += 0 if empty else -1 if end else 1
+            if depth > _DEEPEST:
+                raise NteError(f"{path}: nested too deeply: expected fewer than {_DEEPEST} elements within each other")
+        ahead += [resolve(os.fsdecode(name)) for name in _INCLUDED.findall(content)]
 
 
 def _drop_unused(state: Struct) -> None:
