@@ -98,6 +98,7 @@ supply: $(INSTALLED)
 		--python-version 3.11.9 --no-annotate --no-header >> build/requirements.lock
 	mv build/requirements.lock requirements.lock
 	build/supply/bin/cyclonedx-py requirements requirements.lock --pyproject pyproject.toml -o build/sbom.cdx.json
+	$(BIN)/pytest -q tests/test_supply.py
 	build/supply/bin/pip-audit --strict -r requirements.lock --require-hashes --disable-pip
 
 # The fast tests in two more environments: with the lowest version that each bound of pyproject.toml allows, and with

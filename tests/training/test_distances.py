@@ -7,8 +7,8 @@ from torchmetrics.functional.image import multiscale_structural_similarity_index
 
 from nte.errors import NteError
 from nte.motion.warp import warp
-from nte.training.distances import DISTANCES, structure_error, structure_scales
-from nte.training.losses import LossConfig, SequenceLoss
+from nte.training.distances import DISTANCES, masked_mean, structure_error, structure_scales
+from nte.training.losses import LossConfig, SequenceLoss, occlusion_loss
 from tests.training.test_losses import Painter, batch, loss
 
 
@@ -29,6 +29,31 @@ def test_a_change_counts_relative_to_the_light_that_changes() -> None:
     # The change of I − R is 4, between 9 + 10 of exposed light.
     _, parts = loss(LossConfig(space="linear", distance="smape"), batch([4, 9], [9, 10]))
     assert parts["temporal"] == pytest.approx(4 / 19.01)
+
+
+@pytest.mark.parametrize("name", DISTANCES)
+def test_gradients_of_distances_are_those_of_finite_differences(name: str) -> None:
+    difference = torch.rand(2, 3, 4, 5, dtype=torch.float64) + 0.1
+    difference[0] *= -1  # on either side of the kink at 0
+    magnitude = torch.rand(2, 3, 4, 5, dtype=torch.float64) + 0.1
+    usable = torch.rand(2, 1, 4, 5) < 0.7
+    given = difference.requires_grad_(), magnitude.requires_grad_(name == "smape")
+    assert torch.autograd.gradcheck(lambda *x: masked_mean(DISTANCES[name](*x), usable), given)
+
+
+@pytest.mark.parametrize("normalise", [False, True])
+def test_gradients_of_the_occlusion_loss_are_those_of_finite_differences(normalise: bool) -> None:
+    error = torch.rand(2, 3, 4, 5, dtype=torch.float64, requires_grad=True)
+    weights = torch.rand(2, 1, 4, 5, dtype=torch.float64)
+    assert torch.autograd.gradcheck(lambda e: occlusion_loss(e, weights, normalise), (error,))
+
+
+def test_the_gradient_of_structure_is_that_of_finite_differences() -> None:
+    image, reference = torch.rand(2, 1, 3, 12, 13, dtype=torch.float64)
+    usable = torch.ones(1, 1, 12, 13, dtype=torch.bool)
+    usable[..., 3:5, 4:8] = False
+    given = image.requires_grad_(), reference
+    assert torch.autograd.gradcheck(lambda *x: structure_error(*x, usable), given, fast_mode=True)
 
 
 @pytest.mark.parametrize("name", DISTANCES)
