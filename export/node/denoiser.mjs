@@ -1,6 +1,6 @@
 // A model of nte in ONNX Runtime, for Node and browsers: `ort` is the module onnxruntime-node or onnxruntime-web.
 
-import { describe } from "./description.mjs";
+import { describe, requireSeal } from "./description.mjs";
 
 const FORWARD = "previous_forward_motion";
 
@@ -10,9 +10,11 @@ export class Denoiser {
   #state = {}; // recurrent input → tensor; empty before the first frame of a sequence
   #size = ""; // batch, height and width of the sequence
 
-  /** Load a model. bytes: content of the .onnx file. options: as of ort.InferenceSession.create. */
+  /** Load a model, if it is whole. bytes: content of the .onnx file. options: as of ort.InferenceSession.create. */
   static async load(ort, bytes, options = {}) {
-    return new Denoiser(ort, await ort.InferenceSession.create(bytes, options), describe(bytes));
+    const description = describe(bytes);
+    await requireSeal(bytes);
+    return new Denoiser(ort, await ort.InferenceSession.create(bytes, options), description);
   }
 
   constructor(ort, session, description) {

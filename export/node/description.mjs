@@ -7,13 +7,33 @@ const FORMAT = "nte-onnx/2";
 
 /** Return the description (an object) of a model of nte. bytes: a Uint8Array, the content of its file. */
 export function describe(bytes) {
-  const text = new TextDecoder();
+  const description = JSON.parse(new TextDecoder().decode(metadata(bytes)));
+  if (description.format !== FORMAT) throw new Error(`the model's format is ${description.format}, not ${FORMAT}`);
+  return description;
+}
+
+/**
+ * Throw an error for a model whose checksum does not fit: it is that of the file with 64 zeros in its place.
+ *
+ * Browsers compute no checksums on pages that came by HTTP from another machine: nothing is checked there.
+ */
+export async function requireSeal(bytes) {
+  const part = metadata(bytes);
+  const found = /(?<="sha256": ")[0-9a-f]{64}(?=")/.exec(new TextDecoder("latin1").decode(part)); // a byte, a letter
+  if (!found || !globalThis.crypto?.subtle) return;
+  const unsealed = new Uint8Array(bytes); // a copy
+  const at = part.byteOffset - bytes.byteOffset + found.index;
+  unsealed.fill("0".charCodeAt(0), at, at + found[0].length);
+  const digest = new Uint8Array(await crypto.subtle.digest("SHA-256", unsealed));
+  const checksum = Array.from(digest, (byte) => byte.toString(16).padStart(2, "0")).join("");
+  if (checksum !== found[0]) throw new Error("damaged: its checksum does not fit: copy or export it again");
+}
+
+/** The bytes of the description, within those of the file. */
+function metadata(bytes) {
   for (const pair of fields(bytes, METADATA)) {
-    const [key, value] = [1, 2].map((number) => text.decode(fields(pair, number).next().value));
-    if (key !== "nte") continue;
-    const description = JSON.parse(value);
-    if (description.format !== FORMAT) throw new Error(`the model's format is ${description.format}, not ${FORMAT}`);
-    return description;
+    const [key, value] = [1, 2].map((number) => fields(pair, number).next().value);
+    if (new TextDecoder().decode(key) === "nte") return value;
   }
   throw new Error("not a model of nte: no key 'nte' in its metadata");
 }

@@ -15,7 +15,7 @@ def add(commands: Commands) -> None:
         "source",
         type=Path,
         metavar="RUN",
-        help="run folder, or a .safetensors file in one; with --precision an .onnx file, or a released model",
+        help="run folder, or a .safetensors file in one; or an .onnx file or a released model, which is copied",
     )
     parser.add_argument("--out", type=Path, required=True, metavar="MODEL.onnx", help="file to write")
     parser.add_argument(
@@ -34,9 +34,23 @@ def _export(options: argparse.Namespace) -> None:
     if options.precision or options.calibrate:
         print(_lower(options))
         return
+    from nte.registry import model_of
+
+    if (model := model_of(str(options.source))) is not None and not model[1]:
+        print(_copied(model[0], options))
+        return
     from nte.runtime.export import export
 
     print(export(options.source, options.out, options.force, vectors=options.vectors, weights=options.weights))
+
+
+def _copied(model: Path, options: argparse.Namespace) -> Path:
+    """Copy an exported model, with test vectors."""
+    from nte.runtime.vectors import copy_with_vectors
+
+    if options.weights:
+        raise NteError(f"{options.source}: is exported already, and --weights are a run's: give the run")
+    return copy_with_vectors(model, options.out, options.vectors, options.force)
 
 
 def _lower(options: argparse.Namespace) -> Path:

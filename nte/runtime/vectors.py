@@ -5,6 +5,7 @@ itself: both must give the outputs.
 """
 
 import json
+import shutil
 from collections.abc import Iterable
 from pathlib import Path
 from typing import TypeAlias
@@ -13,10 +14,10 @@ import numpy as np
 import numpy.typing as npt
 
 from nte.errors import NteError
-from nte.files import make_folder, only_writer, remove, write_whole
+from nte.files import make_folder, only_writer, only_writer_of, refuse_to_replace, remove, write_whole
 from nte.frames.frame import Frame
 from nte.recurrence import FORWARD, NetworkState, begin, hand_on
-from nte.runtime.description import METADATA_KEY, read_description, recurrent_of
+from nte.runtime.description import METADATA_KEY, read_description, recurrent_of, require_seal
 from nte.runtime.onnx_engine import session_for
 from nte.runtime.onnx_file import metadata_of
 from nte.runtime.providers import OnnxOptions
@@ -61,6 +62,22 @@ def write_vectors(model: Path, folder: Path, frames: Iterable[Frame] | None = No
             listed.append({part: _written(folder, number, values) for part, values in parts.items()})
         index = {"model": model.name, "tolerance": TOLERANCE, "frames": listed}
         write_whole(folder / INDEX, lambda path: path.write_text(json.dumps(index, indent=1) + "\n", "utf-8"))
+
+
+def copy_with_vectors(model: Path, out: Path, folder: Path | None, force: bool = False) -> Path:
+    """Copy an exported model to the file `out`, with test vectors of it in `folder`, and return its path.
+
+    Needs neither the run nor PyTorch. Raises NteError for a model that is not one of nte, and for a file, or vectors in
+    that folder, that exist without `force`.
+    """
+    if folder is not None:
+        refuse_to_replace([folder / INDEX], force)
+    with only_writer_of(out, force):
+        require_seal(model)
+        write_whole(out, lambda temporary: shutil.copyfile(model, temporary))
+        if folder is not None:
+            write_vectors(out, folder)
+    return out
 
 
 def _written(folder: Path, index: int, values: dict[str, Values]) -> Listed:

@@ -11,6 +11,7 @@ import pytest
 from nte.cli import main
 from nte.errors import NteError
 from nte.models.temporal import TemporalDenoiser
+from nte.released import model_path
 from nte.runtime.vectors import write_vectors
 
 
@@ -50,6 +51,25 @@ def test_a_port_that_keeps_its_state_gets_the_outputs(model: Path, vectors: Path
         exposures.append(float(given["exposure"][0]))
     assert exposures == [exposures[0], exposures[0], 4 * exposures[0], 4 * exposures[0]]
     assert np.isnan(given["previous_forward_motion"]).all()
+
+
+def test_a_released_model_is_copied_with_vectors(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """Who ports it has neither a run nor PyTorch; the image of the denoiser below it is an input."""
+    out, folder = tmp_path / "steady.onnx", tmp_path / "vectors"
+    assert main(["export", "steady", "--out", str(out), "--vectors", str(folder)]) == 0
+    released = model_path("steady")
+    assert released is not None
+    assert out.read_bytes() == released.read_bytes()
+    index = json.loads((folder / "vectors.json").read_text("utf-8"))
+    assert index["model"] == "steady.onnx"
+    assert [frame["inputs"]["prior"]["shape"] for frame in index["frames"]] == [[1, 3, 40, 48]] * 4
+    assert all(np.isfinite(read(folder, frame["outputs"]["image"])).all() for frame in index["frames"])
+    out.unlink()
+    assert main(["export", "steady", "--out", str(out), "--vectors", str(folder)]) == 2
+    assert f"{folder / 'vectors.json'}: exists" in capsys.readouterr().err
+    assert not out.exists()
+    assert main(["export", "steady", "--out", str(out), "--weights", str(tmp_path / "w.safetensors")]) == 2
+    assert "steady: is exported already, and --weights are a run's: give the run" in capsys.readouterr().err
 
 
 def test_the_vectors_see_what_a_port_may_get_wrong(model: Path, vectors: Path) -> None:
