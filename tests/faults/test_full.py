@@ -1,12 +1,18 @@
 """Commands whose disk becomes full: one line, nothing half-written; with space again they end as if undisturbed."""
 
+import json
 import subprocess
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from pathlib import Path
 
 import pytest
+import yaml
+from PIL import Image
 
+from nte import load_denoiser
 from nte.cli import main
+from nte.frames.exr import read_layers
+from nte.training.checkpoint import read_checkpoint
 from nte.unfinished import MARK
 from nte.viewer.page import PAGE
 from nte.viewer.recorder import FOLDER as LAYERS
@@ -51,6 +57,24 @@ def disk(tmp_path: Path) -> Iterator[Disk]:
     made.close()
 
 
+def _read_picture(path: Path) -> None:
+    with Image.open(path) as picture:
+        picture.load()
+
+
+# What a command left is read to its end, as whoever finds it would; a file that is torn fails.
+READERS: dict[str, Callable[[Path], object]] = {
+    ".exr": read_layers,
+    ".json": lambda path: json.loads(path.read_text("utf-8")),
+    # A log's last line may lack its end: a resumed run drops it.
+    ".jsonl": lambda path: [json.loads(line) for line in path.read_text("utf-8").split("\n")[:-1]],
+    ".onnx": lambda path: load_denoiser(str(path)),
+    ".png": _read_picture,
+    ".safetensors": lambda path: read_checkpoint(path.parent, path.name),
+    ".yaml": lambda path: yaml.safe_load(path.read_text("utf-8")),
+}
+
+
 def is_read(out: Path, file: str) -> bool:
     """Whether anything reads a file: nothing reads the layers of a page that is not there."""
     parts = Path(file).parts
@@ -85,6 +109,8 @@ def test_it_says_so_and_goes_on_when_there_is_space(
         left = {file: data for file, data in left.items() if is_read(out, file)}
         earlier = {file for file in left if file.endswith(".safetensors")}  # a checkpoint is that of an earlier step
         assert {file for file in left if left[file] != expected.get(file)} <= earlier, number
+        for file in left:
+            READERS.get(Path(file).suffix, Path.read_bytes)(out / file)
         disk.enlarge()
         assert main(words) == 0, number
         assert contents(out) == expected, number
