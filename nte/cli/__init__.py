@@ -6,6 +6,7 @@ prints (… | head), in silence.
 
 import argparse
 import errno
+import signal
 import sys
 import warnings
 from collections.abc import Sequence
@@ -49,26 +50,34 @@ def main(argv: Sequence[str] | None = None) -> int:
     Wrong usage ends the process with status 2.
     """
     with standard_streams():
+        status = _status(argv)
+    if argv is None:  # Python ends now, and Ctrl-C would show a traceback of that
+        signal.signal(signal.SIGINT, signal.SIG_DFL)
+    return status
+
+
+def _status(argv: Sequence[str] | None) -> int:
+    """Run the command line, tell what went wrong, and return the exit status."""
+    try:
         try:
-            try:
-                return _run(argv)
-            finally:
-                sys.stdout.flush()  # what it refuses must not look as if it had been printed
-        except NteError as error:
-            return _failed(error)
-        except NoReaderError:  # silent, as the commands of the system are: nobody has asked for the rest
-            return NO_READER
-        except OSError as error:  # not permitted, no space left, a name that is too long
-            if error.errno not in _OF_THE_SYSTEM:
-                raise
-            return _failed(f"{f'{error.filename}: ' if error.filename else ''}{error.strerror}")
-        except (MemoryError, RuntimeError) as error:
-            if (what := lacking_memory(error)) is None:
-                raise
-            return _failed(f"{what}: give it smaller frames or more memory, or fewer --jobs")
-        except KeyboardInterrupt:
-            # No more than that: a second Ctrl-C kills workers, whose hidden files the next command sweeps.
-            return _failed("interrupted; every file is whole or absent", INTERRUPTED)
+            return _run(argv)
+        finally:
+            sys.stdout.flush()  # what it refuses must not look as if it had been printed
+    except NteError as error:
+        return _failed(error)
+    except NoReaderError:  # silent, as the commands of the system are: nobody has asked for the rest
+        return NO_READER
+    except OSError as error:  # not permitted, no space left, a name that is too long
+        if error.errno not in _OF_THE_SYSTEM:
+            raise
+        return _failed(f"{f'{error.filename}: ' if error.filename else ''}{error.strerror}")
+    except (MemoryError, RuntimeError) as error:
+        if (what := lacking_memory(error)) is None:
+            raise
+        return _failed(f"{what}: give it smaller frames or more memory, or fewer --jobs")
+    except KeyboardInterrupt:
+        # No more than that: a second Ctrl-C kills workers, whose hidden files the next command sweeps.
+        return _failed("interrupted; every file is whole or absent", INTERRUPTED)
 
 
 def _run(argv: Sequence[str] | None) -> int:
