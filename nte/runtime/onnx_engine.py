@@ -23,7 +23,9 @@ _LACKING = (
 )  # fmt: skip
 _RUN, _KERNEL = "model_run", "_kernel_time"  # names in a profile: of a run, and behind those of operators
 # What ONNX Runtime puts before the reason: its code, the file once more, a place in its own sources.
-_BEFORE = re.compile(r"\[ONNXRuntimeError\] : \d+ : \w+ : |Load model from \S.*? failed:|\S+\.cc:\d+ .*?\) (?:const )?")
+_BEFORE = re.compile(
+    r"\[ONNXRuntimeError\] : \d+ : \w+ : |Load model from \S.*? failed:|\S+\.(?:cc|h):\d+ .*?\) (?:const )?"
+)
 
 
 class OnnxRuntime:

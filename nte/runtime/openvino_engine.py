@@ -91,9 +91,10 @@ def _spent(node: openvino.ProfilingInfo) -> tuple[str, float]:
 
 @contextmanager
 def _told(what: str) -> Iterator[None]:
-    """Say in one line what OpenVINO finds wrong: the last line that it prints is the cause."""
+    """Say in one line what OpenVINO finds wrong: operators that it lacks, else the last line, which is the cause."""
     try:
         yield
     except Exception as error:  # RuntimeError, and classes of its own
         lines = [line.strip(" -") for line in str(error).splitlines() if line.strip(" -")]
-        raise NteError(f"{what}: {lines[-1] if lines else type(error).__name__}") from error
+        lacking = [line for line in lines if line.startswith("No conversion rule")]
+        raise NteError(f"{what}: {[type(error).__name__, *lines, *lacking][-1]}") from error

@@ -22,6 +22,7 @@ from nte.files import make_folder, only_writer_of, write_whole
 from nte.filters.prior import complete
 from nte.frames.clip import Clip, Pixels
 from nte.frames.frame import Frame
+from nte.progress import Progress
 from nte.recurrence import NetworkState
 from nte.runtime.description import METADATA_KEY, UNSEALED, seal
 from nte.runtime.session import OnnxDenoiser
@@ -51,13 +52,16 @@ def lower(
         raise NteError(f"{model}: its network is {found} already, expected a model as nte export writes it")
     if (precision == "int8") != bool(clips):
         raise NteError(f"precision {precision} with {len(clips)} clips to calibrate it: int8 needs some, f16 none")
-    sequences = [Clip(clip) for clip in clips]
+    graph, sequences = onnx.load(model), [Clip(clip) for clip in clips]
+    convolutions = [node.name for node in graph.graph.node if node.op_type == CONVOLUTION]
+    if not convolutions:
+        raise NteError(f"{model}: it has no convolutions, and nothing else has a lower precision")
 
     def write(temporary: Path) -> None:
         if precision == "f16":
-            lowered = halved(onnx.load(model))
+            lowered = halved(graph)
         else:
-            _quantize(model, temporary, sequences)
+            _quantize(graph, convolutions, temporary, _fed(model, sequences))
             lowered = onnx.load(temporary)
         description = {**full.info, "sha256": UNSEALED, "precision": precision}
         helper.set_model_props(lowered, {METADATA_KEY: json.dumps(description)})
@@ -90,18 +94,19 @@ def halved(model: onnx.ModelProto) -> onnx.ModelProto:
                 if name not in half:
                     half[name] = f"{name}/f16"
                     if name in weights:
-                        rounded = numpy_helper.to_array(weights[name]).astype(np.float16)
+                        with np.errstate(over="ignore"):  # the trial of the graph finds what becomes infinite
+                            rounded = numpy_helper.to_array(weights[name]).astype(np.float16)
                         graph.initializer.append(numpy_helper.from_array(rounded, half[name]))
                     else:
                         nodes.append(_cast(name, half[name], TensorProto.FLOAT16))
                 node.input[at] = half[name]
-            (result,) = node.output
+            result = node.output[0]  # a MaxPool may have a second one: indices, which stay as they are
             node.output[0] = half[result] = f"{result}/f16"
             made.add(result)
             nodes += [node, _cast(half[result], result, TensorProto.FLOAT)]
         else:
             nodes.append(node)
-    read = {name for node in nodes for name in node.input} | {value.name for value in graph.output}
+    read = {*_read(nodes), *(value.name for value in graph.output)}
     del graph.node[:], graph.value_info[:]
     graph.node.extend(node for node in nodes if node.op_type != "Cast" or node.output[0] in read)
     kept = [tensor for tensor in graph.initializer if tensor.name in read]
@@ -110,30 +115,45 @@ def halved(model: onnx.ModelProto) -> onnx.ModelProto:
     return model
 
 
+def _read(nodes: Iterable[onnx.NodeProto]) -> Iterator[str]:
+    """The names of what nodes read, in their branches as well, which see the values around them."""
+    for node in nodes:
+        yield from node.input
+        for branch in (attribute.g for attribute in node.attribute):  # an empty graph where there is none
+            yield from (value.name for value in branch.output)
+            yield from _read(branch.node)
+
+
 def _cast(source: str, target: str, kind: int) -> onnx.NodeProto:
     return helper.make_node("Cast", [source], [target], f"{target}/Cast", to=kind)
 
 
-def _quantize(model: Path, out: Path, clips: Iterable[Clip]) -> None:
+def _quantize(
+    model: onnx.ModelProto, convolutions: Sequence[str], out: Path, fed: Iterator[Mapping[str, Pixels]]
+) -> None:
     """Let convolutions compute with bytes: weights by output channel, what they read between its extremes."""
-    graph = onnx.load(model).graph
-    convolutions = [node.name for node in graph.node if node.op_type == CONVOLUTION]
-    with _silent():
+    with _silent():  # not a path of the model: a file would be written beside it, and removed, or one of that name
         quantize_static(
-            model, out, _Reader(_fed(model, clips)), QuantFormat.QDQ, op_types_to_quantize=[CONVOLUTION],
-            nodes_to_quantize=convolutions, per_channel=True,
+            model, out, _Reader(fed), QuantFormat.QDQ, op_types_to_quantize=[CONVOLUTION],
+            nodes_to_quantize=[*convolutions], per_channel=True,
         )  # fmt: skip
 
 
-def _fed(model: Path, clips: Iterable[Clip]) -> Iterator[Mapping[str, Pixels]]:
-    """Denoise clips with a model, and yield the inputs of its graph at each frame."""
+def _fed(model: Path, clips: Sequence[Clip]) -> Iterator[Mapping[str, Pixels]]:
+    """Denoise clips with a model, and yield the inputs of its graph at each frame; show progress on stderr."""
     recorder = _Recorder(model)
     denoiser = complete(recorder)
-    for clip in clips:
-        state = None
-        for frame in clip:
-            _, state = denoiser.step(frame, state)
-            yield recorder.last
+    with Progress("calibration", sum(map(len, clips)), "frame") as shown:
+        for clip in clips:
+            state = None
+            for frame in clip:
+                try:
+                    _, state = denoiser.step(frame, state)
+                except NteError as error:  # it names the frame; there are several clips
+                    raise NteError(f"{clip.folder}: {error}") from error
+                yield recorder.last
+                shown.advance(1)
+            shown.say(clip.folder.name)
 
 
 class _Recorder(OnnxDenoiser):

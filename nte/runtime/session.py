@@ -30,7 +30,8 @@ class OnnxDenoiser(Denoiser):
     def __init__(self, path: Path | str, options: OnnxOptions | None = None, *, profiled: bool = False) -> None:
         self.path, self.options = Path(path), options or OnnxOptions()
         if not self.path.is_file():
-            raise NteError(f"{path}: does not exist; expected an .onnx file made by nte export")
+            found = "is no file" if self.path.exists() else "does not exist"
+            raise NteError(f"{path}: {found}; expected an .onnx file made by nte export")
         require_seal(self.path)
         require_finite_weights(self.path)
         self._engine = _engine_for(self.path, self.options, profiled)

@@ -111,5 +111,5 @@ def test_files_that_are_no_model_of_ours(model: Path, tmp_path: Path) -> None:
         assert "\n" not in str(error.value)
     with pytest.raises(NteError, match=r"nowhere\.onnx: does not exist"):
         OnnxDenoiser(tmp_path / "nowhere.onnx")
-    with pytest.raises(NteError, match=r"does not exist; expected an .onnx file"):
+    with pytest.raises(NteError, match=r"is no file; expected an .onnx file"):
         OnnxDenoiser(tmp_path)

@@ -4,6 +4,7 @@ from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 
 import numpy as np
+import onnx
 import pytest
 
 from nte.denoiser import Session
@@ -72,3 +73,14 @@ def test_a_damaged_file_is_one_line(model: Path, tmp_path: Path) -> None:
         with pytest.raises(NteError, match=r"damaged\.onnx: ") as error:
             OnnxDenoiser(tmp_path / "damaged.onnx", OnnxOptions(provider="openvino"))
         assert "\n" not in str(error.value)
+
+
+def test_an_operator_that_it_lacks_is_named(model: Path, tmp_path: Path) -> None:
+    """And not the operator behind it, which OpenVINO lists last, as it cannot tell what it would be given."""
+    other = onnx.load(model)
+    node = next(node for node in other.graph.node if node.op_type == "ReduceMin")
+    node.op_type = "Abacus"
+    del other.metadata_props[:]
+    onnx.save(other, tmp_path / "m.onnx")
+    with pytest.raises(NteError, match=r"m\.onnx: openvino cannot run it: .*Abacus"):
+        OnnxDenoiser(tmp_path / "m.onnx", OnnxOptions(provider="openvino"))

@@ -1,14 +1,17 @@
 """A model of lower precision gives nearly the same image, and nothing but its network computes otherwise."""
 
 import copy
+import json
+import shutil
 from collections import Counter
 from pathlib import Path
 from typing import Literal
 
 import numpy as np
 import onnx
+import onnxruntime
 import pytest
-from onnx import TensorProto
+from onnx import TensorProto, helper, numpy_helper
 
 from nte.cli import main
 from nte.denoiser import Denoiser
@@ -17,6 +20,7 @@ from nte.filters.prior import complete
 from nte.frames.clip import Clip
 from nte.models.temporal import TemporalDenoiser
 from nte.released import CLIP, DEFAULT, model_path
+from nte.runtime.description import METADATA_KEY, UNSEALED, seal
 from nte.runtime.export import export_onnx
 from nte.runtime.precision import halved, lower
 from nte.runtime.providers import OnnxOptions, installed
@@ -84,6 +88,72 @@ def test_values_that_the_network_shows_to_others_are_cast_back(model: Path) -> N
     readers = {name for node in graph.node if node.op_type in ("Relu", "MaxPool", "Conv") for name in node.input}
     assert back
     assert not readers & {node.output[0] for node in casts if node.input[0] in back}
+
+
+def branching() -> onnx.ModelProto:
+    """A graph whose branches read what lies outside: weights, and the value behind a convolution."""
+    rng = np.random.default_rng(0)
+    weights = [numpy_helper.from_array(rng.normal(size=(3, 3, 1, 1)).astype(np.float32), name) for name in "vw"]
+
+    def value(name: str) -> onnx.ValueInfoProto:
+        return helper.make_tensor_value_info(name, TensorProto.FLOAT, ["n", 3, "h", "w"])
+
+    then = helper.make_graph([helper.make_node("Conv", ["behind", "v"], ["there"])], "then", [], [value("there")])
+    other = helper.make_graph([helper.make_node("Identity", ["behind"], ["same"])], "other", [], [value("same")])
+    nodes = [
+        helper.make_node("Conv", ["x", "w"], ["seen"]),
+        helper.make_node("Relu", ["seen"], ["behind"]),
+        helper.make_node("ReduceMax", ["x"], ["most"], keepdims=0),
+        helper.make_node("Cast", ["most"], ["light"], to=TensorProto.BOOL),
+        helper.make_node("If", ["light"], ["y"], then_branch=then, else_branch=other),
+    ]
+    graph = helper.make_graph(nodes, "branching", [value("x")], [value("y")], weights)
+    return helper.make_model(graph, opset_imports=[helper.make_opsetid("", 18)], ir_version=9)
+
+
+@pytest.mark.parametrize("light", [0.0, 1.0], ids=["one branch", "the other"])
+def test_branches_find_what_they_read_around_them(light: float) -> None:
+    x = np.linspace(-1, 1, 48, dtype=np.float32).reshape(1, 3, 4, 4) * np.float32(light)
+    low, full = (
+        onnxruntime.InferenceSession(graph.SerializeToString()).run(None, {"x": x})[0]
+        for graph in (halved(branching()), branching())
+    )
+    np.testing.assert_allclose(low, full, rtol=1e-2, atol=1e-2)
+    assert (light > 0) == (not np.array_equal(low, full))
+
+
+def test_a_network_without_convolutions_is_refused(model: Path, tmp_path: Path) -> None:
+    said = json.loads({entry.key: entry.value for entry in onnx.load(model).metadata_props}[METADATA_KEY])
+    said |= {"sha256": UNSEALED, "needs": ["color"], "optional": [], "state": {}, "scales": {}}
+    ends = [helper.make_tensor_value_info(name, TensorProto.FLOAT, ["n", 3, "h", "w"]) for name in ("color", "image")]
+    graph = helper.make_graph([helper.make_node("Relu", ["color"], ["image"])], "plain", ends[:1], ends[1:])
+    plain = helper.make_model(graph, opset_imports=[helper.make_opsetid("", 18)], ir_version=9)
+    helper.set_model_props(plain, {METADATA_KEY: json.dumps(said)})
+    onnx.save(plain, tmp_path / "plain.onnx")
+    seal(tmp_path / "plain.onnx")
+    with pytest.raises(NteError, match=r"plain\.onnx: it has no convolutions"):
+        lower(tmp_path / "plain.onnx", tmp_path / "low.onnx", "f16", **QUIET)
+
+
+def test_calibration_writes_nothing_beside_the_model(model: Path, clip: Path, tmp_path: Path) -> None:
+    """ONNX Runtime would write a file of this name, and remove it."""
+    (tmp_path / "model").mkdir()
+    copied = Path(shutil.copy(model, tmp_path / "model" / "m.onnx"))
+    mine = tmp_path / "model" / "m-inferred.onnx"
+    mine.write_text("mine")
+    lower(copied, tmp_path / "low.onnx", "int8", [clip], **QUIET)
+    assert mine.read_text() == "mine"
+    assert sorted(path.name for path in tmp_path.rglob("*")) == ["low.onnx", "m-inferred.onnx", "m.onnx", "model"]
+
+
+def test_calibration_tells_its_progress_and_the_clip_that_does_not_fit(
+    model: Path, clip: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    small = disc_clip(tmp_path / "small", 2, size=(12, 20), start=(5, 5), radius=3)
+    with pytest.raises(NteError, match=r"small: frame 0: size \(12, 20\), expected at least 16 pixels"):
+        lower(model, tmp_path / "low.onnx", "int8", [clip, small], **QUIET)
+    assert f"{clip.name} (6/8 frames)" in capsys.readouterr().err
+    assert not (tmp_path / "low.onnx").exists()
 
 
 def test_the_released_model_in_bytes_is_calibrated_with_what_lies_below_it(tmp_path: Path) -> None:
