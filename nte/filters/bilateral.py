@@ -14,7 +14,7 @@ import torch.nn.functional as F
 from torch import Tensor
 
 from nte.filters.threads import side_by_side, threads_for
-from nte.motion.neighbours import pairs
+from nte.motion.neighbours import own_step, pairs
 
 NORMAL = 64.0  # exponent of normals: e^(64 (n·n′ − 1)), a deviation of 7°
 DEPTH = 0.02  # relative deviation of depth from what the surface's slope predicts
@@ -185,18 +185,14 @@ def _along_both(
 
 
 def _slope(disparity: Tensor, axis: int) -> Tensor:
-    """The change of 1/z per pixel along an axis: the smaller of both sides', which at an edge is the surface's own.
+    """The change of 1/z per pixel along an axis, within each pixel's own surface.
 
     A step between surface and sky gives no slope for either; a pixel between two such steps has the slope 0.
     """
     if disparity.shape[axis] < 2:
         return torch.zeros_like(disparity)
     near, far = pairs(disparity, axis, 1)
-    step = torch.where((near > 0) == (far > 0), far - near, float("inf"))
-    nothing = torch.full_like(step.narrow(axis, 0, 1), float("inf"))
-    ahead, behind = torch.cat([step, nothing], axis), torch.cat([nothing, step], axis)
-    smaller = torch.where(ahead.abs() < behind.abs(), ahead, behind)
-    return smaller.where(smaller < float("inf"), 0.0)
+    return own_step(torch.where((near > 0) == (far > 0), far - near, float("inf")), axis)
 
 
 def _gaussian(weights: Sequence[Tensor], axis: int, deviation: Tensor | float) -> Iterator[Tap]:

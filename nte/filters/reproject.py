@@ -15,6 +15,7 @@ from nte.filters.atrous import STRIP_PIXELS
 from nte.filters.threads import side_by_side, threads_for
 from nte.motion.camera import points_from_depth
 from nte.motion.geometric import infinite_sky
+from nte.motion.neighbours import own_step
 from nte.motion.warp import pixel_centres
 
 # |Δz| / (fwidth(z) + floor · z) ≤ limit. Falcor's floor of 0.01 scene units is this at a depth of 5; with it, surfaces
@@ -55,18 +56,18 @@ def geometry_of(depth: Tensor, normal: Tensor) -> Geometry:
 
 
 def fwidth(values: Tensor) -> Tensor:
-    """Compute |∂/∂x| + |∂/∂y| per pixel of values (N, C, H, W), from the smaller of the differences to both sides.
+    """Compute |∂/∂x| + |∂/∂y| per pixel of values (N, C, H, W), within the pixel's own surface.
 
-    HLSL's fwidth takes the difference to one side. With the smaller one, a pixel on either side of a silhouette uses a
-    neighbour on its own surface. Where no difference is finite (a single pixel before the sky, an image of one pixel)
-    the width is 0.
+    HLSL's fwidth takes the difference to one side. With `own_step`, a pixel on either side of a silhouette uses a
+    neighbour on its own surface, and a thing one pixel wide does not take the step to what is behind it for a slope.
+    Where no difference is finite (a single pixel before the sky, an image of one pixel) the width is 0.
     """
     width = torch.zeros_like(values)
     for axis in (2, 3):
-        change = values.diff(dim=axis).abs_()
-        nothing = torch.full_like(values.narrow(axis, 0, 1), float("inf"))
-        smaller = torch.minimum(torch.cat([change, nothing], axis), torch.cat([nothing, change], axis))
-        width += smaller.where(smaller < float("inf"), 0.0)  # also for NaN, the ∞ − ∞ of two misses
+        if values.shape[axis] > 1:
+            change = values.diff(dim=axis).abs_()
+            change = change.where(change < float("inf"), float("inf"))  # also for NaN, the ∞ − ∞ of two misses
+            width += own_step(change, axis)
     return width
 
 

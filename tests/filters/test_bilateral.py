@@ -53,14 +53,25 @@ def slow_weight(normal: Tensor, depth: Tensor, roughness: Tensor, p: tuple[int, 
 
 
 def slow_slope(depth: Tensor, p: tuple[int, int], axis: int) -> float:
-    """The smaller of the differences of 1/z to both neighbours on the same side of the sky's edge."""
-    steps = []
-    for sign in (1, -1):
-        q = (p[0] + sign, p[1]) if axis == 0 else (p[0], p[1] + sign)
-        if 0 <= q[axis] < depth.shape[axis] and (float(depth[*q]) > 0) == (float(depth[*p]) > 0):
-            here, there = (1 / float(depth[*at]) if float(depth[*at]) > 0 else 0.0 for at in (p, q))
-            steps.append(sign * (there - here))
-    return min(steps, key=abs) if steps else 0.0
+    """The smaller of the differences of 1/z to both neighbours on the same side of the sky's edge.
+
+    It is at most four times the one that follows it on that side.
+    """
+
+    def step(at: tuple[int, int], sign: int) -> float | None:
+        q = (at[0] + sign, at[1]) if axis == 0 else (at[0], at[1] + sign)
+        if not 0 <= q[axis] < depth.shape[axis] or (float(depth[*q]) > 0) != (float(depth[*at]) > 0):
+            return None
+        here, there = (1 / float(depth[*one]) if float(depth[*one]) > 0 else 0.0 for one in (at, q))
+        return sign * (there - here)
+
+    steps = [(found, sign) for sign in (-1, 1) if (found := step(p, sign)) is not None]
+    if not steps:
+        return 0.0
+    smaller, sign = min(steps, key=lambda found: abs(found[0]))
+    following = step((p[0] + sign, p[1]) if axis == 0 else (p[0], p[1] + sign), sign)
+    most = math.inf if following is None else 4 * abs(following)
+    return math.copysign(min(abs(smaller), most), smaller)
 
 
 def slow_bilateral(values: Tensor, surface: tuple[Tensor, ...], radius: int, deviation: Tensor) -> Tensor:
