@@ -72,6 +72,7 @@ def accumulate(
         past, (variance, valid) = fetcher(history.values), fetch_convergence(history, fetcher, inputs.frame.reset)
         surface = inputs.gbuffer.depth > 0
         clamped = limit(past, current, surface if known is None else surface & known, reach, options)
+        clamped = torch.where(surface, clamped, past)  # the surfaces around a sky say nothing of it
         weight = weigh(variance, valid, options, trust, known)
         # Not lerp alone: invalid history must not leave any trace, not even rounding errors.
         image = torch.where(valid, torch.lerp(clamped, current, weight.used), current)

@@ -15,6 +15,7 @@ from nte.motion.warp import fetch_bilinear, inside, nearest_index, pixel_centres
 DEEPER = 0.1  # relative tolerance of depth, which leaves room for motion in depth
 LEAST_WEIGHT = 0.01  # least sum of the bilinear weights of pixels that show the surface
 ALIKE = 0.9  # n·n′ of pixels that are interpolated, 26°: cones of one number lie elsewhere at another normal
+ABREAST = 0.02  # relative difference of depth, beyond the slope's, of pixels that are interpolated
 CORNERS = ((0, 0), (1, 0), (0, 1), (1, 1))
 
 Places: TypeAlias = tuple[Tensor, Tensor, Tensor]  # indices (P,) of batch, row and column
@@ -63,40 +64,35 @@ def fetch_from_anything(vectors: Reprojection) -> Fetcher:
 
 
 def fetch_from_surface(vectors: Reprojection, inputs: FrameInputs) -> Fetcher:
-    """Make a fetcher that uses only pixels of the previous frame whose depth is that of the surface.
+    """Make a fetcher that uses only pixels of the previous frame that show the surface.
 
-    Where no pixel shows the surface there is no history. Where surfaces meet, depths are equal, and only pixels that
-    face the same way are used.
+    Where no pixel shows it there is no history, nor where what is seen there hid the surface and has moved away.
     """
     plain = fetch_from_anything(vectors)
     if inputs.before is None:
         return plain
     four = _corners(vectors, inputs)
-    nearest = nearest_index(pixel_centres(vectors.motion) + vectors.motion)
-    creased = _creased(inputs.before.normal).flatten(2).gather(2, nearest).view_as(four.whole)
-    chosen = _places(plain.valid & (creased | ~four.whole))
-    source, weight = four.of(chosen)
-    n, row, column = chosen
-    facing = inputs.before.normal.flatten(2)[n, :, source]  # (4, P, 3)
-    weight = weight * _alike(facing, inputs.gbuffer.normal[n, :, row, column], weight)
-    total = four.total()
-    total[n, 0, row, column] = weight.sum(0)
-    return Fetcher(vectors.motion, plain.valid & (total >= LEAST_WEIGHT), MixedPixels.mean(chosen, source, weight))
+    chosen = _places(plain.valid & ~four.whole)
+    dual = (vectors.motion != inputs.traditional.motion).any(1, keepdim=True)  # ends beside what hid the surface
+    valid = plain.valid & (dual | ~four.hidden(inputs)) & (four.total() >= LEAST_WEIGHT)
+    return Fetcher(vectors.motion, valid, MixedPixels.mean(chosen, *four.of(chosen, inputs)))
 
 
 def fetch_within_edges(vectors: Reprojection, inputs: FrameInputs, rough: bool = False) -> Fetcher:
     """Make a fetcher that is bilinear over those of the four pixels that show the surface, if any do, else over all.
 
     A plain mean across an edge, taken in every frame, makes light creep over it while things move: half a pixel of what
-    lies beside is in the edge's own pixel. All pixels keep a history, since guides of an edge are means of surfaces,
-    whose depth no pixel may have. rough: a pixel of another roughness shows another surface.
+    lies beside is in the edge's own pixel. Pixels keep a history where none of the four shows the surface, since guides
+    of an edge are means of surfaces, whose depth no pixel may have; but not where what is seen there hid the surface
+    and has moved away. rough: a pixel of another roughness shows another surface.
     """
     plain = fetch_from_anything(vectors)
     if inputs.before is None:
         return plain
     four = _corners(vectors, inputs, rough)
-    chosen = _places(plain.valid & ~four.whole & (four.total() >= LEAST_WEIGHT))
-    return Fetcher(vectors.motion, plain.valid, MixedPixels.mean(chosen, *four.of(chosen)))
+    valid, shows = plain.valid & ~four.hidden(inputs), four.total() >= LEAST_WEIGHT
+    chosen = _places(valid & ~four.whole & shows)
+    return Fetcher(vectors.motion, valid, MixedPixels.mean(chosen, *four.of(chosen, inputs)))
 
 
 def _places(mask: Tensor) -> Places:
@@ -109,50 +105,127 @@ class _Corners(NamedTuple):
     """The four pixels around the ends of all vectors."""
 
     source: list[Tensor]  # four row-major indices (N, 1, H·W)
-    weight: list[Tensor]  # four bilinear weights (N, 1, H, W), 0 for pixels that do not show the surface
-    whole: Tensor  # (N, 1, H, W) bool: all show it
+    bilinear: list[Tensor]  # four weights (N, 1, H, W)
+    weight: list[Tensor]  # the same, 0 for pixels that do not show the surface
+    plane: Tensor  # (N, 1, H, W) disparity of the surface's plane there
+    expected: Tensor  # (N, 1, H, W) disparity that shows it: the same, or that of the nearest pixel
+    whole: Tensor  # (N, 1, H, W) bool: all show it, and face the same way
 
     def total(self) -> Tensor:
         """Sum the weights, (N, 1, H, W)."""
         first, second, third, fourth = self.weight
         return first + second + third + fourth
 
-    def of(self, chosen: Places) -> tuple[Tensor, Tensor]:
-        """Return indices and weights, each (4, P), for P pixels with these batch, row and column."""
+    def of(self, chosen: Places, inputs: FrameInputs) -> tuple[Tensor, Tensor]:
+        """Return indices and weights, each (4, P), for P pixels with these batch, row and column.
+
+        Depth leaves room for motion in depth, and is equal where surfaces meet. So of the four pixels only those count
+        that face as the one does that faces most like the surface, and are as deep as the one of these that is nearest
+        to it in depth.
+        """
+        source, facing, disparity = self._seen(chosen, inputs)
+        normal, slope = self._surface(chosen, inputs)
+        (expected,), weight = _at([self.expected], chosen), _at(self.weight, chosen)
+        best = _leader((facing * normal).sum(2), weight)[..., None].expand(1, -1, 3)
+        weight = weight * _face_alike(facing, facing.gather(0, best), 2)
+        nearest = disparity.gather(0, _leader(-(disparity - expected).abs(), weight))
+        return source, weight * ((disparity - nearest).abs() <= ABREAST * nearest + slope)
+
+    def hidden(self, inputs: FrameInputs) -> Tensor:
+        """Mark where the surface was hidden by what has moved away, (N, 1, H, W), bool.
+
+        There, all of the pixels that would count are nearer, or face elsewhere. A sky, which faces nowhere, hides too.
+        """
+        chosen = _places(inputs.apart)
+        _, facing, disparity = self._seen(chosen, inputs)
+        normal, slope = self._surface(chosen, inputs)
+        nearer = disparity > _at([self.plane], chosen) * (1 + ABREAST) + slope
+        other = nearer | ~_face_alike(facing, normal, 2)
+        n, row, column = chosen
+        marks = torch.zeros_like(inputs.apart)
+        marks[n, 0, row, column] = (other | (_at(self.bilinear, chosen) < LEAST_WEIGHT)).all(0)
+        return marks
+
+    def _seen(self, chosen: Places, inputs: FrameInputs) -> tuple[Tensor, Tensor, Tensor]:
+        """Indices (4, P), normals (4, P, 3) and disparities (4, P) of the pixels around P ends."""
+        assert inputs.before is not None
         n, row, column = chosen
         at = row * self.whole.shape[3] + column
-        return torch.stack([s[n, 0, at] for s in self.source]), torch.stack([w[n, 0, row, column] for w in self.weight])
+        source = torch.stack([s[n, 0, at] for s in self.source])
+        return (
+            source,
+            inputs.before.normal.flatten(2)[n, :, source],
+            _disparity(inputs.before.depth).flatten(1)[n, source],
+        )
+
+    def _surface(self, chosen: Places, inputs: FrameInputs) -> tuple[Tensor, Tensor]:
+        """Normal (P, 3), and slope of the disparity (P,), of P surfaces."""
+        n, row, column = chosen
+        return inputs.gbuffer.normal[n, :, row, column], inputs.guide.slope[n, :, row, column].abs().sum(1)
+
+
+def _at(images: list[Tensor], chosen: Places) -> Tensor:
+    """The values (K, P) of P pixels in K images (N, 1, H, W)."""
+    n, row, column = chosen
+    return torch.stack([image[n, 0, row, column] for image in images])
+
+
+def _leader(score: Tensor, weight: Tensor) -> Tensor:
+    """The index (1, P) of the best of four pixels by score (4, P); one whose weight is under LEAST_WEIGHT leads none.
+
+    Not the surface itself leads, since surfaces turn and move in depth.
+    """
+    return torch.where(weight >= LEAST_WEIGHT, score, -float("inf")).argmax(0)[None]
 
 
 def _corners(vectors: Reprojection, inputs: FrameInputs, rough: bool = False) -> _Corners:
     """Find the four pixels around the ends of vectors, and which have the surface's depth and, if `rough`, roughness.
 
-    A vector other than the traditional one ends elsewhere: where the shadow or the reflection was, or beside what hid
-    the surface. There the depth is that of the nearest pixel. A miss matches a miss. Depths are compared as 1/z, which
-    is linear in the image on any plane, however steep.
+    Depths are compared as 1/z, which is linear in the image on any plane, however steep. A vector other than the
+    traditional one ends elsewhere: where the shadow or the reflection was, or beside what hid the surface. If its plane
+    is not seen there, the surface of the nearest pixel takes its place. A miss matches a miss.
     """
     assert inputs.before is not None
     end = pixel_centres(vectors.motion) + vectors.motion
     corner = end - 0.5
     x, y = (corner - corner.floor()).chunk(2, 1)
-    before = torch.where(inputs.before.depth > 0, 1 / inputs.before.depth, 0.0).flatten(2)
-    # Where a dual vector leaves the image, the traditional one is used, which ends on the occluder.
-    elsewhere = (vectors.motion != inputs.traditional.motion).any(1, keepdim=True)
-    beside = before.gather(2, nearest_index(end)).view_as(x)
-    expected = torch.where(elsewhere, beside, inputs.guide.disparity)
-    room = expected * DEEPER + inputs.guide.slope.abs().sum(1, keepdim=True)
-    sources, weights, whole = [], [], torch.ones_like(vectors.valid)
+    before, slope = _disparity(inputs.before.depth).flatten(2), inputs.guide.slope.abs().sum(1, keepdim=True)
+    sources, bilinear, seen, alike = [], [], [], torch.ones_like(vectors.valid)
     for right, down in CORNERS:
         index = nearest_index(corner.floor() + corner.new_tensor([right + 0.5, down + 0.5]).view(1, 2, 1, 1))
-        seen = before.gather(2, index).view_as(x)
-        same = ((seen - expected).abs() <= room) & ((seen > 0) == (expected > 0))
+        weight = (x if right else 1 - x) * (y if down else 1 - y)
         if rough:
             roughness = inputs.before.roughness.flatten(2).gather(2, index).view_as(x)
-            same &= (roughness - inputs.gbuffer.roughness).abs() < ROUGHNESS
-        weights.append((x if right else 1 - x) * (y if down else 1 - y) * same)
-        whole &= same
+            same = (roughness - inputs.gbuffer.roughness).abs() < ROUGHNESS
+            weight, alike = weight * same, alike & same
         sources.append(index)
-    return _Corners(sources, weights, whole)
+        bilinear.append(weight)
+        seen.append(before.gather(2, index).view_as(x))
+
+    def show(expected: Tensor) -> list[Tensor]:
+        """Which of the pixels have about this depth, (N, 1, H, W) each."""
+        room = expected * DEEPER + slope
+        return [((one - expected).abs() <= room) & ((one > 0) == (expected > 0)) for one in seen]
+
+    # Where a dual vector leaves the image, the traditional one is used, which ends on the occluder.
+    away = vectors.motion - inputs.traditional.motion
+    expected = inputs.guide.disparity
+    on_plane = expected + (inputs.guide.slope * away).sum(1, keepdim=True).where(expected > 0, 0.0)
+    shown = show(on_plane)
+    lost = sum(w * s for w, s in zip(bilinear, shown, strict=True)) < LEAST_WEIGHT
+    lost = lost & (away != 0).any(1, keepdim=True)
+    expected = torch.where(lost, before.gather(2, nearest_index(end)).view_as(x), on_plane)
+    shown = show(expected) if lost.any() else shown
+    deepest, nearest = torch.stack(seen).aminmax(dim=0)
+    whole = torch.stack(shown).all(0) & alike & (nearest - deepest <= ABREAST * nearest + slope)
+    creased = _creased(inputs.before.normal).flatten(2).gather(2, nearest_index(end)).view_as(whole)
+    weights = [weight * own for weight, own in zip(bilinear, shown, strict=True)]
+    return _Corners(sources, bilinear, weights, on_plane, expected, whole & ~creased)
+
+
+def _disparity(depth: Tensor) -> Tensor:
+    """1/z (N, 1, H, W), 0 for a miss."""
+    return torch.where(depth > 0, 1 / depth, 0.0)
 
 
 def _creased(normal: Tensor) -> Tensor:
@@ -164,17 +237,6 @@ def _creased(normal: Tensor) -> Tensor:
         for side in pairs(marks, axis, 1):
             side.add_(apart)
     return F.max_pool2d(marks, 3, 1, 1) > 0
-
-
-def _alike(facing: Tensor, normal: Tensor, weight: Tensor) -> Tensor:
-    """Tell which of four pixels' normals, (4, P, 3), are like that of the pixel that faces most like `normal`, (P, 3).
-
-    Not like `normal` itself, since surfaces turn. weight (4, P): of the pixels; one under LEAST_WEIGHT leads none.
-    Returns (4, P), bool.
-    """
-    likeness = torch.where(weight >= LEAST_WEIGHT, (facing * normal).sum(2), -2.0)
-    best = facing.gather(0, likeness.argmax(0)[None, :, None].expand(1, -1, 3))
-    return _face_alike(facing, best, 2)
 
 
 def _face_alike(one: Tensor, other: Tensor, dim: int) -> Tensor:

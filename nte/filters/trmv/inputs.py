@@ -8,9 +8,11 @@ from torch import Tensor
 from nte.filters.bilateral import Edges, Guide, make_edges, make_guide
 from nte.filters.scope import scope
 from nte.frames.frame import Frame
-from nte.motion.geometric import Reprojection, frame_vectors, traditional_motion
+from nte.motion.geometric import Reprojection, complete_forward_motion, dual_motion, traditional_motion
+from nte.motion.warp import fetch_nearest, pixel_centres
 
 RADIUS = 15  # px, of the widest separable filter, 31×31
+APART = 0.05  # px; a disocclusion's half pixel would let what moves slowly leave a trace on what it uncovers
 
 
 class GBuffer(NamedTuple):
@@ -33,6 +35,7 @@ class FrameInputs(NamedTuple):
     edges: Edges
     traditional: Reprojection  # the traditional vectors, with the disocclusions that the dual ones have found
     dual: Reprojection
+    apart: Tensor  # (N, 1, H, W) bool: what was at the traditional vectors' ends is not there now
 
 
 def prepare(frame: Frame, before: GBuffer | None) -> FrameInputs:
@@ -48,6 +51,9 @@ def prepare(frame: Frame, before: GBuffer | None) -> FrameInputs:
         guide = make_guide(gbuffer.normal, gbuffer.depth, frame["roughness"])
         edges = make_edges(guide, RADIUS)
     with scope("trmv/vectors"):
-        dual = frame_vectors(frame, None if before is None else before.depth)
+        forward = complete_forward_motion(frame.get("previous_forward_motion"), frame["motion"], frame["depth"])
+        dual = dual_motion(frame["motion"], forward, frame["depth"], None if before is None else before.depth)
         traditional = traditional_motion(frame["motion"])._replace(disoccluded=dual.disoccluded)
-    return FrameInputs(frame, gbuffer, before, guide, edges, traditional, dual)
+        back = fetch_nearest(forward, pixel_centres(forward) + traditional.motion) + traditional.motion
+        apart = back.square().sum(1, keepdim=True) > APART**2  # false for NaN
+    return FrameInputs(frame, gbuffer, before, guide, edges, traditional, dual, apart)
