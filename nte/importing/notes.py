@@ -1,7 +1,7 @@
 """Notes for the user about the values of an imported sequence."""
 
 from collections import Counter
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 
 import numpy as np
@@ -9,14 +9,41 @@ import numpy.typing as npt
 
 from nte.frames.channels import CHANNELS
 from nte.frames.clip import Pixels
+from nte.frames.exr import REC_709, Part
 from nte.importing.channel_map import ChannelMap
 from nte.importing.convert import decoded
 
 _CUT = -0.1, 1.1  # albedo beyond this range has another scale
 _OF_TWO = 2.1  # the same, where a specular and a transmitted colour are added
 _LEAST_NORMAL = 0.1  # components of a normal that is one; encoded, 0 is rounded
+_UNIT = 0.05  # greatest distance from 1 of the median length of normals that is not worth a word
 _COARSE = 0.1  # px: vectors in steps above this are worth a word
 _MANY = 0.01  # share of the pixels beyond that range from which on the user is told
+
+
+class LeftInFiles:
+    """Record of what a clip does not keep of its files: subsampled channels, primaries, and values as they were."""
+
+    def __init__(self) -> None:
+        self._subsampled: set[str] = set()
+        self._lossy: set[str] = set()
+        self._primaries: set[tuple[float, ...]] = set()
+
+    def look(self, parts: Sequence[Part]) -> None:
+        """Add the parts of a file."""
+        self._subsampled |= {part.full(name) for part in parts for name in part.subsampled}
+        self._lossy |= {part.lossy for part in parts if part.lossy}
+        self._primaries |= {part.primaries for part in parts if not np.allclose(part.primaries, REC_709, atol=1e-3)}
+
+    def notes(self) -> Iterator[str]:
+        """Write a line for each of the three."""
+        if self._subsampled:
+            yield f"left out: {', '.join(sorted(self._subsampled))}: subsampled, without a value for every pixel"
+        if self._lossy:
+            yield f"lossy: {', '.join(sorted(self._lossy))} compression changes vectors, normals and ids too: write ZIP"
+        for primaries in sorted(self._primaries):
+            shown = " ".join(f"{number:.4g}" for number in primaries)
+            yield f"not converted: colours have the primaries {shown}, and are shown as if they were those of Rec. 709"
 
 
 class OddValues:
@@ -47,7 +74,7 @@ class OddValues:
 
 
 class LostValues:
-    """Counter of values that are lost because a map is wrong: albedo of another scale, depth of another sign.
+    """Record of values that are lost because a map is wrong: albedo of another scale, depth of another sign.
 
     how: the map, with completed channels.
     """
@@ -58,6 +85,7 @@ class LostValues:
         self._encoded = how.normal.encoded
         self._pixels = self._cut = self._hits = self._missed = self._decoded = 0
         self._albedo, self._depth, self._missed_depth, self._normal = Range(), Range(), Range(), Range()
+        self._lengths: list[float] = []  # medians over the normals of each frame
 
     def look(self, stored: Mapping[str, Pixels], ours: Mapping[str, Pixels]) -> None:
         """Add a frame of channels (C, H, W), before and after conversion; depths of the sky are infinite."""
@@ -69,6 +97,10 @@ class LostValues:
         if self._encoded and "normal" in stored:
             self._normal.add(stored["normal"])
             self._decoded += int((stored["normal"] < _CUT[0]).any(0).sum())
+        if "normal" in stored:
+            lengths = np.linalg.norm(self._normals(stored), axis=0)
+            if (some := lengths[np.isfinite(lengths) & (lengths > 0)]).size:
+                self._lengths.append(float(np.median(some)))
         if "depth" in stored:
             depth, hit = stored["depth"], ours["depth"][0] > 0
             self._depth.add(depth[np.abs(depth) > 0])
@@ -77,14 +109,22 @@ class LostValues:
             self._missed += int(missed.sum())
             self._missed_depth.add(depth[0][missed])
 
+    def _normals(self, stored: Mapping[str, Pixels]) -> Pixels:
+        return decoded(stored["normal"]) if self._encoded else stored["normal"]
+
     def _shown(self, stored: Mapping[str, Pixels]) -> npt.NDArray[np.bool_]:
-        """Mark the pixels (H, W) in which normals or instances show a surface."""
-        normal, instance = (stored.get(name, np.zeros_like(stored["depth"])) for name in ("normal", "instance"))
-        normal = decoded(normal) if self._encoded else normal
-        return np.asarray((np.abs(normal) > _LEAST_NORMAL).any(0) | (instance[0] != 0))
+        """Mark the pixels (H, W) in which normals or instances show a surface; without both, positions."""
+        shown = np.zeros(stored["depth"].shape[1:], np.bool_)
+        if "normal" in stored:
+            shown |= (np.abs(self._normals(stored)) > _LEAST_NORMAL).any(0)
+        if "instance" in stored:
+            shown |= stored["instance"][0] != 0
+        if "position" in stored and not {"normal", "instance"} & set(stored):
+            shown |= np.isfinite(stored["position"]).all(0) & stored["position"].any(0)
+        return shown
 
     def notes(self) -> Iterator[str]:
-        """Write a line for albedo that is cut, for normals that are not encoded, and for surfaces without depth.
+        """Write a line for albedo that is cut, for normals that are not encoded or not unit, and for lost surfaces.
 
         Each if it is so in over 1 % of the pixels.
         """
@@ -93,6 +133,8 @@ class LostValues:
             yield f"cut to [0, 1]: {share}: if that is another scale, say it with channels.albedo.scale"
         if self._decoded > _MANY * self._pixels:
             yield f"decoded: normal, which is stored as {self._normal}: n/2 + 1/2 is never negative, see normal.encoded"
+        if self._lengths and abs(np.median(self._lengths) - 1) > _UNIT:
+            yield f"normalised: normal, whose vectors are about {np.median(self._lengths):.3g} long: is it that layer?"
         hint = "see depth.scale, negative where depth counts downwards, and depth.sky"
         if self._depth.known and not self._hits:
             yield f"no pixel shows a surface: depth is stored as {self._depth}: {hint}"
@@ -100,7 +142,7 @@ class LostValues:
             stored = (
                 f"stored as {self._missed_depth}" if self._missed_depth.known else "not finite, or beyond depth.sky"
             )
-            share = f"{self._missed / self._pixels:.0%} of the pixels, whose normal or instance shows a surface"
+            share = f"{self._missed / self._pixels:.0%} of the pixels, whose other channels show a surface"
             yield f"made misses: {share}: their depth is {stored}: {hint}"
 
 

@@ -31,7 +31,7 @@ from nte.importing.layers import (
     read,
     step,
 )
-from nte.importing.notes import CoarseVectors, LostValues, OddValues
+from nte.importing.notes import CoarseVectors, LeftInFiles, LostValues, OddValues
 from nte.importing.sky import with_sky_motion
 from nte.importing.still import with_still_geometry
 
@@ -64,8 +64,7 @@ class ForeignSequence:
         self.cameras = self.cameras[part]
         self.ids = Ids()
         self.first: dict[str, tuple[Path, Found | None]] = {}
-        self.subsampled: set[str] = set()
-        self.odd, self.lost, self.coarse = OddValues(), LostValues(how), CoarseVectors()
+        self.left, self.odd, self.lost, self.coarse = LeftInFiles(), OddValues(), LostValues(how), CoarseVectors()
 
     def __len__(self) -> int:
         return len(self.inputs[0].files)
@@ -128,7 +127,7 @@ class ForeignSequence:
                 path = channel.files[index]
                 if path not in parts:
                     parts[path] = read_parts(path)
-                    self.subsampled |= {part.full(name) for part in parts[path] for name in part.subsampled}
+                    self.left.look(parts[path])
                 values = self._read(channel, index, parts[path])
                 if values is None:
                     continue
@@ -205,8 +204,7 @@ class ForeignSequence:
             if found
         )
         yield f"read {', '.join(taken)}"
-        if self.subsampled:
-            yield f"left out: {', '.join(sorted(self.subsampled))}: subsampled, without a value for every pixel"
+        yield from self.left.notes()
         yield from self.odd.notes()
         yield from self.lost.notes()
         yield from self.coarse.notes()

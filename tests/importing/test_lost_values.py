@@ -5,9 +5,11 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+import OpenEXR
 import pytest
 
 from nte.cli import main
+from nte.frames.exr import REC_709
 from tests.importing.producers import named, scene, write_layers, write_map
 from tests.synthetic import Pixels
 
@@ -45,7 +47,7 @@ def test_surfaces_without_depth_are_told(
 ) -> None:
     """Depth counted from the plane in focus, and one that is not a number."""
     out = said(tmp_path, capsys, layers(lambda f: left_of(f, depth), without))
-    assert "made misses: 47% of the pixels, whose normal or instance shows a surface: their depth " + stored in out
+    assert "made misses: 47% of the pixels, whose other channels show a surface: their depth " + stored in out
 
 
 def test_a_limit_of_the_sky_amid_surfaces_is_told(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
@@ -81,3 +83,44 @@ def test_albedo_that_is_twice_as_large_is_told(
     bright = layers(lambda f: {"albedo": np.clip(2 * f["albedo"], 0, 2)})
     out = said(tmp_path, capsys, bright, channels=CHANNELS | {"albedo": albedo})
     assert ("cut to [0, 1]: " in out) != summed
+
+
+def test_normals_that_are_not_unit_are_told(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """They are normalised: of another layer that is all that would be left to see."""
+    out = said(tmp_path / "a", capsys, layers(lambda f: {"normal": 0.3 * f["normal"]}))
+    assert "normalised: normal, whose vectors are about 0.3 long" in out
+    assert "normalised" not in said(tmp_path / "b", capsys, layers(lambda f: {}))
+
+
+def test_positions_without_depth_are_told(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """Where neither normals nor instances show surfaces."""
+    frames = layers(lambda f: left_of(f, -1), ("normal", "instance"))
+    for frame in frames:
+        frame |= {f"position.{c}": np.ones_like(frame["depth.Z"]) for c in "XYZ"}
+    out = said(tmp_path, capsys, frames, channels=CHANNELS | {"position": "position"})
+    assert "made misses: " in out
+    assert "whose other channels show a surface" in out
+
+
+@pytest.mark.parametrize(
+    ("header", "told"),
+    [
+        ({"compression": OpenEXR.DWAA_COMPRESSION}, "lossy: DWAA compression changes vectors, normals and ids too"),
+        ({"chromaticities": (0.713, 0.293, 0.165, 0.83, 0.128, 0.044, 0.3217, 0.3377)}, "the primaries 0.713 0.293 "),
+        ({"compression": OpenEXR.PIZ_COMPRESSION, "chromaticities": REC_709}, ""),
+    ],
+    ids=["DWAA", "ACEScg", "as usual"],
+)
+def test_what_a_header_says_of_values_is_told(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], header: dict[str, object], told: str
+) -> None:
+    folder = tmp_path / "shots"
+    folder.mkdir()
+    for i, planes in enumerate(layers(lambda f: {})):
+        stored = {name: np.ascontiguousarray(plane, np.float32) for name, plane in planes.items()}
+        with OpenEXR.File({"type": OpenEXR.scanlineimage, **header}, stored) as file:
+            file.write(str(folder / f"shot.{i:04d}.exr"))
+    map_path = write_map(tmp_path / "map.yaml", {"channels": CHANNELS})
+    main(["import", "exr", str(folder), "--map", str(map_path), "--out", str(tmp_path / "clip")])
+    out = capsys.readouterr().out
+    assert (told in out) if told else ("lossy" not in out and "primaries" not in out)
