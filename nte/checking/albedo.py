@@ -3,13 +3,16 @@
 Light is albedo times illumination, which hardly changes across an edge of a texture. So the logarithm of the reference
 steps there as that of albedo does, or less, where a surface shines as well. Encoded for display (sRGB), albedo steps by
 less than half of that, and decoding it makes the steps equal. What a step has of colour, beyond brightness, has the
-direction of that of the reference only in the right order of components.
+direction of that of the reference only in the right order of components. Where the light does not step with albedo at
+all, albedo is another picture's, or another channel; or only gloss is seen.
 """
 
 from collections.abc import Iterator
 from itertools import pairwise, permutations
+from math import inf
 
 import torch
+import torch.nn.functional as F
 from torch import Tensor
 
 from nte.checking.textures import ONE_SURFACE
@@ -22,6 +25,10 @@ STEP, COLOUR = 0.1, 0.05  # least step of the logarithm of albedo that tells its
 MUCH = 0.5  # least share of a step that is colour: gloss that is blue, as the sky's is, bends what is less
 USABLE = 0.02, 0.98  # albedo that tells an order
 BRIGHT = 0.2  # least albedo that tells an encoding: some albedo has a share of gloss, which matters in the dark
+VISIBLE = 0.05  # least albedo that tells whether the light steps at all
+TEXTURED = 0.04  # least share of such steps that are strong: fewer lie by chance where shadows end
+FOLLOWS, AGAINST = 0.1, -0.2  # least step of the light in those of albedo; measured: 0.3 to 1.2, −0.03 to 0.03 with the
+# albedo of another clip, −1.5 to −0.2 with 1 − albedo
 ENOUGH = 200  # least number of steps that tell
 ENCODED = 1.4  # steps of the light in those of albedo, from which on it is encoded
 BETTER = 0.5  # decoded, the ratio is off from 1 by at most this share
@@ -29,44 +36,59 @@ ALIKE, UNLIKE = 0.9, 0.5  # cosines between colours of steps: of the order that 
 TIED = 0.02  # difference of cosines up to which the simplest order is named
 LINEAR = "linear albedo, not encoded for display"
 ORDER = "the order of components of the light"
+SEEN = "the albedo of what is seen: light that steps where it does"
+
+Steps = tuple[
+    Tensor, Tensor
+]  # albedo at the two ends of each step (2, 3, n), and steps of the logarithm of light (3, n)
 
 
 class AlbedoTally:
     """Tally of the steps of albedo and reference within the surfaces of some frames."""
 
     def __init__(self) -> None:
-        self._albedo: list[Tensor] = []  # (2, 3, n): at the two ends of each step
-        self._light: list[Tensor] = []  # (3, n): steps of the logarithm
+        self._steps: tuple[list[Steps], list[Steps]] = [], []  # as they are, and of the means of 3×3 pixels
 
     def add(self, frame: Frame) -> None:
         """Add a PyTorch frame of batch 1; albedo, reference, and one of instance and depth are needed."""
         if not ("albedo" in frame and "reference" in frame and ("instance" in frame or "depth" in frame)):
             return
         names = [name for name in ("albedo", "reference", "instance", "depth", "normal") if name in frame]
-        for sideways in (True, False):
-            channels = {name: frame[name][0] if sideways else frame[name][0].transpose(1, 2) for name in names}
-            if channels["albedo"].shape[2] > APART:
-                albedo, light = _steps(channels)
-                self._albedo.append(albedo)
-                self._light.append(light)
+        means = {name: F.avg_pool2d(frame[name], 3, 1, 1, count_include_pad=False) for name in names[:2]}
+        for steps, given in zip(self._steps, (frame, frame.with_channels(**means)), strict=True):
+            for sideways in (True, False):
+                channels = {name: given[name][0] if sideways else given[name][0].transpose(1, 2) for name in names}
+                if channels["albedo"].shape[2] > APART:
+                    steps.append(_steps(channels))
 
     def judge(self) -> Iterator[Finding]:
-        """Yield a fault for albedo of another order of components, or that is encoded."""
-        if not self._albedo:
+        """Yield a fault for albedo of another order of components, or that is encoded; a doubt if it is not seen."""
+        if not self._steps[0]:
             return
-        albedo, light = torch.cat(self._albedo, 2), torch.cat(self._light, 1)
+        (albedo, light), means = (
+            (torch.cat([step[0] for step in steps], 2), torch.cat([step[1] for step in steps], 1))
+            for steps in self._steps
+        )
+        seen = max(_seen(albedo, light), _seen(*means))  # aliased, fine textures step at random, but not their means
+        if seen < FOLLOWS:
+            found = f"the logarithm of reference steps {seen:.2g} times as far at its edges"
+            against = seen < AGAINST
+            told = "it is inverted" if against else "it is another picture's, another channel, or only gloss is seen"
+            yield Finding("albedo", f"{found}: {told}", SEEN, against, not against)
+            return
         order = _order(albedo, light)
         if order != (0, 1, 2):
             names = "".join("RGB"[i] for i in order)
             yield Finding("albedo", f"its components are in the order {names}, as edges in reference show", ORDER)
         light = light[list(order)]
-        given, decoded = _ratio(albedo, albedo, light), _ratio(albedo, _decoded(albedo), light)
+        strong = _strong(albedo, BRIGHT)
+        given, decoded = (_ratio(strong, values, light) or 0.0 for values in (albedo, _decoded(albedo)))
         if given > ENCODED and abs(decoded - 1) < BETTER * (given - 1):
             steps = f"the logarithm of reference steps {given:.3g} times as far at edges of textures"
             yield Finding("albedo", f"is encoded, as sRGB is: {steps}, decoded {decoded:.3g} times", LINEAR)
 
 
-def _steps(channels: dict[str, Tensor]) -> tuple[Tensor, Tensor]:
+def _steps(channels: dict[str, Tensor]) -> Steps:
     """Steps along the rows of channels (C, H, W), within one smooth surface: albedo (2, 3, n), and light (3, n)."""
     width = channels["albedo"].shape[2]
     shifted = [{n: v[..., i : width - APART + i] for n, v in channels.items()} for i in range(APART + 1)]
@@ -85,15 +107,28 @@ def _steps(channels: dict[str, Tensor]) -> tuple[Tensor, Tensor]:
     return albedo[:, :, good].double(), light[1] - light[0]
 
 
-def _ratio(bright: Tensor, albedo: Tensor, light: Tensor) -> float:
-    """Median of how many times as far as that of albedo (2, 3, n) the logarithm of light (3, n) steps; 0 if unknown.
+def _seen(albedo: Tensor, light: Tensor) -> float:
+    """Return the ratio of `_ratio` where albedo is visible; infinite if it has hardly any texture."""
+    visible = _strong(albedo, VISIBLE)
+    ratio = _ratio(visible, albedo, light)
+    return inf if ratio is None or int(visible.sum()) < TEXTURED * len(visible) else ratio
 
-    bright: albedo that tells where it is bright enough.
+
+def _strong(albedo: Tensor, least: float) -> Tensor:
+    """Mark the strong steps (n,) of albedo (2, 3, n) that is at least so large at both ends."""
+    steps = (albedo[1].log() - albedo[0].log()).mean(0)
+    return (albedo > least).all(0).all(0) & (steps.abs() > STEP)
+
+
+def _ratio(strong: Tensor, albedo: Tensor, light: Tensor) -> float | None:
+    """Median of how many times as far as that of albedo (2, 3, n) the logarithm of light (3, n) steps; None if unknown.
+
+    strong: bool (n,), steps that tell.
     """
-    values = (bright > BRIGHT).all(0).all(0)
-    steps = (albedo[1, :, values].mean(0) / albedo[0, :, values].mean(0)).log()
-    strong = (bright[1].log() - bright[0].log()).mean(0)[values].abs() > STEP
-    return float((light[:, values].mean(0)[strong] / steps[strong]).median()) if int(strong.sum()) >= ENOUGH else 0.0
+    if int(strong.sum()) < ENOUGH:
+        return None
+    steps = (albedo[1, :, strong].mean(0) / albedo[0, :, strong].mean(0)).log()
+    return float((light[:, strong].mean(0) / steps).median())
 
 
 def _order(albedo: Tensor, light: Tensor) -> tuple[int, ...]:

@@ -10,6 +10,7 @@ from statistics import median
 from typing import NamedTuple
 
 import torch
+from torch import Tensor
 
 from nte.checking.values import Finding
 from nte.frames.frame import Frame
@@ -19,6 +20,11 @@ ENOUGH = 200  # least number of surface pixels that can tell
 MOVES_PX = 2.0  # least median length of the vectors given, or predicted
 NEAR_PX, NEAR = 0.5, 0.1  # vectors that are no farther apart agree: pixels, share of the longer one
 MOST = 0.05  # cameras are in doubt if a smaller share of the pixels agrees
+SPREAD_PX = 0.5  # least median distance of predicted vectors from their median that tells a map
+FITS_PX, FITS = 0.1, 0.02  # greatest distance of vectors that a map explains: pixels, share of their length
+MAPPED = 0.7  # least share of the pixels that a map must explain
+OTHER = 0.1  # least distance of a map from none that is told; measured: 0.005 at most in right clips
+FITTED = 6  # times that a map is fitted, without the vectors of what moves by itself
 
 
 class Prediction(NamedTuple):
@@ -26,10 +32,12 @@ class Prediction(NamedTuple):
 
     agree: float
     apart: float
+    fast: bool  # vectors are long enough for these two to tell
+    map: Tensor | None  # (2, 2), takes the predicted vectors to those that are given; None if unknown
 
 
 def prediction(previous: Frame, current: Frame) -> Prediction | None:
-    """Compare `motion` with the vectors of points at rest; None without depth, a moving camera, or visible motion.
+    """Compare `motion` with the vectors of points at rest; None without depth or a moving camera.
 
     previous, current: consecutive PyTorch frames of batch 1 with motion.
     """
@@ -46,18 +54,46 @@ def prediction(previous: Frame, current: Frame) -> Prediction | None:
     if int(hit.sum()) < ENOUGH:
         return None
     lengths = [vectors.norm(dim=1, keepdim=True)[hit] for vectors in (given, true)]
-    if max(float(length.median()) for length in lengths) < MOVES_PX:
-        return None
+    fast = max(float(length.median()) for length in lengths) >= MOVES_PX
     apart = (given - true).norm(dim=1, keepdim=True)[hit]
     agree = apart <= (NEAR * torch.maximum(*lengths)).clamp(min=NEAR_PX)
-    return Prediction(float(agree.double().mean()), float(apart.median()))
+    mapped = _map(*(vectors[0, :, hit[0, 0]] for vectors in (true, given)))
+    return Prediction(float(agree.double().mean()), float(apart.median()), fast, mapped)
+
+
+def _map(true: Tensor, given: Tensor) -> Tensor | None:
+    """Fit the map (2, 2) that takes vectors `true` to those `given`, both (2, n), up to a shift; None if none fits."""
+    if float((true - true.median(1, keepdim=True).values).norm(dim=0).median()) < SPREAD_PX:
+        return None
+    rows = torch.cat([true, torch.ones_like(true[:1])])
+    kept = torch.ones_like(true[0], dtype=torch.bool)
+    for _ in range(FITTED):
+        solved = torch.linalg.lstsq(rows[:, kept].T, given[:, kept].T).solution.T
+        left = (given - solved @ rows).norm(dim=0)
+        kept = left <= 2 * left.median() + 1e-6
+    explained = left <= FITS_PX + FITS * true.norm(dim=0)
+    return solved[:, :2] if float(explained.double().mean()) >= MAPPED else None
 
 
 def judge_cameras(pairs: Sequence[Prediction]) -> Iterator[Finding]:
-    """Yield a doubt if hardly any vector is the one that depth and cameras predict. pairs: of plausible vectors."""
-    if not pairs or (agree := median(pair.agree for pair in pairs)) >= MOST:
-        return
-    found = f"lead with depth to other vectors than motion in {1 - agree:.0%} of the pixels"
-    apart = f"about {median(pair.apart for pair in pairs):.3g} px beside them"
+    """Yield a doubt if hardly any vector is the one that depth and cameras predict, or all are a map of these.
+
+    pairs: of vectors that are not implausible.
+    """
     expected = "cameras of each frame in the units of depth, which is the distance along the view axis; or none"
-    yield Finding("cameras", f"{found}, {apart}: one of the two is wrong, or everything moves", expected, False, True)
+    fast = [pair for pair in pairs if pair.fast]
+    maps = [pair.map for pair in pairs if pair.map is not None]
+    if maps and 2 * len(maps) > len(pairs):
+        typical = torch.stack(maps).median(0).values
+        if float(torch.linalg.matrix_norm(typical - torch.eye(2), ord=2)) > OTHER:
+            (xx, xy), (yx, yy) = ((typical * 100).round() / 100 + 0.0).tolist()
+            along = f"{xx:.3g} times as long in x and {yy:.3g} times in y as depth and cameras show"
+            across = f", and turned ({xy:.3g}, {yx:.3g})" if max(abs(xy), abs(yx)) > OTHER else ""
+            yield Finding("motion", f"{along}{across}: one of the three is wrong", expected, False, True)
+            return
+    if fast and (agree := median(pair.agree for pair in fast)) < MOST:
+        found = f"lead with depth to other vectors than motion in {1 - agree:.0%} of the pixels"
+        apart = f"about {median(pair.apart for pair in fast):.3g} px beside them"
+        yield Finding(
+            "cameras", f"{found}, {apart}: one of the two is wrong, or everything moves", expected, False, True
+        )

@@ -2,8 +2,8 @@
 
 The edges of a channel are correlated with those of the light at every displacement, as in `nte.checking.flips`. Where
 it is right, the peak is at no displacement, or beside it. A peak that is as sharp, and twice as high, elsewhere shows
-where the channel lies. But the shadow of what floats is its outline at another place, and depth shows only outlines: of
-depth it is a doubt.
+where the channel lies. But the shadow of what floats is its outline at another place, and depth, ids and
+roughness show only outlines: of these it is a doubt.
 """
 
 from collections.abc import Iterator
@@ -11,7 +11,7 @@ from collections.abc import Iterator
 import torch
 from torch import Tensor
 
-from nte.checking.flips import BETTER, PICTURES, SHARP, block_of, correlation, edges_of, height_at
+from nte.checking.flips import BETTER, OUTLINES, PICTURES, SHARP, block_of, correlation, edges_of, height_at
 from nte.checking.values import Finding
 from nte.frames.frame import Frame
 
@@ -39,7 +39,7 @@ class DisplacedTally:
     def judge(self) -> Iterator[Finding]:
         """Yield a fault for a reference that lies beside color, else for each guide that lies beside the light.
 
-        A doubt for depth.
+        A doubt for what shows only outlines.
         """
         for name, match in self._matches.items():
             place = _place(match)
@@ -48,7 +48,7 @@ class DisplacedTally:
                 right, down = (self._block * step for step in place)
                 beside = f"{_way(right, 'to the right', 'to the left')} and {_way(down, 'below', 'above')}"
                 light = "color" if name == "reference" else self._light
-                outlines = name == "depth"
+                outlines = name in OUTLINES
                 what = f"shows what {light} shows about {beside}{'; or shadows lie there' if outlines else ''}"
                 yield Finding(name, what, SAME_PLACE, not outlines, outlines)
                 if name == "reference":

@@ -18,7 +18,8 @@ from nte.frames.frame import Frame
 FLIPS = {"upside down": (-2,), "mirrored left to right": (-1,), "turned by 180°": (-2, -1)}  # in words → dimensions
 AS_IT_IS = ""
 ORIENTATION = "the same orientation in every channel"
-PICTURES = (*GUIDES, "depth")  # channels that show the surfaces
+OUTLINES = ("depth", "instance", "roughness")  # channels that show where surfaces end, and hardly any texture
+PICTURES = (*GUIDES, *OUTLINES, "diffuse_albedo", "geometric_normal")  # channels that show the surfaces
 BLOCKS = 64  # about so many blocks of pixels, of 2×2 or more, along the shorter side: their means have less noise
 LEAST = 12  # blocks along a side; smaller pictures tell nothing
 SHARP = (

@@ -15,12 +15,11 @@ import torch
 from torch import Tensor
 
 from nte.checking.edges import edges, picture
-from nte.checking.flips import correlation
+from nte.checking.flips import PICTURES, correlation
 from nte.checking.values import Finding
-from nte.frames.channels import GUIDES
 from nte.frames.frame import Frame
 
-SHOWN = (*GUIDES, "depth", "position")  # channels that show the surfaces
+SHOWN = (*PICTURES, "position")  # channels that show the surfaces
 FINEST = 256  # blocks of pixels along the shorter side, about; images with fewer pixels are not reduced
 SMALLEST = 12  # pixels: smaller pictures tell nothing
 ENOUGH = 3  # least number of pairs of frames
@@ -77,11 +76,11 @@ class LateTally:
 
 def _match(light: Sequence[Tensor], channel: Sequence[Tensor]) -> Match:
     (first, second), (before, now) = light, channel
-    each = _correlation(first, before), _correlation(second, now)
+    each = correlate(first, before), correlate(second, now)
     same, fading = (each[0] + each[1]) / 2, (each[0] - each[1]) / 2
-    late, early = _correlation(first, now), _correlation(second, before)
+    late, early = correlate(first, now), correlate(second, before)
     beside = (correlation(first, before) + correlation(second, now)) / 2 if max(late, early) > same else None
-    return Match(same, fading, late, early, _correlation(before, now), beside, now.numel())
+    return Match(same, fading, late, early, correlate(before, now), beside, now.numel())
 
 
 def _shows(matches: Sequence[Match], displaced: bool) -> str:
@@ -106,7 +105,7 @@ def _shows(matches: Sequence[Match], displaced: bool) -> str:
     return max(found, key=lambda when: found[when], default="")
 
 
-def _correlation(a: Tensor, b: Tensor) -> float:
-    """Correlate two images (h, w); 0 if one of them is constant."""
+def correlate(a: Tensor, b: Tensor) -> float:
+    """Correlate two images of one shape; 0 if one of them is constant."""
     a, b = a - a.mean(), b - b.mean()
     return float((a * b).sum() / (a.norm() * b.norm()).clamp(min=1e-30))

@@ -2,6 +2,7 @@
 
 If they are not, and a single rotation of all normals makes them so, they are given in another space, such as that of
 the camera. If only the signs of some walls' normals are wrong, half a turn explains that as well: it tells nothing.
+If nothing explains them, they are those of other surfaces, or bent on purpose, as on the leaves of trees.
 """
 
 import math
@@ -10,6 +11,7 @@ from statistics import median
 from typing import NamedTuple
 
 import torch
+import torch.nn.functional as F
 from torch import Tensor
 
 from nte.checking.textures import ONE_SURFACE
@@ -20,6 +22,7 @@ SAMPLED = 4096  # points of a frame that are looked at, up to twice as many
 OFF = 0.005  # 1 − cosine to the surface's own normal, on average, from which on normals do not agree with it: 6°
 TURNED = 0.3  # a rotation explains the normals if it leaves at most this share of that
 ALONG = 0.95  # cosine, up to its sign, of normals that agree with the surface
+APART = 0.9  # least mean cosine, up to its sign, of normals that belong to the surfaces; measured: 0.99
 SOME = 0.05  # share of the pixels whose normals point away from which on it is told
 EVEN = 0.1  # two steps between neighbours of one surface differ by less than this share of both together
 
@@ -56,7 +59,7 @@ def turn_of(
         for bend, both in zip(bends, (across, down), strict=True):
             inside = inside & (bend.norm(dim=0) < EVEN * both.norm(dim=0))
     inside = inside & surface.isfinite().all(0) & (surface.norm(dim=0) > 0)
-    inside = inside & normal.isfinite().all(0) & (normal.norm(dim=0) > 0.5)
+    inside = inside & normal.isfinite().all(0) & (normal.norm(dim=0) > 0.5) & _smooth(surface)
     if int(inside.sum()) < ENOUGH:
         return None
     step = max(1, int(inside.sum()) // SAMPLED)
@@ -74,6 +77,13 @@ def turn_of(
     if 2 * int(smooth.sum()) > len(smooth) and int(smooth.sum()) >= ENOUGH:
         cosine, turned, rounded = cosine[smooth], _turned(surface[:, smooth], normal[:, smooth]), rounded[smooth]
     return Turn(float(cosine.mean()), float(cosine.abs().mean()), float(turned.mean()), float(rounded.mean()))
+
+
+def _smooth(surface: Tensor) -> Tensor:
+    """Mark the points (H, W) whose direction (3, H, W) is that of a neighbour, unlike those of grass."""
+    unit = F.pad(surface / surface.norm(dim=0).clamp(min=1e-30), (0, 1, 0, 1))
+    beside = [(unit[:, :-1, :-1] * other).sum(0).abs() for other in (unit[:, :-1, 1:], unit[:, 1:, :-1])]
+    return torch.maximum(*beside) > ALONG
 
 
 def _turned(surface: Tensor, normal: Tensor) -> Tensor:
@@ -100,3 +110,7 @@ def judge_turns(turns: Sequence[Turn], shown_by: str) -> Iterator[Finding]:
             found += ": or depth or cameras are of another kind"
             expected += ", depth along the view axis and no z-buffer, cameras with y downwards in the picture"
         yield Finding("normal", found, expected)
+    elif unsigned < APART - rounded:
+        found = f"{math.degrees(math.acos(unsigned)):.0f}° off from the surfaces of {shown_by} on average"
+        expected = "normals of these surfaces, of the same frame; or they are bent on purpose"
+        yield Finding("normal", found, expected, False, True)

@@ -22,16 +22,17 @@ from nte.checking.geometry import GeometryTally
 from nte.checking.guides import GuideTally
 from nte.checking.judge import Judgement, Verdict, confirms, judge_votes
 from nte.checking.late import LateTally
+from nte.checking.noise import NoiseTally
 from nte.checking.objects import object_votes
 from nte.checking.order import Order, depth_order, is_known, judge_order
 from nte.checking.planes import PlaneTally
-from nte.checking.repeats import RepeatTally
 from nte.checking.residuals import Mean, add_errors, visible_in_both
 from nte.checking.sample import FRAMES, PAIRS, spread
 from nte.checking.sky import SkyMotion, judge_sky, sky_motion
 from nte.checking.spaces import Spaces, changed_alike, judge_spaces
 from nte.checking.still import Stillness, stillness, without_motion
 from nte.checking.tone import EXPECTED as LINEAR
+from nte.checking.travels import Changes, changes, judge_changes
 from nte.checking.units import ONCE, judge_units, unit_of
 from nte.checking.values import Finding, Tally, judge_values, tally_values
 from nte.checking.votes import Votes
@@ -79,6 +80,7 @@ class _Vectors:
     orders: list[Order] = field(default_factory=list)
     skies: list[SkyMotion] = field(default_factory=list)
     spaces: list[Spaces] = field(default_factory=list)
+    changes: list[Changes] = field(default_factory=list)
     predictions: list[Prediction] = field(default_factory=list)
     returns: list[Returns] = field(default_factory=list)
     units: dict[int, float] = field(default_factory=dict)  # of each frame that tells
@@ -99,6 +101,7 @@ class _Vectors:
         if not vote:
             return
         self.still.append(stillness(previous, current))
+        self.changes.append(changes(previous, current, dual.valid & ~dual.disoccluded))
         self.spaces.append(changed_alike(previous, current, visible_in_both(previous, current, dual)))
         if (of_sky := sky_motion(previous, current)) is not None:
             self.skies.append(of_sky)
@@ -140,7 +143,7 @@ class _Vectors:
         yield from judge_order(self.orders)
         yield from judge_sky(self.skies)
         yield from judge_spaces(self.spaces)
-        yield from judge_cameras(self.predictions)
+        yield from judge_changes(self.changes)
         yield from judge_returns(self.returns, self.total_votes())
 
 
@@ -159,7 +162,7 @@ def check(clip: Clip | Path | str) -> CheckReport:
     tallies: dict[str, Tally] = defaultdict(Tally)
     exposure, flips, guides, geometry = ExposureTally(), FlipTally(), GuideTally(), GeometryTally()
     blank, stopped, late, planes, vectors = BlankTally(), StoppedTally(), LateTally(), PlaneTally(), _Vectors()
-    displaced, copies, components, repeats = DisplacedTally(), CopyTally(clip), ComponentTally(), RepeatTally()
+    displaced, copies, components, noise = DisplacedTally(), CopyTally(clip), ComponentTally(), NoiseTally()
     albedo = AlbedoTally()
     looked, voting = spread(FRAMES, 0, len(clip)), spread(PAIRS, 1, len(clip))
     previous: Frame | None = None
@@ -178,7 +181,7 @@ def check(clip: Clip | Path | str) -> CheckReport:
             geometry.add(current)
             planes.add(current)
         if previous is not None:
-            repeats.add(previous, current)
+            noise.add(previous, current, current.index in voting)
         if previous is not None and current.index in voting:
             late.add(previous, current)
         if previous is not None and "motion" in current:
@@ -195,14 +198,19 @@ def check(clip: Clip | Path | str) -> CheckReport:
     late_channels |= {finding.channel for finding in of_other_frames}
     light = [f for f in exposure.judge() if f.expected != LINEAR or "reference" not in late_channels]
     turned = () if ORIENTATION in (f.expected for f in light) else flips.judge()  # the reference is turned over itself
-    colours = () if any(f.fault for f in light) or "albedo" in late_channels else albedo.judge()
+    colours = [] if any(f.fault for f in light) or "albedo" in late_channels else list(albedo.judge())
     # What is late in one channel looks like another fault beside right ones: only the cause is told.
     along = [f for f in vectors.judge() if f.channel not in late_channels] if right else []
-    singles = (blank, stopped, repeats, components)
-    of_one_light = copies.judge("reference" not in late_channels)
+    singles = (blank, stopped, components)
+    known = "reference" not in late_channels
+    of_one_light = [*copies.judge(known), *noise.judge(known and not any(finding.fault for finding in light))]
     values = [*judge_values(tallies), *(finding for tally in singles for finding in tally.judge()), *of_one_light]
     units = vectors.judge_units() if judgement.verdict != "implausible" else ()  # wrong vectors lead elsewhere
     shapes = [*geometry.judge(), *planes.judge(), *units]
+    if judgement.verdict != "implausible" and not any(f.fault for f in shapes):
+        along += judge_cameras(vectors.predictions)
+    if judgement.verdict == "implausible" and any(finding.doubt for finding in colours):
+        judgement = Judgement("undecidable", "vectors not checked: that needs the albedo of what is seen")
     findings = [*values, *of_other_frames, *light, *colours, *turned, *shapes, *along, *guides.judge()]
     judgement = _judge(judgement, findings)
     unknown = {"reference": exposure.not_judged(), "depth": planes.not_judged(right and is_known(vectors.orders))}

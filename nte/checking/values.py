@@ -9,13 +9,17 @@ from torch import Tensor
 from nte.frames.bad import count_bad
 from nte.frames.channels import CHANNELS
 from nte.frames.frame import Frame
+from nte.frames.usable import ABSOLUTE
 
 SANITISED = ("radiance", "reflectance")  # kinds whose bad pixels denoisers sanitise
 NEVER_BLACK = ("color", "albedo")  # channels that are 0 everywhere only by mistake
 UNIT_SCALARS = ("roughness", "visibility", "reference_visibility", "time")  # scalars in [0, 1]
+BELOW = 0.01  # negative light that is a greater share of all light is a fault; lossy compression and filters have less
+DARK = 0.02  # albedo that is nowhere greater is darker than soot
 MANY = 0.01  # a greater share of pixels with impossible values is a fault of the channel, not of a few pixels
 MOST = 0.5  # a greater share of vectors longer than four images is a fault: they have another unit
 ROUNDING = 0.005  # greatest error of half floats and of averages
+ENCODED = 0.02  # greatest error of the length of directions that are surely encoded
 SAMPLED = 4096  # directions of a frame that are looked at, up to twice as many
 
 
@@ -38,7 +42,9 @@ class Tally:
     low: float = float("inf")
     high: float = -float("inf")
     total: float = 0.0
+    negative: float = 0.0  # sum of the negative values
     finite: int = 0  # number of finite values
+    lost: int = 0  # pixels with a value that is not finite, or absurd
     bad: int = 0  # unusable (nte.frames.bad) for light, reflectance, gradients and covariances; not finite for others
     first_bad: int | None = None  # first frame with bad pixels
     far: int = 0  # vectors longer than four images, or, if noisy, than 64
@@ -66,11 +72,13 @@ def tally_values(tallies: Mapping[str, Tally], frame: Frame) -> None:
         if finite.numel():
             entry.low, entry.high = min(entry.low, float(finite.min())), max(entry.high, float(finite.max()))
             entry.total += float(finite.double().sum())
+            entry.negative -= float(finite.clamp(max=0).double().sum())
             entry.finite += finite.numel()
         row = CHANNELS[name]
         # Other channels are judged below, by their ranges.
         counted = row.kind in SANITISED or (row.nan_means and row.kind != "motion")
         number = bad.get(name, 0) if counted else int(_not_finite(name, values).sum())
+        entry.lost += int((~(values.abs() <= ABSOLUTE)).any(1).sum())
         if row.kind == "motion" and (far := bad.get(name, 0) - number):
             entry.far += far
             entry.first_far = frame.index if entry.first_far is None else entry.first_far
@@ -123,7 +131,7 @@ def _judge(name: str, entry: Tally) -> Iterator[Finding]:
         what, expected, fault = "not finite", "finite", True
         if row.kind in SANITISED:
             what, expected = "not finite, or negative", "finite and not negative; denoisers sanitise these pixels"
-            fault = entry.bad > many
+            fault = entry.lost > many or entry.negative > BELOW * (entry.total + entry.negative)
         found = f"{what} in {entry.bad} pixels of {name}, the first in frame {entry.first_bad}"
         yield Finding(name, found, expected, fault)
     if entry.far:  # a point near the camera's plane was seen far outside the image
@@ -136,6 +144,9 @@ def _judge(name: str, entry: Tally) -> Iterator[Finding]:
     elif name == "albedo" and entry.low == entry.high:
         found = f"{entry.low:.4g} everywhere"
         yield Finding(name, found, "the colour of each surface: it may stand for none at all", fault=False)
+    elif name == "albedo" and 0 < entry.high < DARK:
+        found = f"{entry.high:.4g} at the most: darker than soot"
+        yield Finding(name, found, "the share of the light that is reflected, in [0, 1]", fault=False)
     if row.kind == "direction":
         yield from _judge_directions(name, entry)
     elif entry.impossible:
@@ -162,7 +173,10 @@ def _judge_directions(name: str, entry: Tally) -> Iterator[Finding]:
     off = float(((length - 1).abs() > 0.1).float().mean())
     if is_encoded(vectors):
         expected = "unit vectors with components in [−1, 1]"
-        yield Finding(name, "looks stored as n/2 + 1/2: no component is negative", expected)
+        # Normalised, all that is nearly grey looks like that.
+        surely = float(((2 * vectors - 1).norm(dim=0) - 1).abs().median()) < ENCODED
+        what = "stored as n/2 + 1/2" if surely else "stored as n/2 + 1/2, or another channel"
+        yield Finding(name, f"no component is negative: {what}", expected)
     elif abs(typical - 1) > 0.05:
         yield Finding(name, f"vectors of length {typical:.3g}", "length 1")
     elif off > 0.05:
@@ -180,6 +194,6 @@ def is_encoded(vectors: Tensor) -> bool:
         return False
     unit = vectors / vectors.norm(dim=0)
     if float(unit.mean(1).norm()) > 0.995:  # a mean angle of 6° or less to their mean
-        off = ((2 * vectors - 1).norm(dim=0) - 1).abs() < 0.02
+        off = ((2 * vectors - 1).norm(dim=0) - 1).abs() < ENCODED
         return float(off.float().mean()) > 0.95 and float((vectors.norm(dim=0) - 1).abs().median()) > 0.05
     return float((unit.sum(0) > 2**0.5 - 0.02).float().mean()) > 0.97

@@ -7,11 +7,11 @@ import numpy as np
 import pytest
 
 from nte.checking import CheckReport, check
-from nte.checking.albedo import LINEAR, ORDER
+from nte.checking.albedo import LINEAR, ORDER, SEEN
 from nte.frames.clip import Clip
 from tests.checking.test_late import SHOTS, noisy
 from tests.checking.test_tone import srgb
-from tests.synthetic import Pixels, write_clip
+from tests.synthetic import Pixels, smooth_texture, write_clip
 
 Change = Callable[[Pixels], Pixels]
 WRONG: dict[str, tuple[Change, dict[str, str]]] = {
@@ -41,7 +41,7 @@ def of(folder: Path, albedo: Change, light: str = "as it is", without: tuple[str
 
 
 def told(report: CheckReport) -> dict[str, str]:
-    return {f.expected: f.found for f in report.findings if f.expected in (LINEAR, ORDER)}
+    return {f.expected: f.found for f in report.findings if f.expected in (LINEAR, ORDER, SEEN)}
 
 
 @pytest.mark.parametrize("without", [(), ("instance", "normal"), ("depth", "position")])
@@ -84,3 +84,18 @@ def test_a_wrong_reference_accuses_no_albedo(tmp_path: Path) -> None:
     report = check(Clip(write_clip(tmp_path / "clip", frames)))
     assert report.verdict == "implausible"
     assert not told(report)
+
+
+def test_albedo_that_is_inverted_is_named(tmp_path: Path) -> None:
+    report = of(tmp_path, lambda x: 1 - x)
+    assert "it is inverted" in told(report)[SEEN]
+    assert report.verdict == "implausible"
+
+
+def test_albedo_of_another_picture_is_a_doubt_and_says_nothing_of_vectors(tmp_path: Path) -> None:
+    """It moves otherwise than the vectors say, but they are not wrong."""
+    other = iter(range(9))
+    report = of(tmp_path, lambda x: smooth_texture(*(0.9 * np.mgrid[:64, :96] + 3 * next(other)), 1.0))
+    assert "it is another picture's" in told(report)[SEEN]
+    assert report.verdict == "undecidable"
+    assert "motion" not in report.reason

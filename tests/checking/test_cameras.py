@@ -12,13 +12,16 @@ from tests.checking.room import Floats
 from tests.checking.test_geometry import FRAMES, cameras
 
 
-def predictions(scale: float = 1.0, change: Floats | None = None) -> list[Prediction]:
-    """Of the room with its depth times `scale`, and views that `change` is applied to."""
+def predictions(
+    scale: float = 1.0, change: Floats | None = None, longer: tuple[float, float] = (1, 1)
+) -> list[Prediction]:
+    """Of the room with its depth times `scale`, views that `change` is applied to, and vectors times `longer`."""
     turned = np.eye(4) if change is None else change
+    times = torch.tensor(longer).view(1, 2, 1, 1)
     given = cameras(lambda view, projection: (turned @ view, projection))
     frames = [
         Frame(
-            {"depth": torch.tensor(scale * f["depth"])[None], "motion": torch.tensor(f["motion"])[None]},
+            {"depth": torch.tensor(scale * f["depth"])[None], "motion": torch.tensor(f["motion"])[None] * times},
             i,
             **{name: torch.tensor(matrix, dtype=torch.float64)[None] for name, matrix in given[i].items()},  # type: ignore[arg-type]
         )
@@ -39,7 +42,15 @@ def test_another_unit_or_axis_is_a_doubt(scale: float, change: Floats | None) ->
     (finding,) = judge_cameras(predictions(scale, change))
     assert finding.doubt
     assert not finding.fault
-    assert finding.found.startswith("lead with depth to other vectors than motion in ")
+    assert "wrong" in finding.found
+
+
+@pytest.mark.parametrize("longer", [(1.3, 1.3), (0.5, 0.5), (1.0, 0.0), (0.0, 1.0), (1.78, 1.0), (1.0, -1.0)])
+def test_vectors_of_another_length_or_without_an_axis_are_a_doubt(longer: tuple[float, float]) -> None:
+    (finding,) = judge_cameras(predictions(longer=longer))
+    assert (finding.channel, finding.doubt, finding.fault) == ("motion", True, False)
+    x, y = longer
+    assert finding.found.startswith(f"{x:.3g} times as long in x and {y:.3g} times in y as depth and cameras show")
 
 
 def test_a_camera_at_rest_predicts_nothing() -> None:

@@ -53,3 +53,17 @@ def test_a_component_of_other_light_is_told(name: str, change: Callable[[Pixels]
     (finding,) = told(lambda f: {name: change(f[name])})
     assert finding.fault
     assert "is no sum of its components" in finding.found
+
+
+@pytest.mark.parametrize("change", [lambda x: 2 * x, lambda x: x[:, ::-1]], ids=["2", "turned"])
+def test_emission_that_exceeds_color_is_a_doubt(change: Callable[[Pixels], Pixels]) -> None:
+    """Other components may be missing."""
+    tally = ComponentTally()
+    for i in range(3):
+        lamp = np.zeros((3, 20, 30), np.float32)
+        lamp[:, 3:8, 10:20] = 5
+        light = parts(i)["indirect"] + lamp
+        given = {"color": light, "emission": np.ascontiguousarray(change(lamp))}
+        tally.add(Frame({name: torch.tensor(values)[None] for name, values in given.items()}, i))
+    (finding,) = tally.judge()
+    assert (finding.channel, finding.doubt, finding.fault) == ("emission", True, False)

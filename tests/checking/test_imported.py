@@ -28,7 +28,7 @@ def shorten(frame: dict[str, Pixels]) -> None:
 @pytest.mark.parametrize(
     ("harm", "told"),
     [
-        (encode, "normal: looks stored as n/2 + 1/2"),
+        (encode, "normal: no component is negative: stored as n/2 + 1/2"),
         (stop, "the picture changes and the vectors do not"),
         (shorten, "unit (uv"),  # the image is 64 pixels wide
     ],

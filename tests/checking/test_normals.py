@@ -1,5 +1,7 @@
 """Normals with strong bumps are compared with their surface where there is none."""
 
+from collections.abc import Callable
+
 import numpy as np
 import pytest
 import torch
@@ -9,6 +11,8 @@ from nte.frames.frame import Frame
 from nte.importing.convert import unit
 from tests.checking.room import camera, room_frame
 from tests.synthetic import Pixels
+
+Findings = list[tuple[bool, bool, str]]
 
 
 def bumpy(index: int) -> dict[str, Pixels]:
@@ -42,3 +46,38 @@ def test_negated_normals_with_bumps_are_noted() -> None:
 def test_normals_of_another_space_with_bumps_fail(turn: Pixels, index: int | None) -> None:
     found = "not perpendicular to the surfaces of position, but one rotation of all makes them so"
     assert told(turn, index) == [(found, True)]
+
+
+def of_others(change: Callable[[Pixels], Pixels], names: tuple[str, ...] = ("depth", "position", "normal")) -> Findings:
+    tally = GeometryTally()
+    for i in range(3):
+        frame = room_frame(i)
+        frame["normal"] = unit(change(frame["normal"])) * (frame["depth"] > 0)
+        tally.add(Frame({name: torch.tensor(np.float32(frame[name]))[None] for name in names}, i))
+    return [(f.fault, f.doubt, f.found) for f in tally.judge() if f.channel == "normal"]
+
+
+OTHERS: dict[str, Callable[[Pixels], Pixels]] = {
+    "noise": lambda normal: np.random.default_rng(0).normal(size=normal.shape),
+    "waves": lambda normal: np.stack([np.sin(np.arange(96) / 5 + k) + 0 * normal[0] for k in range(3)]),
+}
+
+
+@pytest.mark.parametrize("name", OTHERS)
+def test_normals_of_other_surfaces_are_a_doubt(name: str) -> None:
+    ((fault, doubt, found),) = of_others(OTHERS[name])
+    assert (fault, doubt) == (False, True)
+    assert "° off from the surfaces of position on average" in found
+
+
+def test_grass_tells_nothing_of_normals() -> None:
+    """Surfaces that are finer than pixels: neighbouring positions span anything."""
+    tally, rng = GeometryTally(), np.random.default_rng(1)
+    for i in range(3):
+        frame = room_frame(i)
+        blades = 0.02 * rng.normal(size=frame["depth"].shape)
+        frame["position"] = frame["position"] * (1 + blades)
+        frame["depth"] = frame["depth"] * (1 + blades)
+        names = "depth", "position", "normal"
+        tally.add(Frame({name: torch.tensor(np.float32(frame[name]))[None] for name in names}, i))
+    assert not [f for f in tally.judge() if f.channel == "normal" and (f.fault or f.doubt)]

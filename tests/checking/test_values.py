@@ -40,8 +40,8 @@ def test_nothing_is_said_of_right_values(tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ("change", "told"),
     [
-        (lambda f, i: {"normal": f["normal"] / 2 + 0.5}, "normal: looks stored as n/2 + 1/2"),
-        (lambda f, i: {"normal": unit(f["normal"] / 2 + 0.5)}, "normal: looks stored as n/2 + 1/2"),
+        (lambda f, i: {"normal": f["normal"] / 2 + 0.5}, "normal: no component is negative: stored as n/2 + 1/2"),
+        (lambda f, i: {"normal": unit(f["normal"] / 2 + 0.5)}, "stored as n/2 + 1/2, or another channel"),
         (lambda f, i: {"normal": 3 * f["normal"]}, "normal: vectors of length 3"),
         (lambda f, i: {"depth": -f["depth"]}, "depth: negative in 100.00% of the pixels"),
         (lambda f, i: {"depth": 0 * f["depth"]}, "depth: 0 everywhere, though normal and instance and albedo"),
@@ -236,3 +236,20 @@ def test_an_albedo_that_is_black_is_told(tmp_path: Path) -> None:
     report = checked(tmp_path, lambda f, i: {"albedo": 0 * f["albedo"], "emission": 0 * f["albedo"]})
     assert "note: albedo: 0 everywhere; expected values above 0" in describe(report)
     assert [finding for finding in report.findings if finding.channel == "emission"] == []
+
+
+@pytest.mark.parametrize(("by", "fault"), [(3e-5, False), (0.5, True)])
+def test_light_that_is_hardly_negative_is_only_noted(tmp_path: Path, by: float, fault: bool) -> None:
+    """Lossy compression, and pixel filters with negative lobes, leave some in the dark."""
+
+    def dark(frame: dict[str, Pixels], index: int) -> dict[str, Pixels]:
+        rows = np.arange(64)[:, None] < 20
+        return {name: np.where(rows, -by, frame[name]) for name in ("color", "reference")}
+
+    found = [f for f in checked(tmp_path, dark).findings if "negative in" in f.found]
+    assert [(f.channel, f.fault) for f in found] == [("color", fault), ("reference", fault)]
+
+
+def test_albedo_darker_than_soot_is_noted(tmp_path: Path) -> None:
+    report = checked(tmp_path, lambda f, i: {"albedo": f["albedo"] / 255})
+    assert [f.fault for f in report.findings if "darker than soot" in f.found] == [False]

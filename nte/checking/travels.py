@@ -1,0 +1,56 @@
+"""A check that surfaces take their normals, positions and ids along with them, where vectors that are right lead.
+
+A channel that is another clip's, of another frame or in another order changes along vectors as much as it does in its
+own pixels, or more. So does noise, but it changes as much from pixel to pixel. Depth and roughness are left out: depth
+changes as a camera travels, and roughness hardly varies.
+"""
+
+from collections.abc import Iterator, Sequence
+
+import torch
+from torch import Tensor
+
+from nte.checking.values import Finding
+from nte.frames.channels import CHANNELS
+from nte.frames.frame import Frame
+from nte.motion.warp import fetch_nearest, pixel_centres
+
+TRAVELS = ("normal", "position", "instance")
+MOVING_PX = 1.0  # shorter vectors tell nothing
+ENOUGH = 200  # least number of pixels that can tell
+CHANGE = 0.005  # least mean change along vectors that is told, of components, or share of the pixels with another id
+MOST = 0.85  # least ratio of that to the change in the same pixel; measured: 0.04 to 0.8 in right clips, 0.87 to 3
+NOISE = 1.5  # least ratio of that to the change from pixel to pixel
+
+# Channel → sums of changes in the same pixel, along vectors, and from pixel to pixel in one frame; number of pixels
+Changes = dict[str, tuple[float, float, float, int]]
+
+
+def changes(previous: Frame, current: Frame, visible: Tensor) -> Changes:
+    """Measure how channels of moving surfaces change between two consecutive PyTorch frames of batch 1 with motion.
+
+    visible: bool mask (1, 1, H, W) of the pixels of `current` whose surface was not hidden in `previous`.
+    """
+    motion = current["motion"].nan_to_num(0, 0, 0)
+    at, moves = pixel_centres(motion) + motion, visible & (motion.norm(dim=1, keepdim=True) > MOVING_PX)
+    found: Changes = {}
+    for name in (name for name in TRAVELS if name in previous and name in current):
+        now, before = current[name].nan_to_num(0, 0, 0), previous[name].nan_to_num(0, 0, 0)
+        of_id = CHANNELS[name].kind == "id"
+        apart = [
+            (now != other).float() if of_id else (now - other).abs().mean(1, keepdim=True).clamp(max=1)
+            for other in (before, fetch_nearest(before, at), torch.cat([now[..., :1], now[..., :-1]], 3))
+        ]
+        still, along, beside = (float(values[moves].sum()) for values in apart)
+        found[name] = still, along, beside, int(moves.sum())
+    return found
+
+
+def judge_changes(pairs: Sequence[Changes]) -> Iterator[Finding]:
+    """Yield a doubt for each channel that does not move as its surfaces do. pairs: of plausible vectors."""
+    for name in TRAVELS:
+        still, along, beside, number = (sum(pair[name][i] for pair in pairs if name in pair) for i in range(4))
+        if number >= ENOUGH and along > max(CHANGE * number, MOST * still, NOISE * beside):
+            found = f"changes by {along / number:.2g} along motion, and by {still / number:.2g} in the same pixel"
+            expected = "the same frames as motion and albedo; or everything turns by itself"
+            yield Finding(name, found, expected, False, True)
