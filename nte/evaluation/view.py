@@ -117,10 +117,10 @@ def _run(
             recorder.drop(name, str(error))
     missing = [name for name in _SCORING if find_spec(name) is None]
     unknown = sorted({ref for d in usable.values() if (ref := reference_of(d.target)) not in clip.channels})
-    if missing and usable:
-        recorder.notes.append(f"No scores: pip install '{DISTRIBUTION}[eval]' installs what they need.")
-    elif unknown:
+    if unknown:  # which nothing that is installed can replace
         recorder.notes.append(f"No scores: the clip has no {', '.join(unknown)}.")
+    elif missing and usable:
+        recorder.notes.append(f"No scores: pip install '{DISTRIBUTION}[eval]' installs what they need.")
     if missing or unknown or ("color" not in clip.channels and "exposure" not in clip.info):
         return _Plain(clip, usable, recorder)
     from nte.evaluation.score_clip import ClipRun

@@ -9,6 +9,7 @@ import pytest
 
 from nte.denoiser import Session
 from nte.frames.clip import Clip
+from nte.frames.exr import read_layers, write_exr
 from nte.importing.channel_map import MAPS
 from nte.models.temporal import TemporalDenoiser
 from tests.importing.producers import blender, scene
@@ -59,6 +60,15 @@ def test_the_command_line_denoises_without_pytorch(model: Path, tmp_path: Path) 
     viewed = nte_without_extras("view", clip, "--denoiser", model, "--out", tmp_path / "view", "--no-open")
     assert viewed.returncode == 0, viewed.stderr
     assert "pip install 'nte-denoiser[eval]'" in (tmp_path / "view" / "index.html").read_text("utf-8")
+    for path in clip.glob("*.exr"):
+        layers = {name: plane for name, plane in read_layers(path).items() if not name.startswith("reference")}
+        write_exr(path, layers)
+    assert (
+        nte_without_extras("view", clip, "--denoiser", model, "--out", tmp_path / "bare", "--no-open").returncode == 0
+    )
+    page = (tmp_path / "bare" / "index.html").read_text("utf-8")
+    assert "No scores: the clip has no reference." in page
+    assert "pip install 'nte-denoiser[eval]'" not in page
     assert nte_without_extras("info", model).returncode == 0
     assert nte_without_extras("info", clip).returncode == 0
 
