@@ -54,6 +54,16 @@ def test_vectors_are_drawn_with_their_mean_and_covariance(covariance: tuple[floa
     torch.testing.assert_close(torch.cov(drawn), torch.tensor([[xx, xy], [xy, yy]]), atol=0.02, rtol=0.03)
 
 
+def test_what_another_pixel_shows_does_not_change_a_draw() -> None:
+    shape = (1, 1, 6, 8)
+    mean, light = torch.zeros(1, 2, 6, 8), torch.rand(1, 3, 6, 8, generator=torch.Generator().manual_seed(0))
+    lobes = Lobes(mean, mean, torch.tensor([1.0, 0, 1]).view(1, 3, 1, 1), torch.ones(shape) > 0)
+    other = light.clone()
+    other[..., 2, 5] += 1
+    changed = (draw(lobes, 3, light) != draw(lobes, 3, other)).any(1)[0]
+    assert changed.nonzero().tolist() == [[2, 5]]
+
+
 def test_pixels_whose_path_went_elsewhere_take_the_lobe_of_those_around_them() -> None:
     mean, covariance = torch.full((1, 2, 1, 20), float("nan")), torch.full((1, 3, 1, 20), float("nan"))
     mean[..., 2], covariance[..., 2] = 4.0, 1.0

@@ -121,12 +121,13 @@ def deviation_of(spread: Tensor) -> Tensor:
 
 
 def draw(lobes: Lobes, frame: int, light: Tensor) -> Tensor:
-    """Draw vectors (N, 2, H, W), px, from the lobes: sample(mean, Σ) of Eq. 5, with noise of pixel, frame and image.
+    """Draw vectors (N, 2, H, W), px, from the lobes: sample(mean, Σ) of Eq. 5, with noise of pixel, frame and light.
 
-    light (N, 3, H, W): any noisy image; its bits give each sequence other noise, wherever it is in the batch.
+    light (N, 3, H, W): any noisy image; a pixel's bits give it other noise in each sequence, wherever that is in the
+    batch, and whatever other pixels show.
     """
     height, width = light.shape[-2:]
-    keys = light.contiguous().view(torch.int32).sum((1, 2, 3), dtype=torch.int64).tolist()
+    keys = light.contiguous().view(torch.int32).sum(1, dtype=torch.int64)
     noise = torch.cat([gaussian_noise(height, width, frame, light.device, key) for key in keys])
     return lobes.mean + spread_noise(noise, lobes.covariance)
 
