@@ -23,6 +23,7 @@ ENOUGH = 500  # least number of pixels that can tell
 SAMPLED = 8192  # pixels of a pair of frames that are looked at, up to twice as many
 FITS = 0.01  # greatest median error of z' / z, relative
 SPREAD, BESIDE = 0.05, 0.25  # least distance of 1 / z, relative, from one plane, and least share of pixels beside it
+AT_REST = 0.05  # least share beside it of the pixels that one motion explains: all the rest may move by itself
 OTHER = 1.1  # least ratio of the units that is told; measured: 0.98 to 1.003 in 17 clips with right depth
 ONCE = 2.0  # least ratio that is a fault even if it is seen only once
 SURELY = 1.25  # least ratio that is a fault: water, which moves as no rigid thing does, has 1.13
@@ -52,6 +53,9 @@ def unit_of(previous: Frame, current: Frame) -> float | None:
         return None
     solved, errors = _fit(torch.cat([plane, near], 1), then / z)
     if float(errors.median()) > FITS * float(solved[0].abs()) or float(solved[0]) <= 0:
+        return None
+    rigid = errors <= FITS * solved[0].abs()
+    if float(_fit(plane[rigid], near[rigid])[1].quantile(1 - AT_REST)) < SPREAD:
         return None
     return 1 / float(solved[0])
 

@@ -111,3 +111,21 @@ def test_what_goes_wrong_at_the_end_of_a_clip_is_seen(tmp_path: Path) -> None:
 )
 def test_frames_are_spread_from_first_to_last(first: int, end: int, chosen: list[int]) -> None:
     assert sorted(spread(4, first, end)) == chosen
+
+
+def floor_frame(index: int, travel: float, drift: float) -> Shot:
+    """A floor that a camera flies over, and a third of the picture full of boards, which move towards it."""
+    y, x = np.mgrid[: SIZE[0], : SIZE[1]] + 0.5
+    ray = np.stack([(x - 48) / 70, (y + 20) / 70, 0 * x + 1])
+    board = (x.astype(int) // 16) % 3 == 0
+    depth = np.where(board, 1.2 + 0.01 * (x // 16) - drift * index, 1.5 / ray[1])
+    step = np.where(board, drift, travel)
+    before = depth * ray + np.stack([0 * x, 0 * x, step])
+    channels = {"depth": depth[None], "motion": 70 * (before[:2] / before[2] - ray[:2])}
+    return {name: values.astype(np.float32) for name, values in channels.items()}
+
+
+@pytest.mark.parametrize(("travel", "drift"), [(0.02, 0.2), (0.1, 0.3), (0.3, -0.1), (0.0, 0.05)])
+def test_what_moves_before_a_floor_says_nothing_of_its_unit(travel: float, drift: float) -> None:
+    """The floor alone is one plane, whatever was left out of it."""
+    assert not list(judge_units(ratios([floor_frame(i, travel, drift) for i in range(4)])))
