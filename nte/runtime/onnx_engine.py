@@ -81,7 +81,7 @@ def session_for(
     """
     known, settings = PROVIDERS[options.provider], onnxruntime.SessionOptions()
     settings.intra_op_num_threads = options.threads or 0
-    settings.log_severity_level = 3  # errors only: the runtime warns about its own graph rewriting
+    settings.log_severity_level = 4  # none: errors are raised, and the runtime warns about its own graph rewriting
     if profile is not None:
         settings.enable_profiling, settings.profile_file_prefix = True, str(profile / "profile")
     if record:
