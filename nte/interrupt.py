@@ -46,25 +46,36 @@ class InterruptFlag:
 def terminable() -> Iterator[None]:
     """Let SIGTERM, with which batch systems and `kill` stop a process, act as Ctrl-C within the block.
 
-    It does so even where InterruptFlag has changed the effect of Ctrl-C. In a thread other than the main one the block
+    It does so even where InterruptFlag has changed the effect of Ctrl-C. The block then ends by KeyboardInterrupt, also
+    where a library has made another error of it, as OmegaConf does. In a thread other than the main one the block
     changes nothing.
     """
     if not _gets_signals():
         yield
         return
-    before = signal.signal(signal.SIGTERM, _interrupt)
+    told = False
+
+    def interrupt(number: int, frame: FrameType | None) -> None:
+        nonlocal told
+        told = True
+        raise KeyboardInterrupt
+
+    def terminate(number: int, frame: FrameType | None) -> None:
+        now = signal.getsignal(signal.SIGINT)  # ignored in a process that a script has put into the background
+        (now if callable(now) else interrupt)(signal.SIGINT, frame)
+
+    before = {signal.SIGTERM: signal.signal(signal.SIGTERM, terminate)}
+    if signal.getsignal(signal.SIGINT) is signal.default_int_handler:
+        before[signal.SIGINT] = signal.signal(signal.SIGINT, interrupt)
     try:
         yield
+    except Exception as error:
+        if told:
+            raise KeyboardInterrupt from error
+        raise
     finally:
-        signal.signal(signal.SIGTERM, before)
-
-
-def _interrupt(number: int, frame: FrameType | None) -> None:
-    """Do what Ctrl-C does. A process that a script has put into the background ignores SIGINT itself."""
-    on_interrupt = signal.getsignal(signal.SIGINT)
-    if not callable(on_interrupt):
-        raise KeyboardInterrupt
-    on_interrupt(signal.SIGINT, frame)
+        for number, handler in before.items():
+            signal.signal(number, handler)
 
 
 @contextmanager

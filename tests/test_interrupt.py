@@ -11,7 +11,7 @@ from pathlib import Path
 import pytest
 
 from nte.files import write_whole
-from nte.interrupt import InterruptFlag, stop_when_told, stoppable, stopping_workers
+from nte.interrupt import InterruptFlag, stop_when_told, stoppable, stopping_workers, terminable
 from nte.jobs import Kind, in_processes
 
 
@@ -46,6 +46,24 @@ def test_another_thread_may_enter_the_block_and_changes_nothing() -> None:
 
     with ThreadPoolExecutor(1) as pool:
         assert pool.submit(look).result() == (signal.getsignal(signal.SIGINT), False)
+
+
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
+def test_an_interruption_of_which_a_library_makes_another_error_stays_one(number: signal.Signals) -> None:
+    """OmegaConf has `finally` blocks that fail, and in which an interruption is lost."""
+    before = [signal.getsignal(each) for each in (signal.SIGINT, signal.SIGTERM)]
+
+    def library() -> None:
+        try:
+            signal.raise_signal(number)
+        except BaseException:
+            raise AttributeError from None
+
+    with pytest.raises(KeyboardInterrupt), terminable():
+        library()
+    with pytest.raises(AttributeError), terminable():
+        raise AttributeError
+    assert [signal.getsignal(each) for each in (signal.SIGINT, signal.SIGTERM)] == before
 
 
 @pytest.mark.slow
