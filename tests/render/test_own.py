@@ -226,6 +226,14 @@ def test_clips_follow_each_other_and_pass_the_check(folder: Path, tmp_path: Path
     assert np.abs(sharp["shutter_motion"]).max() > 1
 
 
+def test_a_mesh_that_would_be_read_without_end_is_refused(tmp_path: Path) -> None:
+    mesh = "<shape type='ply'><string name='filename' value='/dev/zero'/></shape>"
+    (tmp_path / "endless.xml").write_text(f"<scene version='3.0.0'>{mesh}</scene>")
+    (tmp_path / "moves.yaml").write_text("xml: endless.xml")
+    with pytest.raises(NteError, match=r"endless\.xml: filename /dev/zero is no file"):
+        XmlStage(read_animation(tmp_path / "moves.yaml"), 8, 8, 2)
+
+
 def test_an_xml_file_that_would_end_the_process_is_refused(tmp_path: Path) -> None:
     (tmp_path / "deep.xml").write_text("<scene version='3.0.0'>" + "<shape type='sphere'>" * 20_000)
     (tmp_path / "around.xml").write_text("<scene version='3.0.0'><include filename='deep.xml'/></scene>")

@@ -59,6 +59,7 @@ def _load(animation: Animation) -> _Loaded:
         _drop_unused(state)
         _name_all(state)
         _require_transforms(animation.xml, state)
+        _require_files(animation.xml, state, beside)
         media = any(node.type == mi.ObjectType.Medium for node in _used(state))
         made = mi.parser.instantiate(config, state)
     except UnicodeDecodeError as error:
@@ -94,6 +95,15 @@ def _require_shallow(xml: str, resolve: Callable[[str], Path]) -> None:
             if depth > _DEEPEST:
                 raise NteError(f"{path}: nested too deeply: expected fewer than {_DEEPEST} elements within each other")
         ahead += [resolve(os.fsdecode(name)) for name in _INCLUDED.findall(content)]
+
+
+def _require_files(xml: str, state: Struct, resolver: Struct) -> None:
+    """Raise NteError for a mesh or texture that is no file: a device or a pipe is read without end."""
+    for node in _used(state):
+        if "filename" in node.props:
+            path = Path(str(resolver.resolve(str(node.props["filename"]))))
+            if path.exists() and not path.is_file():
+                raise NteError(f"{xml}: filename {path} is no file: expected a mesh, a texture or the like")
 
 
 def _drop_unused(state: Struct) -> None:
