@@ -1,9 +1,9 @@
 """A check that every pixel of every frame has noise of its own: only then do more of them have less of it.
 
-An image that is exactly that of the frame before brings nothing new. Where there is a reference, noise is what colour
-has beside it, in shares of both, without the mean around each pixel. A denoiser, a wide pixel filter and upscaling give
-neighbours the same noise; a seed that stays gives it to each pixel again; and what an engine accumulates over frames
-moves with its surface.
+An image that is exactly that of the frame before brings nothing new; a reference that is was held, if surfaces move.
+Where there is a reference, noise is what colour has beside it, in shares of both, without the mean around each pixel. A
+denoiser, a wide pixel filter and upscaling give neighbours the same noise; a seed that stays gives it to each pixel
+again; and what an engine accumulates over frames moves with its surface.
 """
 
 from collections import defaultdict
@@ -22,6 +22,7 @@ from nte.motion.warp import fetch_nearest, pixel_centres
 AROUND = 7  # pixels: side of the square whose mean is no noise
 SHARED = 0.15  # least correlation that is told; measured: −0.05 to 0.06 in right clips, 0.2 to 1 with shared noise
 LEAST = 0.02  # least root mean square of the noise, in shares of the light: less is the difference of two renders
+MOVING_PX = 0.5  # pixels: mean length of the vectors of a frame in which much moves
 NEIGHBOURS, BEFORE, ALONG = (
     "neighbouring pixels",
     "the same pixel of the frame before",
@@ -34,6 +35,7 @@ class NoiseTally:
 
     def __init__(self) -> None:
         self._repeated: list[int] = []
+        self._held: list[int] = []  # frames whose reference is that of the frame before, though motion is not 0
         self._frames = 0
         self._shared: dict[str, list[float]] = defaultdict(list)  # who shares it → correlations
         self._squares: list[float] = []
@@ -43,6 +45,10 @@ class NoiseTally:
         if "color" not in current or "color" not in previous:
             return
         self._frames += 1
+        if "reference" in current and "reference" in previous and "motion" in current:
+            moves = float(current["motion"].nan_to_num(0, 0, 0).norm(dim=1).mean()) > MOVING_PX
+            if moves and bool((current["reference"] == previous["reference"]).all()):
+                self._held.append(current.index)
         if bool(current["color"].any()) and bool((current["color"] == previous["color"]).all()):
             self._repeated.append(current.index)
         elif look and "reference" in current and "reference" in previous:
@@ -57,7 +63,7 @@ class NoiseTally:
                 self._shared[ALONG].append(correlate(fetched * vectors.valid, now))
 
     def judge(self, known: bool = True) -> Iterator[Finding]:
-        """Yield a note for repeated images, and one for noise that is shared.
+        """Yield a note for repeated images, a doubt for those of the reference, and a note for noise that is shared.
 
         A picture without noise that stands still repeats itself, too. known: the reference is that of these frames.
         """
@@ -65,6 +71,10 @@ class NoiseTally:
             where = f"in {len(self._repeated)} of {self._frames} frames, the first is {self._repeated[0]}"
             found = f"is the same image as in the frame before {where}"
             yield Finding("color", found, "new noise in each frame", False)
+        if self._held:
+            where = f"in {len(self._held)} of {self._frames} frames, the first is {self._held[0]}"
+            found = f"is the same image as in the frame before {where}, though motion is not 0 there"
+            yield Finding("reference", found, "a reference of its own for each frame", False, True)
         if not known or not self._squares or sum(self._squares) < LEAST**2 * len(self._squares):
             return
         shared = {who: sum(found) / len(found) for who, found in self._shared.items()}

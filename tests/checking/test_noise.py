@@ -74,6 +74,19 @@ def test_noise_that_is_shared_is_noted(
     assert who in found.found
 
 
+def test_a_reference_that_is_held_is_a_doubt(tmp_path: Path) -> None:
+    """A film on twos: every second frame shows the one before."""
+    frames = [frame | {"reference": FRAMES[i // 2 * 2]["reference"]} for i, frame in enumerate(FRAMES)]
+    report = check(Clip(write_clip(tmp_path / "a", frames)))
+    assert report.verdict == "undecidable"
+    assert "is the same image as in the frame before in 2 of 4 frames, the first is 1, though" in report.reason
+    still = [frame | {n: v for n, v in FRAMES[0].items() if n != "color"} for frame in FRAMES]
+    for frame in still:
+        frame["motion"] = 0 * frame["motion"]
+    report = check(Clip(write_clip(tmp_path / "b", still)))
+    assert not [f for f in report.findings if f.channel == "reference" and "same image" in f.found]
+
+
 @pytest.mark.parametrize("value", [0.25, 1.0])
 def test_one_albedo_for_all_is_noted(tmp_path: Path, value: float) -> None:
     """Engines without that pass write white, or grey."""
