@@ -33,8 +33,10 @@ def prepare(model: Path, clip: Path, out: Path, frames: int = 10, packages: Path
     """Write the folder of the page, and return its index.html.
 
     model: an exported one. clip: a clip of nte, whose first `frames` frames are played. packages: what npm has
-    installed. Raises NteError for what is not there, and for a model that is built on another denoiser.
+    installed. Raises NteError for what is not there, for no frames, and for a model that is built on another denoiser.
     """
+    if frames < 1:
+        raise NteError(f"--frames is {frames}, expected 1 or more")
     runtime = packages / "onnxruntime-web" / "dist"
     if not (runtime / RUNTIME[0]).is_file():
         raise NteError(f"{runtime / RUNTIME[0]}: does not exist: run npm ci in {HERE}")

@@ -255,7 +255,9 @@ def test_no_operator_needs_float64(model: Path) -> None:
     assert any(node.op_type == "IsInf" for node in graph.node)
 
 
-def test_a_page_needs_its_packages(model: Path, clip: Path, tmp_path: Path) -> None:
+def test_a_page_needs_frames_and_its_packages(model: Path, clip: Path, tmp_path: Path) -> None:
+    with pytest.raises(NteError, match="--frames is -1, expected 1 or more"):
+        preparation().prepare(model, clip, tmp_path / "page", -1)
     with pytest.raises(NteError, match=r"ort\.webgpu\.bundle\.min\.mjs: does not exist: run npm ci in "):
         preparation().prepare(model, clip, tmp_path / "page", packages=tmp_path)
     assert not (tmp_path / "page").exists()

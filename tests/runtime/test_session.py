@@ -7,6 +7,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 import torch
+from onnxruntime import OrtValue
 
 from nte.denoiser import Denoiser, Session
 from nte.errors import NteError
@@ -94,3 +95,12 @@ def test_scalars_extras_and_providers_that_are_wrong(exported: OnnxDenoiser, mod
     with pytest.raises(NteError, match=r"--device abacus:0: no exported model runs there: expected one of cpu, "):
         load_denoiser(str(model), device="abacus:0")
     assert isinstance(load_denoiser(str(model)), OnnxDenoiser)
+
+
+def test_nothing_is_printed_beside_the_error(exported: OnnxDenoiser, capfd: pytest.CaptureFixture[str]) -> None:
+    first, second = random_frames(2)
+    _, state = exported.step(first, None)
+    few = OrtValue.ortvalue_from_numpy(np.zeros((1, 1, 5, 5), np.float32))  # an operator finds that it does not fit
+    with pytest.raises(NteError, match=r"model\.onnx: cannot run this frame: "):
+        exported.step(second, state._replace(tensors=state.tensors | {"previous_depth": few}))
+    assert capfd.readouterr() == ("", "")
