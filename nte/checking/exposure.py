@@ -9,6 +9,7 @@ import torch
 import torch.nn.functional as F
 from torch import Tensor
 
+from nte.checking.clean import CleanTally
 from nte.checking.colours import ColourTally
 from nte.checking.flips import FLIPS, ORIENTATION
 from nte.checking.tone import ToneTally
@@ -56,6 +57,7 @@ class ExposureTally:
         self._same = True  # so far colour and reference are one image
         self._scales: dict[int, _Scale] = {}  # of frames that are lit
         self._tones, self._colours = ToneTally(one_noise), ColourTally()
+        self._clean = None if one_noise else CleanTally()
 
     def add(self, frame: Frame) -> None:
         """Add a PyTorch frame of batch 1, if it has both channels; pixels that are bad in one of them count as 0."""
@@ -79,6 +81,8 @@ class ExposureTally:
             self._scales[frame.index] = scale
         self._tones.add(frame)
         self._colours.add(light[0, :3], light[0, 3:], (height, width))
+        if self._clean:
+            self._clean.add(light[0, :3], light[0, 3:])
         self._color = color if self._color is None else self._color + color
         self._reference = reference if self._reference is None else self._reference + reference
 
@@ -87,7 +91,7 @@ class ExposureTally:
 
         It is a fault if the factor exceeds 1.5 and over 70 % of the blocks agree; also if that factor differs by as
         much between frames, if only one of the two is black, if the two are each other's mirror image, if their colours
-        differ, and if the factor depends on brightness. A reference that is the colour itself is only noted.
+        differ, and if the factor depends on brightness. A reference that is the colour, or as noisy, is only noted.
         """
         if min(self._lit) == 0 and max(self._lit) > MANY:  # in the dark a few of many samples may find a light
             dark = "reference" if self._lit[0] else "color"
@@ -104,6 +108,8 @@ class ExposureTally:
         if as_it_is > UNLIKE and flipped[how] < FLIPPED * as_it_is:
             yield Finding("reference", f"shows the picture of color {how}", ORIENTATION)
             return
+        if self._clean:
+            yield from self._clean.judge()
         if scale := _scale(self._color, self._reference):
             yield from self._judge_scale(scale)
 
