@@ -11,12 +11,17 @@ from torch import Tensor
 from nte.motion.agreement import agree
 from nte.motion.box import box_mean
 from nte.motion.patch_distance import REACH, best_shift, distance_along
-from nte.motion.pyramid import SCALE, Known, Level, pyramid, upsample
+from nte.motion.pyramid import SCALE, Known, Level, pyramid, smaller, upsample
 from nte.motion.search import Search
 from nte.motion.warp import fetch_along
-from nte.motion.whole_shift import nearest_shift, whole_shift
+from nte.motion.whole_shift import mean_difference, nearest_of, nearest_shift, whole_shift
 
 _ENOUGH = 32  # least number of pixels along each axis for a reliable shift of the whole image
+_SLOWEST = 8  # px of half size: slow pans are looked for from there on downwards, which reaches 28 px of full size
+# Difference of half-size images under the right pan, which may be half a pixel off there, in units of that under the
+# motion: at most.
+_HALF_OFF = 3.0
+_LARGE = 96  # px: least side of an image in which they are looked for
 
 
 class Pan(NamedTuple):
@@ -52,6 +57,24 @@ def search_levels(current: Tensor, previous: Tensor, known: Known | None, search
         motion = _search_level(levels[level], motion, whole / SCALE**level, search, level)
     assert motion is not None
     return Searched(motion, pan)
+
+
+def slow_pan(now: Tensor, before: Tensor, motion: Tensor) -> Pan | None:
+    """Find a pan that the two finest levels reach, if it fits the whole image better than the motion (1, 2, H, W), px.
+
+    Patches may still have missed it, as around details of a pixel, and where a pattern repeats. now and before
+    (1, C, H, W): images as `search_levels` takes them, at full size. None: nothing fits better.
+    """
+    if min(now.shape[-2:]) < _LARGE:
+        return None
+    small, small_before = smaller(now, 2), smaller(before, 2)
+    x, y = nearest_shift(small, small_before, 0, 0, _SLOWEST)
+    found = (small - fetch_along(small_before, smaller(motion, 2) / 2)).abs_().mean()
+    if not mean_difference(small, small_before, x, y) < _HALF_OFF * found:
+        return None  # at half size, a shift by an odd number of pixels fits less than well
+    (x, y), difference = nearest_of(now, before, 2 * x, 2 * y)
+    found = (now - fetch_along(before, motion)).abs_().mean()
+    return Pan(x, y, 1) if (x or y) and difference < found else None
 
 
 def settled(now: Tensor, before: Tensor, motion: Tensor, pan: Pan, search: Search, unit: int) -> Tensor:

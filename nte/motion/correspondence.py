@@ -14,7 +14,7 @@ import torch
 from torch import Tensor
 
 from nte.errors import NteError
-from nte.motion.coarse_to_fine import search_levels, settled
+from nte.motion.coarse_to_fine import search_levels, settled, slow_pan
 from nte.motion.patch_distance import distance_along
 from nte.motion.pyramid import (
     SCALE,
@@ -103,8 +103,9 @@ def _find_alone(current: Tensor, previous: Tensor, search: Search, known: Known 
         small = known and smaller_known(known, unit)
         motion, pan = search_levels(smaller(now, unit), smaller(before, unit), small, search)
         motion = upsample(motion, current, unit) * unit
+    pan = slow_pan(now, before, motion) if pan is None else pan.times(unit)
     if pan is not None:
-        motion = settled(now, before, motion, pan.times(unit), search, unit)
+        motion = settled(now, before, motion, pan, search, unit)
     return motion if known is None else torch.where(known.mask, known.motion, motion)
 
 

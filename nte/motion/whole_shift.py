@@ -57,12 +57,20 @@ def nearest_shift(current: Tensor, previous: Tensor, x: int, y: int, step: int) 
         step //= 2
         now, then = smaller(current, step), smaller(previous, step)
         near = [(x + step * right, y + step * down) for right, down in _AROUND]
-        x, y = min(near, key=lambda shift: _mean_difference(now, then, shift[0] // step, shift[1] // step))
+        x, y = min(near, key=lambda shift: mean_difference(now, then, shift[0] // step, shift[1] // step))
     return x, y
 
 
-def _mean_difference(current: Tensor, previous: Tensor, x: int, y: int) -> float:
-    """The mean |current(p) − previous(p + shift)| of the overlap."""
+def nearest_of(current: Tensor, previous: Tensor, x: int, y: int) -> tuple[tuple[int, int], float]:
+    """Find which of (x, y) and its eight neighbours has the least `mean_difference`, and return both."""
+    near = [(x + right, y + down) for right, down in _AROUND if max(abs(right), abs(down)) < 2]
+    differences = [mean_difference(current, previous, *shift) for shift in near]
+    least = min(range(len(near)), key=differences.__getitem__)
+    return near[least], differences[least]
+
+
+def mean_difference(current: Tensor, previous: Tensor, x: int, y: int) -> float:
+    """Compute the mean |current(p) − previous(p + shift)| of the overlap of two images (1, C, H, W); x and y in px."""
     height, width = current.shape[-2:]
     now = current[..., max(-y, 0) : height - max(y, 0), max(-x, 0) : width - max(x, 0)]
     then = previous[..., max(y, 0) : height + min(y, 0), max(x, 0) : width + min(x, 0)]
