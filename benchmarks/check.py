@@ -106,10 +106,10 @@ def turned(folders: Iterable[Path]) -> None:
                 counts[light, name, "turned" if how else "right"] += 1
                 if name in told:
                     counts[light, name, "named" if told[name] else "false"] += 1
-    print(f"{'compared with':16}{'guide':8}{'turned':>8}{'named':>8}{'right':>8}{'false':>8}")
+    print(f"{'compared with':16}{'guide':18}{'turned':>8}{'named':>8}{'right':>8}{'false':>8}")
     for light, name in product(("reference", "color"), PICTURES):
         row = "".join(f"{counts[light, name, key]:8}" for key in ("turned", "named", "right", "false"))
-        print(f"{light:16}{name:8}{row}")
+        print(f"{light:16}{name:18}{row}")
 
 
 def late(folders: Iterable[Path]) -> None:
@@ -133,10 +133,10 @@ def late(folders: Iterable[Path]) -> None:
                     counts[light, name, "named" if right else "false"] += 1
                     if not right:
                         print(f"false: {folder}: {finding.channel} {finding.found}, given {name} {when}", flush=True)
-    print(f"{'compared with':16}{'channel':10}{'late':>8}{'named':>8}{'right':>8}{'false':>8}")
+    print(f"{'compared with':16}{'channel':18}{'late':>8}{'named':>8}{'right':>8}{'false':>8}")
     for other, name in dict.fromkeys(key[:2] for key in counts):
         row = "".join(f"{counts[other, name, key]:8}" for key in ("late", "named", "right", "false"))
-        print(f"{other:16}{name:10}{row}")
+        print(f"{other:16}{name:18}{row}")
 
 
 def main(arguments: Sequence[str]) -> None:
