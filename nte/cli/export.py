@@ -58,8 +58,12 @@ def _lower(options: argparse.Namespace) -> Path:
     from nte.registry import model_of
     from nte.runtime.precision import lower
 
+    if not options.precision:
+        raise NteError("--calibrate is for --precision int8: give both, or neither")
     if (model := model_of(str(options.source))) is None or model[1]:
         raise NteError(f"{options.source}: is no exported model: export it first, and then that file with --precision")
-    if options.vectors or options.weights or not options.precision:
-        raise NteError("--precision goes with --calibrate alone; --vectors and --weights are for a run")
+    if options.weights:
+        raise NteError(f"{options.source}: is exported already, and --weights are a run's: give the run")
+    if options.vectors:
+        raise NteError("--precision makes a model, and --vectors are of one: export the copy once more, with --vectors")
     return lower(model[0], options.out, options.precision, options.calibrate, options.force)

@@ -10,11 +10,13 @@ import torch
 from nte.denoiser import Session
 from nte.frames.frame import Frame
 from nte.models.temporal import TemporalDenoiser
-from nte.registry import load_denoiser
-from nte.runtime.providers import installed
+from nte.runtime.export import export_onnx
+from nte.runtime.providers import OnnxOptions, installed
 from nte.runtime.session import OnnxDenoiser
 from nte.runtime.trial import Numbers, trial_frames
 from tests.conftest import Rounds
+from tests.networks import small_network
+from tests.runtime.conftest import CHOICES
 from tests.synthetic import random_frames
 
 
@@ -97,14 +99,26 @@ def test_a_reset_is_a_new_start_for_that_sequence_alone(exported: OnnxDenoiser) 
 
 
 @pytest.mark.slow
-def test_many_frames_do_not_drift_apart(network: TemporalDenoiser, model: Path, rounds: Rounds) -> None:
-    """Nothing adds up in what is carried: the last frames are as close as all of them."""
+@pytest.mark.parametrize(
+    "more",
+    [{}, {"finest": "mixing", "prior": "oidn:quality=fast", "moments": True, "feature_history": 2}],
+    ids=["kernels", "on top of another"],
+)
+def test_many_frames_do_not_drift_apart(more: dict[str, object], tmp_path: Path, rounds: Rounds) -> None:
+    """Nothing adds up in what is carried: the last frames are as close as all of them.
+
+    Exposures change all the time, and now and then one of two sequences begins anew.
+    """
+    network, model = small_network(**CHOICES | more), tmp_path / "model.onnx"
+    export_onnx(network, model, progress=lambda line: None)
     count = rounds("frames in several engines", 150, 10_000)
     engines = [name for name in ("cpu", "openvino") if name in installed()]
-    exported = {name: Session(load_denoiser(f"{model}:provider={name},threads=1")) for name in engines}
+    exported = {name: Session(OnnxDenoiser(model, OnnxOptions(provider=name, threads=1))) for name in engines}
     ours, errors = Session(network), {name: list[Numbers]() for name in engines}
     with torch.no_grad():
-        for frame in trial_frames((*network.needs, *network.optional), (16, 20), count, batch=1):
+        for frame in trial_frames((*network.needs, *network.optional), (16, 20), count, batch=2):
+            if frame.index % 40 == 39:
+                frame = replace(frame, reset=np.array([0, 1], np.float32))
             expected = ours.denoise(frame)
             for name, session in exported.items():
                 errors[name].append(np.abs(session.denoise(frame) - expected) / (np.abs(expected) + 0.01))

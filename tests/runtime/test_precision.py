@@ -184,8 +184,16 @@ def test_what_cannot_be_lowered_is_refused(
         lower(lowered, out, "f16")
     with pytest.raises(NteError, match="exists"):
         lower(model, lowered, "f16")
-    assert main(["export", str(clip), "--out", str(out), "--precision", "f16"]) == 2
-    assert "is no exported model" in capsys.readouterr().err
+    for source, options, message in (
+        (clip, ["--precision", "f16"], "is no exported model"),
+        (model, ["--calibrate", str(clip)], "--calibrate is for --precision int8"),
+        (model, ["--precision", "f16", "--weights", str(tmp_path / "w.safetensors")], "--weights are a run's"),
+        (model, ["--precision", "f16", "--vectors", str(tmp_path / "vectors")], "export the copy once more"),
+    ):
+        assert main(["export", str(source), "--out", str(out), *options]) == 2
+        said = capsys.readouterr().err
+        assert message in said
+        assert len(said.splitlines()) == 1
     assert not out.exists()
 
 
