@@ -4,7 +4,7 @@ import os
 from collections.abc import Iterator
 from contextlib import contextmanager
 from datetime import timedelta
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import torch
 
@@ -28,7 +28,7 @@ def launch(device: str, seed: int) -> "Fabric":
         raise needs_extra("train", "training", error) from error
     kind, _, index = device.partition(":")
     processes = int(os.environ.get("LOCAL_WORLD_SIZE", 1)) if "TORCHELASTIC_RUN_ID" in os.environ else 0
-    devices: Any = processes or ([int(index)] if index.isdigit() else 1)
+    devices: int | list[int] = processes or ([int(index)] if index.isdigit() else 1)
     try:
         # Fabric's own mixed precision would round the inputs to bfloat16, including every motion vector.
         fabric = Fabric(
