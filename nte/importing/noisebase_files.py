@@ -1,6 +1,5 @@
 """Reader of noisebase's zip files: zarr arrays of one sequence, or of one frame each."""
 
-import zipfile
 from pathlib import Path
 from typing import Any, TypeAlias
 
@@ -78,7 +77,7 @@ class NoisebaseSequence:
         try:
             store = zarr.storage.ZipStore(path, mode="r")
             arrays = dict(zarr.open_group(store, mode="r").arrays())
-        except (OSError, ValueError, KeyError, zipfile.BadZipFile) as error:
+        except Exception as error:  # zarr raises many kinds of errors for damaged metadata
             raise NteError(f"{path}: not a readable zarr zip file: copy it again, or choose the right file") from error
         if "color" not in arrays or arrays["color"].ndim not in (4, 5):
             have = ", ".join(sorted(arrays)) or "none"
