@@ -34,6 +34,7 @@ class Prediction(NamedTuple):
     apart: float
     fast: bool  # vectors are long enough for these two to tell
     map: Tensor | None  # (2, 2), takes the predicted vectors to those that are given; None if unknown
+    mapped: float  # how far that takes them, as a share of their distance from each other; 0 without a map
 
 
 def prediction(previous: Frame, current: Frame) -> Prediction | None:
@@ -57,14 +58,19 @@ def prediction(previous: Frame, current: Frame) -> Prediction | None:
     fast = max(float(length.median()) for length in lengths) >= MOVES_PX
     apart = (given - true).norm(dim=1, keepdim=True)[hit]
     agree = apart <= (NEAR * torch.maximum(*lengths)).clamp(min=NEAR_PX)
-    mapped = _map(*(vectors[0, :, hit[0, 0]] for vectors in (true, given)))
-    return Prediction(float(agree.double().mean()), float(apart.median()), fast, mapped)
+    fitted = _map(*(vectors[0, :, hit[0, 0]] for vectors in (true, given)))
+    return Prediction(float(agree.double().mean()), float(apart.median()), fast, *fitted)
 
 
-def _map(true: Tensor, given: Tensor) -> Tensor | None:
-    """Fit the map (2, 2) that takes vectors `true` to those `given`, both (2, n), up to a shift; None if none fits."""
-    if float((true - true.median(1, keepdim=True).values).norm(dim=0).median()) < SPREAD_PX:
-        return None
+def _map(true: Tensor, given: Tensor) -> tuple[Tensor | None, float]:
+    """Fit the map (2, 2) that takes vectors `true` to those `given`, both (2, n), up to a shift; None if none fits.
+
+    With it comes how far it takes them, as in Prediction: along an axis in which they hardly differ a map says nothing.
+    """
+    spread = true - true.median(1, keepdim=True).values
+    size = float(spread.norm(dim=0).median())
+    if size < SPREAD_PX:
+        return None, 0.0
     rows = torch.cat([true, torch.ones_like(true[:1])])
     kept = torch.ones_like(true[0], dtype=torch.bool)
     for _ in range(FITTED):
@@ -72,7 +78,10 @@ def _map(true: Tensor, given: Tensor) -> Tensor | None:
         left = (given - solved @ rows).norm(dim=0)
         kept = left <= 2 * left.median() + 1e-6
     explained = left <= FITS_PX + FITS * true.norm(dim=0)
-    return solved[:, :2] if float(explained.double().mean()) >= MAPPED else None
+    if float(explained.double().mean()) < MAPPED:
+        return None, 0.0
+    taken = (solved[:, :2] - torch.eye(2)) @ spread
+    return solved[:, :2], float(taken.norm(dim=0).median()) / size
 
 
 def judge_cameras(pairs: Sequence[Prediction]) -> Iterator[Finding]:
@@ -85,7 +94,8 @@ def judge_cameras(pairs: Sequence[Prediction]) -> Iterator[Finding]:
     maps = [pair.map for pair in pairs if pair.map is not None]
     if maps and 2 * len(maps) > len(pairs):
         typical = torch.stack(maps).median(0).values
-        if float(torch.linalg.matrix_norm(typical - torch.eye(2), ord=2)) > OTHER:
+        kept = float(torch.linalg.matrix_norm(typical, ord=2))  # 0: vectors that are all alike follow no camera
+        if min(kept, median(pair.mapped for pair in pairs if pair.map is not None)) > OTHER:
             (xx, xy), (yx, yy) = ((typical * 100).round() / 100 + 0.0).tolist()
             along = f"{xx:.3g} times as long in x and {yy:.3g} times in y as depth and cameras show"
             across = f", and turned ({xy:.3g}, {yx:.3g})" if max(abs(xy), abs(yx)) > OTHER else ""

@@ -100,9 +100,10 @@ class _Vectors:
         add_errors(self.errors, previous, current, dual)
         if not vote:
             return
+        in_both = visible_in_both(previous, current, dual)
         self.still.append(stillness(previous, current))
-        self.changes.append(changes(previous, current, dual.valid & ~dual.disoccluded))
-        self.spaces.append(changed_alike(previous, current, visible_in_both(previous, current, dual)))
+        self.changes.append(changes(previous, current, dual.valid & ~dual.disoccluded, in_both))
+        self.spaces.append(changed_alike(previous, current, in_both))
         if (of_sky := sky_motion(previous, current)) is not None:
             self.skies.append(of_sky)
         if (predicted := prediction(previous, current)) is not None:
@@ -142,8 +143,9 @@ class _Vectors:
         yield from judge_frames(self.votes, self._rescaled())
         yield from judge_order(self.orders)
         yield from judge_sky(self.skies)
-        yield from judge_spaces(self.spaces)
-        yield from judge_changes(self.changes)
+        yield from (alike := list(judge_spaces(self.spaces)))
+        explained = {finding.channel for finding in alike}  # a space that moves along changes along motion, too
+        yield from (finding for finding in judge_changes(self.changes) if finding.channel not in explained)
         yield from judge_returns(self.returns, self.total_votes())
 
 
