@@ -39,6 +39,7 @@ SPECIAL = {
     "trmv:target=visibility": (0.28, 0.04),
     "trmv:target=indirect": (0.15, 0.08),
     "trmv:target=glossy": (0.45, 0.2),  # a clamp to the neighbourhood of few bright samples takes light away
+    "trmv:glossy=none": (0.28, 0.04),  # no history of reflections
     "taa:target=components": (0.4, 0.13),
     "trmv:reshading=paper": (0.55, 0.3),  # as printed, a white environment does not stay white
     "trmv:preset=paper": (0.55, 0.3),
