@@ -91,8 +91,8 @@ def _page(data: bytes) -> bytes:
 
 
 def _timeless(data: bytes) -> bytes:
-    """LaTeX tables without times, the numbers with one decimal, of which the least is bold."""
-    return re.sub(rb"\\textbf\{\d+\.\d\}|(?<![\d.])\d+\.\d(?!\d)", b"", data)
+    """LaTeX tables without times, the numbers with one decimal: one is bold, and an interval may reach below 0."""
+    return re.sub(rb"\\textbf\{\d+\.\d\}|(?:\$-\$)?(?<![\d.])\d+\.\d(?!\d)", b"", data)
 
 
 def _columns(data: bytes) -> bytes:
