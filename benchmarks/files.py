@@ -7,6 +7,7 @@ rounds counts, because other work on the machine only adds time.
 
 import time
 from collections.abc import Callable, Sequence
+from dataclasses import replace
 from pathlib import Path
 from tempfile import TemporaryDirectory
 
@@ -61,7 +62,8 @@ def main(arguments: Sequence[str]) -> int:
     options = parser.parse_args(arguments)
     known = ("color", "albedo", "normal", "depth", "motion", "forward_motion")
     at = clip_frames(options.clip, options.size, known)
-    frames = [at(index) for index in range(options.frames)]
+    # Loose files do not say that their guides are clean; Open Image Denoise filters such guides first.
+    frames = [replace(at(index), clean_guides=None) for index in range(options.frames)]
     slow = False
     with TemporaryDirectory() as name:
         for index, frame in enumerate(frames):
