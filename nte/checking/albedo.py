@@ -38,9 +38,8 @@ LINEAR = "linear albedo, not encoded for display"
 ORDER = "the order of components of the light"
 SEEN = "the albedo of what is seen: light that steps where it does"
 
-Steps = tuple[
-    Tensor, Tensor
-]  # albedo at the two ends of each step (2, 3, n), and steps of the logarithm of light (3, n)
+# Albedo at the two ends of each step (2, 3, n), and steps of the logarithm of light (3, n)
+Steps = tuple[Tensor, Tensor]
 
 
 class AlbedoTally:

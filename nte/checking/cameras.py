@@ -91,11 +91,11 @@ def judge_cameras(pairs: Sequence[Prediction]) -> Iterator[Finding]:
     """
     expected = "cameras of each frame in the units of depth, which is the distance along the view axis; or none"
     fast = [pair for pair in pairs if pair.fast]
-    maps = [pair.map for pair in pairs if pair.map is not None]
-    if maps and 2 * len(maps) > len(pairs):
-        typical = torch.stack(maps).median(0).values
+    maps = [(pair.map, pair.mapped) for pair in pairs if pair.map is not None]
+    if 2 * len(maps) > len(pairs):
+        typical = torch.stack([fitted for fitted, _ in maps]).median(0).values
         kept = float(torch.linalg.matrix_norm(typical, ord=2))  # 0: vectors that are all alike follow no camera
-        if min(kept, median(pair.mapped for pair in pairs if pair.map is not None)) > OTHER:
+        if min(kept, median(far for _, far in maps)) > OTHER:
             (xx, xy), (yx, yy) = ((typical * 100).round() / 100 + 0.0).tolist()
             along = f"{xx:.3g} times as long in x and {yy:.3g} times in y as depth and cameras show"
             across = f", and turned ({xy:.3g}, {yx:.3g})" if max(abs(xy), abs(yx)) > OTHER else ""
