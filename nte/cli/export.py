@@ -31,39 +31,30 @@ def add(commands: Commands) -> None:
 
 
 def _export(options: argparse.Namespace) -> None:
-    if options.precision or options.calibrate:
-        print(_lower(options))
-        return
     from nte.registry import model_of
 
+    if options.calibrate and not options.precision:
+        raise NteError("--calibrate is for --precision int8: give both, or neither")
     if (model := model_of(str(options.source))) is not None and not model[1]:
         print(_copied(model[0], options))
         return
+    if options.precision:
+        raise NteError(f"{options.source}: is no exported model: export it first, and then that file with --precision")
     from nte.runtime.export import export
 
     print(export(options.source, options.out, options.force, vectors=options.vectors, weights=options.weights))
 
 
 def _copied(model: Path, options: argparse.Namespace) -> Path:
-    """Copy an exported model, with test vectors."""
-    from nte.runtime.vectors import copy_with_vectors
-
+    """Copy an exported model, with test vectors or in a lower precision."""
     if options.weights:
         raise NteError(f"{options.source}: is exported already, and --weights are a run's: give the run")
-    return copy_with_vectors(model, options.out, options.vectors, options.force)
-
-
-def _lower(options: argparse.Namespace) -> Path:
-    """Write a copy of lower precision of an exported model."""
-    from nte.registry import model_of
-    from nte.runtime.precision import lower
-
     if not options.precision:
-        raise NteError("--calibrate is for --precision int8: give both, or neither")
-    if (model := model_of(str(options.source))) is None or model[1]:
-        raise NteError(f"{options.source}: is no exported model: export it first, and then that file with --precision")
-    if options.weights:
-        raise NteError(f"{options.source}: is exported already, and --weights are a run's: give the run")
+        from nte.runtime.vectors import copy_with_vectors
+
+        return copy_with_vectors(model, options.out, options.vectors, options.force)
     if options.vectors:
         raise NteError("--precision makes a model, and --vectors are of one: export the copy once more, with --vectors")
-    return lower(model[0], options.out, options.precision, options.calibrate, options.force)
+    from nte.runtime.precision import lower
+
+    return lower(model, options.out, options.precision, options.calibrate, options.force)
