@@ -17,7 +17,7 @@ LAYERS = (
     "files",
     "config console elsewhere interrupt machine memory options overlap progress text_table",
     "frames jobs unfinished",
-    "color motion",
+    "cluster color motion",
     "denoiser viewer",
     "recurrence",
     "filters models",

@@ -10,6 +10,7 @@ from typing import TypeAlias
 
 import torch
 
+from nte.cluster import on_cluster
 from nte.denoiser import Denoiser, require_channels
 from nte.errors import NteError
 from nte.evaluation.metric_table import Row
@@ -17,7 +18,7 @@ from nte.evaluation.score_clip import ClipRun, Shown
 from nte.filters.threads import limit_threads
 from nte.frames.channels import reference_of
 from nte.frames.clip import Clip
-from nte.jobs import Kind, in_processes, on_cluster, require_jobs, tick
+from nte.jobs import Kind, in_processes, require_jobs, tick
 from nte.registry import load_denoiser, parts_of
 from nte.version import DENOISING, versions_of
 from nte.viewer.recorder import Recording, recorder_of

@@ -342,7 +342,7 @@ def test_processes_give_the_same_numbers_in_the_same_order(clip: Path, tmp_path:
 @pytest.mark.slow
 def test_a_scheduler_that_is_not_there_is_one_line(clip: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     pytest.importorskip("distributed")
-    monkeypatch.setattr("nte.jobs.PATIENCE", 1)
+    monkeypatch.setattr("nte.cluster.PATIENCE", 1)
     with pytest.raises(NteError, match=r"no Dask scheduler answers at tcp://127\.0\.0\.1:1: start one") as caught:
         evaluate([clip], ["noisy"], tmp_path / "out", scheduler="tcp://127.0.0.1:1")
     assert "\n" not in str(caught.value)

@@ -19,7 +19,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from nte import jobs
+from nte import cluster as clusters
 from nte.cli import main
 from nte.errors import NteError
 from tests.cluster import COUNTING, Cluster, wait_for
@@ -137,7 +137,7 @@ def test_work_without_its_scheduler_ends_in_a_line_in_bounded_time(
     queued: int, tmp_path: Path, rounds: Rounds, moments: random.Random, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """Also where it is killed before the first unit is handed out, or while a result is on its way."""
-    monkeypatch.setattr(jobs, "QUEUED", queued)
+    monkeypatch.setattr(clusters, "QUEUED", queued)
     units = {f"unit {number}": number for number in range(100_000)}
     for number in range(rounds("killed schedulers", 2, 20)):
         with Cluster(tmp_path / f"cluster {number}", workers=1) as cluster:
@@ -158,7 +158,7 @@ def test_work_without_its_scheduler_ends_in_a_line_in_bounded_time(
                 timer.start()
                 gone += "|no Dask scheduler answers"
             with pytest.raises(NteError, match=gone):
-                jobs.on_cluster(*work, done)
+                clusters.on_cluster(*work, done)
             assert time.monotonic() - killed[0] < BOUND
             timer.cancel()
 
@@ -166,17 +166,17 @@ def test_work_without_its_scheduler_ends_in_a_line_in_bounded_time(
 def test_a_receiver_that_takes_longer_than_the_client_waits_for_a_scheduler(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(jobs, "PATIENCE", 3)
-    monkeypatch.setattr(jobs, "QUEUED", 10)
+    monkeypatch.setattr(clusters, "PATIENCE", 3)
+    monkeypatch.setattr(clusters, "QUEUED", 10)
     units = {f"unit {number}": number for number in range(1000)}
     with Cluster(tmp_path / "cluster", workers=1) as cluster:
 
         def done(name: str, result: object) -> None:
             cluster.scheduler.kill()
-            time.sleep(2 * jobs.PATIENCE)
+            time.sleep(2 * clusters.PATIENCE)
 
         with pytest.raises(NteError, match=r"the scheduler at .* is gone"):
-            jobs.on_cluster(COUNTING, partial(np.full, 1000), units, tmp_path, cluster.address, done)
+            clusters.on_cluster(COUNTING, partial(np.full, 1000), units, tmp_path, cluster.address, done)
 
 
 def nap(value: int) -> int:
@@ -187,8 +187,8 @@ def nap(value: int) -> int:
 def test_work_whose_last_worker_is_killed_says_so_and_ends_in_a_line(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(jobs, "RETURN", 4)
-    monkeypatch.setattr(jobs, "PATIENCE", 2)
+    monkeypatch.setattr(clusters, "RETURN", 4)
+    monkeypatch.setattr(clusters, "PATIENCE", 2)
     units = {f"unit {number}": number for number in range(1000)}
     with Cluster(tmp_path / "cluster", workers=1) as cluster:
         killed = list[float]()
@@ -198,16 +198,16 @@ def test_work_whose_last_worker_is_killed_says_so_and_ends_in_a_line(
             cluster.workers[0].kill()
 
         with (
-            pytest.warns(jobs.NoWorkersWarning, match=r"has no workers left: start some with: dask worker tcp://"),
+            pytest.warns(clusters.NoWorkersWarning, match=r"has no workers left: start some with: dask worker tcp://"),
             pytest.raises(NteError, match=r"has lost its last worker: start some with: .*, and count again, what is"),
         ):
-            jobs.on_cluster(COUNTING, nap, units, tmp_path, cluster.address, done)
+            clusters.on_cluster(COUNTING, nap, units, tmp_path, cluster.address, done)
         assert time.monotonic() - killed[0] < BOUND
         assert [path.name for path in tmp_path.iterdir()] == ["cluster"]
 
 
 def test_work_whose_last_worker_is_killed_goes_on_with_another(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(jobs, "PATIENCE", 2)
+    monkeypatch.setattr(clusters, "PATIENCE", 2)
     units, seen = {f"unit {number}": number for number in range(50)}, dict[str, object]()
     with Cluster(tmp_path / "cluster", workers=1) as cluster:
 
@@ -217,6 +217,6 @@ def test_work_whose_last_worker_is_killed_goes_on_with_another(tmp_path: Path, m
                 cluster.workers[0].kill()
                 threading.Timer(4, cluster.add_worker).start()
 
-        with pytest.warns(jobs.NoWorkersWarning):
-            jobs.on_cluster(COUNTING, nap, units, tmp_path, cluster.address, done)
+        with pytest.warns(clusters.NoWorkersWarning):
+            clusters.on_cluster(COUNTING, nap, units, tmp_path, cluster.address, done)
     assert seen == units

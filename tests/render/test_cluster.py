@@ -14,7 +14,7 @@ import numpy as np
 import numpy.typing as npt
 import pytest
 
-from nte import jobs
+from nte import cluster as clusters
 from nte.cli import main
 from nte.errors import NteError
 from nte.evaluation.evaluate import evaluate
@@ -42,13 +42,17 @@ def address(tmp_path_factory: pytest.TempPathFactory) -> Iterator[str]:
 def test_workers_that_do_not_fit_are_refused(address: str, tmp_path: Path):
     with distributed.Client(address, set_as_default=False) as client:
         (tmp_path / "seen").touch()
-        terms = jobs._Terms(RENDERING, tmp_path / "seen", tmp_path, jobs._versions(RENDERING), jobs._neighbours(client))
+        terms = clusters._Terms(
+            RENDERING, tmp_path / "seen", tmp_path, clusters._versions(RENDERING), clusters._neighbours(client)
+        )
         assert set(terms.neighbours.values()) == {2}
-        assert set(client.run(jobs._fault, terms).values()) == {None}
+        assert set(client.run(clusters._fault, terms).values()) == {None}
         other = replace(terms, versions=terms.versions | {"nte": "0.0.1"})
-        assert all("nte is 0." in said and "0.0.1 here" in said for said in client.run(jobs._fault, other).values())
+        assert all("nte is 0." in said and "0.0.1 here" in said for said in client.run(clusters._fault, other).values())
         hidden = replace(terms, token=tmp_path / "elsewhere" / "seen")
-        assert all("file system that all workers share" in said for said in client.run(jobs._fault, hidden).values())
+        assert all(
+            "file system that all workers share" in said for said in client.run(clusters._fault, hidden).values()
+        )
 
 
 def test_a_fault_on_a_worker_is_one_line(
@@ -101,7 +105,7 @@ def test_a_killed_worker_changes_nothing(address: str, rendered: Path, recipe: P
 def test_a_scheduler_has_few_units_at_a_time_and_nobody_keeps_results(
     address: str, tmp_path: Path, rounds: Rounds, monkeypatch: pytest.MonkeyPatch
 ):
-    monkeypatch.setattr(jobs, "QUEUED", 20)
+    monkeypatch.setattr(clusters, "QUEUED", 20)
     units = {f"unit {number}": number for number in range(rounds("units of a cluster", 200, 10_000))}
     given: list[ref[npt.NDArray[np.int64]]] = []
     seen: dict[str, int] = {}
@@ -115,7 +119,7 @@ def test_a_scheduler_has_few_units_at_a_time_and_nobody_keeps_results(
             if len(seen) % 50 == 0:
                 queued = max(queued, client.run_on_scheduler(lambda dask_scheduler: len(dask_scheduler.tasks)))
 
-        jobs.on_cluster(KIND, partial(np.full, 1000), units, tmp_path, address, done)
+        clusters.on_cluster(KIND, partial(np.full, 1000), units, tmp_path, address, done)
     assert seen == units
     assert most < 5
     assert queued <= 2 * 20  # those that are forgotten in this moment included
@@ -124,11 +128,11 @@ def test_a_scheduler_has_few_units_at_a_time_and_nobody_keeps_results(
 def test_without_dask_the_extra_is_named(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
     monkeypatch.setitem(sys.modules, "dask", None)
     with pytest.raises(NteError, match=r"--scheduler needs the package 'dask': pip install 'nte-denoiser\[cluster\]'"):
-        jobs.on_cluster(RENDERING, str, {}, tmp_path, "tcp://127.0.0.1:1", lambda name, result: None)
+        clusters.on_cluster(RENDERING, str, {}, tmp_path, "tcp://127.0.0.1:1", lambda name, result: None)
 
 
 def test_a_scheduler_without_workers_or_with_wide_ones(recipe: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
-    monkeypatch.setattr(jobs, "PATIENCE", 2)
+    monkeypatch.setattr(clusters, "PATIENCE", 2)
     with Cluster(tmp_path / "cluster", workers=0) as cluster:
         found = cluster.address
         with pytest.raises(NteError, match=f"{found} has no workers: start some with: dask worker"):

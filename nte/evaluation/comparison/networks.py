@@ -9,12 +9,13 @@ from tempfile import TemporaryDirectory
 
 import torch
 
+from nte.cluster import on_cluster
 from nte.config import to_yaml
 from nte.errors import NteError, naming
 from nte.evaluation.comparison.schema import Comparison
 from nte.evaluation.units import share_threads
 from nte.files import make_folder
-from nte.jobs import Kind, in_processes, on_cluster
+from nte.jobs import Kind, in_processes
 from nte.models.registry import make_network
 from nte.training.checkpoint import PLAIN, module_state, write_checkpoint
 from nte.training.clips import BrokenClipWarning

@@ -7,11 +7,12 @@ from typing import cast
 
 import numpy as np
 
+from nte.cluster import on_cluster
 from nte.files import make_folder, only_writer, remove
 from nte.frames.channels import channels_of
 from nte.frames.clip import write_frame
 from nte.frames.clip_info import write_clip_info
-from nte.jobs import in_processes, on_cluster, require_jobs, tick
+from nte.jobs import in_processes, require_jobs, tick
 from nte.progress import Progress
 from nte.render.components.frame import noisy, references
 from nte.render.engine.backend import load_mitsuba, require_arrays
@@ -56,8 +57,8 @@ def render_recipe(
 
     jobs: number of processes; a single process already uses all cores. force: see output.claim. progress: show progress
     on stderr. scheduler: address of a Dask scheduler, whose workers render instead; they must see `out` under the same
-    path (nte.jobs.on_cluster). wanted: says of a clip's folder, such as test/apples_000, whether to render it; others
-    can follow later. Raises NteError for a faulty recipe, a folder that is not ours, or a full disk.
+    path (nte.cluster.on_cluster). wanted: says of a clip's folder, such as test/apples_000, whether to render it; the
+    others can follow later. Raises NteError for a faulty recipe, a folder that is not ours, or a full disk.
     """
     require_jobs(jobs)
     out, path = Path(out), shipped(Path(recipe_path))
