@@ -38,7 +38,7 @@ def test_names_and_paths_of_a_page_exist(page: Path) -> None:
 
 
 def test_names_that_are_not_there_are_found() -> None:
-    assert is_there("nte.checking.guides_are_clean")
+    assert is_there("nte.frames.guides.guides_are_clean")
     assert not is_there("nte.filters.svgf.Sgvf")
     assert not is_there("nte.losses")
     assert NAME.findall("as `nte.warp`, see nte.motion.warp; not in x/nte.md") == ["nte.warp", "nte.motion.warp"]

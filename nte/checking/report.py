@@ -19,7 +19,6 @@ from nte.checking.exposure import ExposureTally
 from nte.checking.flips import ORIENTATION, FlipTally
 from nte.checking.forward import Returns, judge_returns, returns
 from nte.checking.geometry import GeometryTally
-from nte.checking.guides import GuideTally
 from nte.checking.judge import Judgement, Verdict, confirms, judge_votes
 from nte.checking.late import LateTally
 from nte.checking.noise import NoiseTally
@@ -27,7 +26,6 @@ from nte.checking.objects import object_votes
 from nte.checking.order import Order, depth_order, is_known, judge_order
 from nte.checking.planes import PlaneTally
 from nte.checking.residuals import Mean, add_errors, visible_in_both
-from nte.checking.sample import FRAMES, PAIRS, spread
 from nte.checking.sky import SkyMotion, judge_sky, sky_motion
 from nte.checking.spaces import Spaces, changed_alike, judge_spaces
 from nte.checking.still import Stillness, stillness, without_motion
@@ -38,6 +36,8 @@ from nte.checking.values import Finding, Tally, judge_values, tally_values
 from nte.checking.votes import Votes
 from nte.frames.clip import Clip
 from nte.frames.frame import Frame
+from nte.frames.guides import GuideTally
+from nte.frames.sample import FRAMES, PAIRS, spread
 from nte.motion.conventions import Convention
 from nte.motion.geometric import frame_vectors
 
@@ -179,7 +179,7 @@ def check(clip: Clip | Path | str) -> CheckReport:
             albedo.add(current)
             copies.add(current, previous)
             components.add(current)
-            guides.add(current)
+            guides.add(frame)
             geometry.add(current)
             planes.add(current)
         if previous is not None:
@@ -213,7 +213,8 @@ def check(clip: Clip | Path | str) -> CheckReport:
         along += judge_cameras(vectors.predictions)
     if judgement.verdict == "implausible" and any(finding.doubt for finding in colours):
         judgement = Judgement("undecidable", "vectors not checked: that needs the albedo of what is seen")
-    findings = [*values, *of_other_frames, *light, *colours, *turned, *shapes, *along, *guides.judge()]
+    findings = [*values, *of_other_frames, *light, *colours, *turned, *shapes, *along]
+    findings += (Finding(*flaw, False) for flaw in guides.flaws())  # only denoisers that trust guides suffer
     judgement = _judge(judgement, findings)
     unknown = {"reference": exposure.not_judged(), "depth": planes.not_judged(right and is_known(vectors.orders))}
     told = {finding.channel for finding in findings}

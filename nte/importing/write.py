@@ -6,11 +6,11 @@ from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
-from nte.checking import guides_are_clean
 from nte.errors import NteError
 from nte.files import already_there, make_folder, only_writer, refuse_other_writers, sweep, temporary_name
 from nte.frames.clip import Clip, Pixels, frame_path, write_frame
 from nte.frames.clip_info import write_clip_info
+from nte.frames.guides import guides_are_clean
 from nte.importing.cameras import Camera
 from nte.progress import Progress
 from nte.version import __version__

@@ -10,7 +10,7 @@ import numpy as np
 from nte.denoiser import Denoiser, Session, require_channels
 from nte.errors import NteError
 from nte.files import only_writer, refuse_to_replace, remove
-from nte.frames.channels import CHANNELS
+from nte.frames.channels import CHANNELS, GUIDES
 from nte.frames.clip_info import write_clip_info
 from nte.frames.exr_copy import copy_exr
 from nte.frames.frame import About, Frame
@@ -18,7 +18,7 @@ from nte.frames.scalars import given_exposure, known_scalars, sequence_scalars
 from nte.overlap import ahead, behind
 from nte.progress import Progress
 from nte.sequences.pictures import Denoised, Pictures, PictureSettings
-from nte.sequences.sources import first_frame, open_source
+from nte.sequences.sources import first_frame, guides_are_clean, open_source
 from nte.unfinished import begin, finish, is_unfinished
 
 
@@ -33,13 +33,14 @@ def denoise_files(
     sources: a clip, a folder of frames, or the files of the frames. map_name: the channel map for frames of another
     renderer, a file or the name of one that ships; None takes the one that fits. overrides: `key=value` for the map. A
     frame keeps its name, attributes and layers; only the noisy image is replaced by the denoised one. A clip stays a
-    clip. exposure: linear factor for the sequence; None takes the clip's own, or estimates it from the first frame.
-    pictures: what else is written, to look at; None for nothing. say: called with each note on how foreign files were
-    read. spec: what the denoiser was loaded from; where the same call was killed, it begins again and replaces the
-    files that it had written. wanted: numbers of the frames to denoise, in their names (of a clip: their indices), and
-    then no clip.json is written or touched; up to WARM_UP frames before them are denoised too, for their history, and
-    not written. The next frame is read and the last one written while one is denoised. Raises NteError for input that
-    does not fit the denoiser, and for all other files that exist without `force`.
+    clip. Where it does not say whether its guides are clean, four of its frames tell. exposure: linear factor for the
+    sequence; None takes the clip's own, or estimates it from the first frame. pictures: what else is written, to look
+    at; None for nothing. say: called with each note on how foreign files were read. spec: what the denoiser was loaded
+    from; where the same call was killed, it begins again and replaces the files that it had written. wanted: numbers of
+    the frames to denoise, in their names (of a clip: their indices), and then no clip.json is written or touched; up to
+    WARM_UP frames before them are denoised too, for their history, and not written. The next frame is read and the last
+    one written while one is denoised. Raises NteError for input that does not fit the denoiser, and for all other files
+    that exist without `force`.
     """
     if exposure is not None and not 0 < exposure < float("inf"):
         raise NteError(f"exposure is {exposure}, expected a positive number")
@@ -75,7 +76,11 @@ def denoise_files(
 
         # A range is denoised with the exposure and the scale of depth that the whole sequence has.
         first = first_frame(sources, denoiser.target, map_name, overrides) if wanted else None
-        images = _denoised(ahead(source.frames), Session(denoiser), exposure, source.warm_up, first)
+        trusts = bool(set(GUIDES) & {*denoiser.needs, *denoiser.optional})
+        unknown = source.clip is None or source.clip.clean_guides is None
+        # With guides that it cannot trust, Open Image Denoise denoises each of them first, for twice the time.
+        clean = guides_are_clean(sources, denoiser.target, map_name, overrides) if trusts and unknown else None
+        images = _denoised(ahead(source.frames), Session(denoiser), exposure, source.warm_up, first, clean)
         with drawn.videos():
             for done in behind(write, images):
                 progress.advance(1)
@@ -85,23 +90,26 @@ def denoise_files(
         finish(out)
     for note in source.notes():
         say(note)
+    if clean is False:
+        say("albedo or normal is noisy or aliased: where Open Image Denoise is used, it denoises both first")
     return written
 
 
 def _denoised(
-    frames: Iterable[Frame], session: Session, exposure: float | None, warm_up: int, first: Frame | None
-) -> Iterator[Denoised]:
+    frames: Iterable[Frame], session: Session, exposure: float | None, warm_up: int, first: Frame | None,
+    clean: bool | None,
+) -> Iterator[Denoised]:  # fmt: skip
     """Denoise the frames of a sequence in their order, all with one exposure: the given one, or that of the first.
 
     warm_up: how many are denoised for the history of those after them alone. first: the first frame of the sequence, if
-    these begin later; its scale of depth counts, too.
+    these begin later; its scale of depth counts, too. clean: whether guides are clean, None for what the frames say.
     """
     scale = None if exposure is None else np.array([exposure], np.float32)
     stated = scale is not None
-    about: About = {}
+    about: About = {} if clean is None else {"clean_guides": clean}
     if first is not None:
         depth_scale = known_scalars(first if scale is None else replace(first, exposure=scale))[1]
-        about = {} if np.isnan(depth_scale).any() else {"depth_scale": depth_scale}
+        about |= {} if np.isnan(depth_scale).any() else {"depth_scale": depth_scale}
     for number, frame in enumerate(frames, -warm_up):
         if scale is None:
             told = frame if first is None else first

@@ -14,7 +14,9 @@ from nte.frames.clip import Clip, Pixels, frame_path, read_frame
 from nte.frames.exr import read_parts
 from nte.frames.exr_copy import Planes
 from nte.frames.frame import About, Frame
+from nte.frames.guides import are_clean
 from nte.frames.numbering import by_number
+from nte.frames.sample import FRAMES
 
 WARM_UP = 32  # frames before a range, from which its first frame has nearly the history that it has in the whole
 
@@ -59,6 +61,15 @@ def open_source(
 def first_frame(sources: Sequence[Path], target: str, map_name: str | None, overrides: Sequence[str]) -> Frame:
     """Read the first frame of the whole sequence, from which its exposure is known."""
     return next(iter(_open(sources, target, map_name, overrides, lambda numbers: slice(0, 1)).frames))
+
+
+def guides_are_clean(sources: Sequence[Path], target: str, map_name: str | None, overrides: Sequence[str]) -> bool:
+    """Tell whether albedo and normals are antialiased and noise-free, as four frames of the whole sequence show."""
+
+    def some(numbers: Sequence[int]) -> slice:
+        return slice(0, None, -(-len(numbers) // FRAMES))
+
+    return are_clean(_open(sources, target, map_name, overrides, some).frames)
 
 
 def _open(sources: Sequence[Path], target: str, map_name: str | None, overrides: Sequence[str], part: Part) -> Source:

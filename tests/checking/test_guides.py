@@ -5,8 +5,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from nte.checking import check, guides_are_clean
+from nte.checking import check
 from nte.frames.clip import Clip
+from nte.frames.guides import guides_are_clean
 from tests.synthetic import Pixels, smooth_texture, write_clip
 
 FINE = 4  # samples per axis

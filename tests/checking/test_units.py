@@ -9,10 +9,10 @@ import pytest
 import torch
 
 from nte.checking import check
-from nte.checking.sample import spread
 from nte.checking.units import judge_units, unit_of
 from nte.frames.clip import Clip
 from nte.frames.frame import Frame
+from nte.frames.sample import spread
 from tests.checking.room import SIZE, room_frame
 from tests.checking.tiles import tiled_frame
 from tests.synthetic import Pixels, smooth_texture, write_clip

@@ -12,6 +12,7 @@ from nte.denoiser import Noisy, Result, Session
 from nte.errors import NteError
 from nte.filters.taa import Taa, TaaOptions
 from nte.frames.clip import Clip, frame_path, read_frame
+from nte.frames.clip_info import write_clip_info
 from nte.frames.exr import read_layers, write_exr
 from nte.frames.frame import Frame
 from nte.sequences.denoise import denoise_files
@@ -82,6 +83,46 @@ def test_loose_frames_are_taken_in_the_order_of_their_numbers(tmp_path: Path) ->
     assert [p.name for p in ordered] == [p.name for p in shuffled] == [p.name for p in paths]
     assert contents(tmp_path / "a") == contents(tmp_path / "b")
     assert not (tmp_path / "a" / "clip.json").exists()
+
+
+class Trusting(Noisy):
+    """Leaves the image as it is, and remembers what it is told of the guides, as OIDN takes it into account."""
+
+    optional: tuple[str, ...] = ("albedo",)
+
+    def __init__(self) -> None:
+        super().__init__()
+        self.told: list[bool | None] = []
+
+    def step(self, frame: Frame, state: object, extras: tuple[str, ...] = ()) -> tuple[Result, tuple[()]]:
+        self.told.append(frame.clean_guides)
+        return Result(frame["color"]), ()
+
+
+@pytest.mark.parametrize("noisy", [False, True])
+def test_four_of_the_loose_frames_tell_whether_their_guides_are_clean(tmp_path: Path, noisy: bool) -> None:
+    """Open Image Denoise would denoise guides of which it does not know that they are clean, for twice the time."""
+    y, x = np.mgrid[:48, :64]
+    said, denoiser, paths = list[str](), Trusting(), [tmp_path / f"shot.{number}.exr" for number in range(9)]
+    for number, path in enumerate(paths):  # noise comes in half-way, where one frame at the beginning would not tell
+        spread = 0.2 if noisy and number > 3 else 0.0
+        rng = np.random.default_rng(number)
+        albedo = np.stack([0.5 + 0.3 * np.sin((x + number) / 9), y / 60, 0.3 + 0 * x]) + spread * rng.random(
+            (3, 48, 64)
+        )
+        layers = dict(zip(("albedo.R", "albedo.G", "albedo.B"), albedo.astype("f"), strict=True))
+        write_exr(path, layers | {f"color.{c}": rng.random((48, 64), np.float32) for c in "RGB"})
+    denoise_files(paths, denoiser, tmp_path / "out", say=said.append)
+    assert denoiser.told == [not noisy] * 9
+    assert [line.startswith("albedo or normal is noisy or aliased") for line in said] == [True] * noisy
+
+
+def test_a_clip_that_says_whether_its_guides_are_clean_is_believed(tmp_path: Path) -> None:
+    for known in (True, False):
+        denoiser, clip = Trusting(), Clip(disc_clip(tmp_path / str(known), frames=2))
+        write_clip_info(clip.folder, {**clip.info, "clean_guides": known})
+        denoise_files([clip.folder], denoiser, tmp_path / f"{known} out")
+        assert denoiser.told == [known] * 2
 
 
 def test_pictures_beside_the_frames(noisy_disc: Path, tmp_path: Path) -> None:

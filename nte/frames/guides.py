@@ -1,24 +1,23 @@
-"""A check that albedo and normals are noise-free and antialiased, as denoisers that trust their guides need them.
+"""Whether albedo and normals are noise-free and antialiased, as denoisers that trust their guides need them.
 
-It looks for two signs in single images. Edges: an antialiased silhouette between two flat colours has a pixel in
+Two signs in single images tell. Edges: an antialiased silhouette between two flat colours has a pixel in
 between, except where it runs along the border of two pixels; an aliased one, or one from a single jittered sample,
 has none. Noise: where each pixel has its own random value, many are larger or smaller than both of their neighbours
 in all four directions; edges, gradients and thin lines are so in three directions at most.
 """
 
 import math
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
+from typing import NamedTuple
 
-import torch
-import torch.nn.functional as F
-from torch import Tensor
+import numpy as np
+import numpy.typing as npt
 
-from nte.checking.sample import FRAMES, spread
-from nte.checking.values import Finding
 from nte.frames.channels import GUIDES
-from nte.frames.clip import Clip
+from nte.frames.clip import Clip, Pixels
 from nte.frames.frame import Frame
+from nte.frames.sample import FRAMES, spread
 
 STRONG = 0.15  # least step of albedo that counts as an edge
 FLAT = 0.05  # greatest variation of the two sides of an edge, as a share of the step
@@ -33,6 +32,16 @@ NOISY = 0.03  # share of the squared differences in extremes, of albedo; measure
 VISIBLE = 0.012  # root mean square of the small differences below which noise does not matter
 DIRECTIONS = ((0, 1), (1, 0), (1, 1), (1, -1))
 
+Mask = npt.NDArray[np.bool_]
+
+
+class Flaw(NamedTuple):
+    """What a guide shows that denoisers which trust it suffer from."""
+
+    channel: str
+    found: str
+    expected: str
+
 
 @dataclass
 class _Signs:
@@ -46,35 +55,36 @@ class _Signs:
     small_squares: float = 0.0
     small: int = 0  # number of values with only small differences around
 
-    def add(self, image: Tensor, borders: Tensor | None) -> None:
+    def add(self, image: Pixels, borders: Mask | None) -> None:
         """Add an image (C, H, W). borders: bool (2, H, W), a silhouette lies to the right of the pixel, or below it."""
         self._add_edges(image, None if borders is None else borders[0])
-        self._add_edges(image.transpose(1, 2), None if borders is None else borders[1].T)
+        self._add_edges(image.swapaxes(1, 2), None if borders is None else borders[1].T)
         if min(image.shape[1:]) < 3:
             return
         extremes, squares, steps = [], [], []
         for dy, dx in DIRECTIONS:
             before, after = (_shifted(image, sign * dy, sign * dx) for sign in (-1, 1))
             rise, fall = _shifted(image, 0, 0) - before, after - _shifted(image, 0, 0)
-            extremes.append((-rise * fall).clamp(min=0))
-            squares.append((rise.square() + fall.square()) / 2)
-            steps.append(torch.maximum(rise.abs(), fall.abs()))
-        extreme, square = torch.stack(extremes).amin(0), torch.stack(squares).mean(0)
-        small = torch.stack(steps).amax(0) < SMALL
+            extremes.append(np.maximum(-rise * fall, 0))
+            squares.append((rise**2 + fall**2) / 2)
+            steps.append(np.maximum(np.abs(rise), np.abs(fall)))
+        extreme, square = np.min(extremes, 0), np.mean(squares, 0)
+        small = np.max(steps, 0) < SMALL
         self.extreme += float(extreme.sum())
         self.squares += float(square.sum())
         self.small_extreme += float(extreme[small].sum())
         self.small_squares += float(square[small].sum())
         self.small += int(small.sum())
 
-    def _add_edges(self, values: Tensor, border: Tensor | None) -> None:
+    def _add_edges(self, values: Pixels, border: Mask | None) -> None:
         width = values.shape[2] - 5
         if width < 1:
             return
         left, begin, first, second, end, right = (values[..., i : i + width] for i in range(6))
 
-        def apart(a: Tensor, b: Tensor) -> Tensor:
-            return (a - b).abs().amax(0)
+        def apart(a: Pixels, b: Pixels) -> Pixels:
+            found: Pixels = np.abs(a - b).max(0)
+            return found
 
         step = apart(begin, end)
         edge = (step > STRONG) & (apart(left, begin) < FLAT * step) & (apart(end, right) < FLAT * step)
@@ -92,53 +102,64 @@ class GuideTally:
         self._limit = ALIASED
 
     def add(self, frame: Frame) -> None:
-        """Add a PyTorch frame of batch 1."""
+        """Add a NumPy frame of batch 1."""
         borders = _silhouettes(frame)
         self._limit = ALIASED_ANYWHERE if borders is None else ALIASED
         for name in GUIDES:
             if name in frame:
-                self._signs.setdefault(name, _Signs()).add(frame[name][0].nan_to_num(0, 0, 0).clamp(-2, 2), borders)
+                values = np.nan_to_num(frame[name][0].astype(np.float32), nan=0, posinf=0, neginf=0)
+                self._signs.setdefault(name, _Signs()).add(values.clip(-2, 2), borders)
 
-    def judge(self) -> Iterator[Finding]:
-        """Yield findings about aliased or noisy guides; none is a fault, as only denoisers that trust guides suffer."""
+    def flaws(self) -> Iterator[Flaw]:
+        """Yield what shows that guides are aliased or noisy."""
         for name, signs in self._signs.items():
             # Normals are normalised after averaging, so their edges need not show a value in between.
             if name == "albedo" and signs.edges >= ENOUGH and signs.pure > self._limit * signs.edges:
                 share = f"{signs.pure / signs.edges:.0%} of {signs.edges} silhouettes have no pixel in between"
-                yield Finding(name, f"aliased: {share}", "antialiased guides for denoisers that trust them", False)
+                yield Flaw(name, f"aliased: {share}", "antialiased guides for denoisers that trust them")
             strong = name == "albedo" and signs.extreme > NOISY * signs.squares
             visible = signs.small_squares > VISIBLE**2 * max(signs.small, 1)
             if strong or (visible and signs.small_extreme > NOISY * signs.small_squares):
                 share = f"{signs.extreme / signs.squares:.1%} of the differences between pixels are lone extremes"
-                yield Finding(name, f"noisy: {share}", "noise-free guides for denoisers that trust them", False)
+                yield Flaw(name, f"noisy: {share}", "noise-free guides for denoisers that trust them")
 
 
-def _silhouettes(frame: Frame) -> Tensor | None:
+def _silhouettes(frame: Frame) -> Mask | None:
     """Bool masks (2, H, W): another surface lies to the right of the pixel, or below it; None if unknown."""
     if "instance" in frame:
-        differs = [frame["instance"].diff(dim=dim) != 0 for dim in (3, 2)]
+        differs = [np.diff(frame["instance"][0, 0], axis=axis) != 0 for axis in (1, 0)]
     elif "depth" in frame:
-        differs = [frame["depth"].clamp(min=1e-6).log().diff(dim=dim).abs() > math.log(ONE_SURFACE) for dim in (3, 2)]
+        with np.errstate(invalid="ignore"):
+            logarithm = np.log(np.maximum(frame["depth"][0, 0].astype(np.float32), 1e-6))
+            differs = [np.abs(np.diff(logarithm, axis=axis)) > math.log(ONE_SURFACE) for axis in (1, 0)]
     else:
         return None
-    right, below = (F.pad(d[0, 0], pad) for d, pad in zip(differs, ((0, 1), (0, 0, 0, 1)), strict=True))
-    return torch.stack([right, below])
+    return np.stack([np.pad(d, pad) for d, pad in zip(differs, (((0, 0), (0, 1)), ((0, 1), (0, 0))), strict=True)])
 
 
-def _shifted(image: Tensor, dy: int, dx: int) -> Tensor:
+def _shifted(image: Pixels, dy: int, dx: int) -> Pixels:
     height, width = image.shape[1:]
     return image[:, 1 + dy : height - 1 + dy, 1 + dx : width - 1 + dx]
 
 
-def guides_are_clean(clip: Clip) -> bool:
-    """Tell whether the albedo and normals of a clip are antialiased and noise-free, as far as four of its frames show.
+def are_clean(frames: Iterable[Frame]) -> bool:
+    """Tell whether the albedo and normals of frames are antialiased and noise-free, as far as the pixels show.
 
-    Also true if too few edges are visible to know; false if the clip has neither
-    albedo nor normals. Raises NteError for files that cannot be read.
+    Also true if too few edges are visible to know; false if there are neither albedo nor normals.
     """
-    guides = [name for name in GUIDES if name in clip.channels]
-    names = [*guides, *(name for name in ("instance", "depth") if name in clip.channels)]
-    tally = GuideTally()
-    for index in sorted(spread(FRAMES, 0, len(clip))) if guides else ():
-        tally.add(clip.frame(index, names).torch())
-    return bool(guides) and not any(tally.judge())
+    tally, guided = GuideTally(), False
+    for frame in frames:
+        tally.add(frame.numpy())
+        guided |= any(name in frame for name in GUIDES)
+    return guided and not any(tally.flaws())
+
+
+def guides_are_clean(clip: Clip) -> bool:
+    """Tell whether the albedo and normals of a clip are antialiased and noise-free, as four of its frames show.
+
+    Also true if too few edges are visible to know; false if the clip has neither albedo nor normals. Raises NteError
+    for files that cannot be read.
+    """
+    names = [name for name in (*GUIDES, "instance", "depth") if name in clip.channels]
+    guided = any(name in GUIDES for name in names)
+    return guided and are_clean(clip.frame(index, names) for index in sorted(spread(FRAMES, 0, len(clip))))
