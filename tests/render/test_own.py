@@ -237,11 +237,16 @@ def test_a_mesh_that_would_be_read_without_end_is_refused(tmp_path: Path) -> Non
 def test_an_xml_file_that_would_end_the_process_is_refused(tmp_path: Path) -> None:
     (tmp_path / "deep.xml").write_text("<scene version='3.0.0'>" + "<shape type='sphere'>" * 20_000)
     (tmp_path / "around.xml").write_text("<scene version='3.0.0'><include filename='deep.xml'/></scene>")
+    (tmp_path / "below").mkdir()
+    (tmp_path / "below" / "buried.xml").write_bytes((tmp_path / "deep.xml").read_bytes())
+    found = "<path value='below'/><include filename='buried.xml'/>"  # in a folder that the scene itself names
+    (tmp_path / "beside.xml").write_text(f"<scene version='3.0.0'>{found}</scene>")
     (tmp_path / "latin.xml").write_bytes(
         "<scene version='3.0.0'><shape type='cube' id='Würfel'/></scene>".encode("latin-1")
     )
     for name, said in {
-        "deep": r"deep\.xml: nested too deeply", "around": r"deep\.xml: nested too deeply", "latin": "not UTF-8",
+        "deep": r"deep\.xml: nested too deeply", "around": r"deep\.xml: nested too deeply",
+        "beside": r"buried\.xml: nested too deeply", "latin": "not UTF-8",
     }.items():  # fmt: skip
         (tmp_path / "moves.yaml").write_text(f"xml: {name}.xml")
         with pytest.raises(NteError, match=said):

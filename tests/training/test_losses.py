@@ -8,6 +8,7 @@ from nte.color import display
 from nte.denoiser import Denoiser, Result
 from nte.errors import NteError
 from nte.frames.frame import Frame
+from nte.motion.warp import warp
 from nte.training.batch import Batch
 from nte.training.losses import LossConfig, SequenceLoss, occlusion_loss
 from nte.training.target import to_space
@@ -206,3 +207,47 @@ def test_a_configuration_that_makes_no_loss() -> None:
         with pytest.raises(NteError, match=rf"loss.mask_weights is \[1.0, {weight}\], expected finite numbers of 0 or"):
             LossConfig(mask_weights=[1.0, weight]).check()
     LossConfig(mask_weights=[1.0, 0.0]).check()
+
+
+class Mixer(nn.Module, Denoiser):
+    """Two of its numbers mix the image with the warped one before and brighten it; its mask is given."""
+
+    needs = ("color", "motion", "normal")
+    extras = ("disoccluded",)
+
+    def __init__(self, numbers: Tensor) -> None:
+        super().__init__()
+        self.numbers = numbers
+
+    def step(self, frame: Frame, state: Tensor | None, extras: tuple[str, ...] = ()) -> tuple[Result, Tensor]:
+        share, gain = self.numbers
+        before = frame["color"] if state is None else warp(state, frame["motion"]).image
+        image = gain * (share * frame["color"] + (1 - share) * before)
+        return Result(image, dict.fromkeys(extras, frame["normal"][:, :1])), image
+
+
+@pytest.mark.parametrize("space", ["linear", "log", "display"])
+@pytest.mark.parametrize("distance", ["l1", "smape", "charbonnier"])
+def test_gradients_of_a_whole_sequence_are_those_of_its_loss(space: str, distance: str) -> None:
+    """Every part at once, through three frames of history: what differences of the loss itself say, in float64."""
+    rng = torch.Generator().manual_seed(0)
+
+    def positive(channels: int) -> Tensor:
+        return 0.2 + torch.rand((1, channels, 12, 14), generator=rng, dtype=torch.float64)
+
+    scalars = {name: torch.ones(1, dtype=torch.float64) for name in ("exposure", "depth_scale")}
+    frames: Batch = [
+        {
+            "color": positive(3), "reference": positive(3), "albedo": positive(3), "motion": 2 * positive(2),
+            "normal": (positive(3) > 0.7).double(),
+        }
+        | scalars
+        for _ in range(4)
+    ]  # fmt: skip
+    parts = LossConfig(space=space, distance=distance, warped=0.7, irradiance=0.4, structure=0.3)
+
+    def total(numbers: Tensor) -> Tensor:
+        return SequenceLoss(Mixer(numbers), parts)(frames, 0.5).loss  # type: ignore[arg-type]
+
+    numbers = torch.tensor([0.6, 1.1], dtype=torch.float64, requires_grad=True)
+    assert torch.autograd.gradcheck(total, (numbers,))

@@ -2,7 +2,6 @@
 
 import os
 import re
-from collections.abc import Callable
 from itertools import chain, count
 from pathlib import Path
 
@@ -16,6 +15,7 @@ from nte.render.world.keyframes import Animation
 _DEEPEST = 100  # elements within each other: from some thousand on Mitsuba's parser ends the process
 _TAG = re.compile(rb"""<(/?)[^\s<>/!?](?:"[^"]*"|'[^']*'|[^"'<>/]|/(?!>))*(/?)>""")
 _NO_TAGS = re.compile(rb"<!--.*?(?:-->|\Z)|<!\[CDATA\[.*?(?:\]\]>|\Z)|<\?.*?(?:\?>|\Z)", re.DOTALL)
+_ADDED = re.compile(rb"""<path\b[^<>]*?\bvalue\s*=\s*["']([^"'$]+)["']""")
 _INCLUDED = re.compile(rb"""<include\b[^<>]*?\bfilename\s*=\s*["']([^"'$]+)["']""")
 _Loaded = tuple[MitsubaScene, bool]
 _kept: dict[str, _Loaded] = {}  # at most one scene: the one that was loaded for a check, until it is rendered
@@ -53,7 +53,7 @@ def _load(animation: Animation) -> _Loaded:
     beside.prepend(str(Path(animation.xml).parent.absolute()))
     mi.set_file_resolver(beside)
     try:
-        _require_shallow(animation.xml, lambda name: Path(str(beside.resolve(name))))
+        _require_shallow(animation.xml, beside)
         state = mi.parser.parse_file(config, animation.xml, **animation.values)
         mi.parser.transform_all(config, state)
         _drop_unused(state)
@@ -77,12 +77,13 @@ def _load(animation: Animation) -> _Loaded:
     return scene, media
 
 
-def _require_shallow(xml: str, resolve: Callable[[str], Path]) -> None:
+def _require_shallow(xml: str, resolver: Struct) -> None:
     """Raise NteError for elements that are nested too deeply, also in a file that this one includes.
 
-    resolve: finds the file of an included name. Only tags are looked at: all else is for Mitsuba to judge.
+    Only tags are looked at: all else is for Mitsuba to judge.
     """
     ahead, seen = [Path(xml)], set[Path]()
+    looking = load_mitsuba().FileResolver(resolver)  # as Mitsuba's parser does, in the folders of each <path>, too
     while ahead:
         path = ahead.pop()
         if path in seen or not path.is_file():
@@ -94,7 +95,9 @@ def _require_shallow(xml: str, resolve: Callable[[str], Path]) -> None:
             depth += 0 if empty else -1 if end else 1
             if depth > _DEEPEST:
                 raise NteError(f"{path}: nested too deeply: expected fewer than {_DEEPEST} elements within each other")
-        ahead += [resolve(os.fsdecode(name)) for name in _INCLUDED.findall(content)]
+        for folder in _ADDED.findall(content):
+            looking.prepend(str(looking.resolve(os.fsdecode(folder))))
+        ahead += [Path(str(looking.resolve(os.fsdecode(name)))) for name in _INCLUDED.findall(content)]
 
 
 def _require_files(xml: str, state: Struct, resolver: Struct) -> None:
