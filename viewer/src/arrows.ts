@@ -9,7 +9,8 @@ const EVERY = 26; // CSS pixels between arrows
 const STILL = 0.25; // device pixels: shorter ones become dots
 
 export function drawArrows(canvas: HTMLCanvasElement, panes: Pane[], part: Part, clip: Clip, motion: Pixels | undefined) {
-  const context = canvas.getContext("2d")!;
+  // In memory: on a graphics card that is a program, Chromium sometimes shows a canvas as it was before it was cleared.
+  const context = canvas.getContext("2d", { willReadFrequently: true })!;
   context.clearRect(0, 0, canvas.width, canvas.height);
   if (!motion) return;
   const ratio = canvas.width / canvas.clientWidth || 1;
