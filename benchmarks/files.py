@@ -18,6 +18,7 @@ from nte.denoiser import Denoiser, Noisy, Session
 from nte.evaluation.benchmark.frames import clip_frames
 from nte.frames.clip import frame_path, write_frame
 from nte.frames.frame import Frame
+from nte.overlap import sleep_while_waiting
 from nte.registry import load_denoiser
 from nte.sequences.denoise import denoise_files
 from nte.sequences.pictures import PictureSettings
@@ -60,6 +61,7 @@ def main(arguments: Sequence[str]) -> int:
     parser.add_argument("--frames", type=count, default=12)
     parser.add_argument("--rounds", type=count, default=3)
     options = parser.parse_args(arguments)
+    sleep_while_waiting()  # as nte denoise does
     known = ("color", "albedo", "normal", "depth", "motion", "forward_motion")
     at = clip_frames(options.clip, options.size, known)
     # Loose files do not say that their guides are clean; Open Image Denoise filters such guides first.

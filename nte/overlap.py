@@ -1,5 +1,6 @@
 """Overlap of the stages of work on a sequence: threads make the next item and write the last one meanwhile."""
 
+import os
 from collections import deque
 from collections.abc import Callable, Generator, Iterable, Iterator
 from concurrent.futures import Future, ThreadPoolExecutor
@@ -45,3 +46,12 @@ def behind(work: Callable[[Item], Made], items: Iterable[Item]) -> Iterator[Made
             working = thread.submit(work, item)
         if working:
             yield working.result()
+
+
+def sleep_while_waiting() -> None:
+    """Let PyTorch's threads sleep while they wait for each other, so that stages beside them have the cores.
+
+    By default OpenMP's threads keep their cores busy for some milliseconds after each operation. Sets OMP_WAIT_POLICY,
+    unless the user has; OpenMP reads it once, when PyTorch is loaded, so later calls change nothing in this process.
+    """
+    os.environ.setdefault("OMP_WAIT_POLICY", "PASSIVE")

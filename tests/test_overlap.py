@@ -1,7 +1,12 @@
 """Reading ahead and writing behind: the order is kept, the stages run at the same time, and errors come when due."""
 
+import os
+import re
+import subprocess
+import sys
 import threading
 from collections.abc import Iterator
+from pathlib import Path
 
 import pytest
 
@@ -77,3 +82,15 @@ def test_an_error_of_a_stage_comes_after_what_is_before_it() -> None:
         list(behind(work, (made.append(i) or i for i in range(9))))  # type: ignore[func-returns-value]
     assert worked == [0]
     assert made == [0, 1, 2]  # not the rest
+
+
+@pytest.mark.slow
+def test_threads_of_pytorch_sleep_while_files_are_read_and_written(noisy_disc: Path, tmp_path: Path) -> None:
+    """OpenMP tells how it waits when it is loaded; what the user has chosen stays."""
+    code = "import sys; from nte.cli import main; sys.exit(main(sys.argv[1:]))"
+    command = [sys.executable, "-c", code, "denoise", noisy_disc, "--denoiser", "taa", "--out"]
+    without = {name: value for name, value in os.environ.items() if name != "OMP_WAIT_POLICY"}
+    for chosen, policy in (({}, "PASSIVE"), ({"OMP_WAIT_POLICY": "ACTIVE"}, "ACTIVE")):
+        told = without | chosen | {"OMP_DISPLAY_ENV": "TRUE"}
+        done = subprocess.run([*command, tmp_path / policy], env=told, capture_output=True, text=True, check=True)
+        assert re.search(rf"OMP_WAIT_POLICY ?= ?'{policy}'", done.stderr), done.stderr

@@ -5,6 +5,7 @@ from pathlib import Path
 
 from nte.cli.parsing import DENOISER, Commands, add_device, add_force, add_provider, command, parse_frames
 from nte.errors import NteError
+from nte.overlap import sleep_while_waiting
 from nte.released import DEFAULT
 
 
@@ -42,6 +43,7 @@ def add(commands: Commands) -> None:
 
 
 def _denoise(options: argparse.Namespace) -> None:
+    sleep_while_waiting()  # before PyTorch is loaded
     from nte.registry import load_denoiser, with_provider
     from nte.sequences.denoise import denoise_files
     from nte.sequences.pictures import PictureSettings
