@@ -2,9 +2,13 @@
 
 #include <algorithm>
 #include <cmath>
+#include <fstream>
 #include <functional>
+#include <iterator>
 #include <numeric>
 #include <stdexcept>
+
+#include "sha256.hpp"
 
 namespace nte {
 namespace {
@@ -31,10 +35,31 @@ std::string text(const std::vector<std::int64_t>& size) {
     return joined;
 }
 
+// Throws for a model whose checksum does not fit: it is that of the file with 64 zeros in its place.
+void require_seal(const std::filesystem::path& model, std::string bytes) {
+    const std::string before = "\"sha256\": \"";
+    const auto found = bytes.find(before);
+    if (found == std::string::npos || bytes.size() < found + before.size() + 64) return;  // no model of nte, which is told later
+    const auto at = found + before.size();
+    const auto checksum = bytes.substr(at, 64);
+    bytes.replace(at, 64, 64, '0');
+    if (sha256(std::move(bytes)) != checksum)
+        throw std::runtime_error(model.string() + ": damaged: its checksum does not fit: copy or export it again");
+}
+
+// Loads a model, if it is whole.
+Ort::Session loaded(const Ort::Env& env, const std::filesystem::path& model, const Ort::SessionOptions& options) {
+    std::ifstream stream(model, std::ios::binary);
+    if (!stream) throw std::runtime_error(model.string() + ": cannot be read");
+    const std::string bytes(std::istreambuf_iterator<char>(stream), {});
+    require_seal(model, bytes);
+    return Ort::Session(env, bytes.data(), bytes.size(), options);
+}
+
 }  // namespace
 
 Denoiser::Denoiser(const std::filesystem::path& model, const Ort::SessionOptions& options)
-    : session_(env_, model.c_str(), options) {
+    : session_(loaded(env_, model, options)) {
     Ort::AllocatorWithDefaultOptions allocator;
     const auto text = session_.GetModelMetadata().LookupCustomMetadataMapAllocated("nte", allocator);
     if (!text) throw std::runtime_error(model.string() + ": not a model of nte: no key 'nte' in its metadata");

@@ -21,7 +21,8 @@ using Names = std::vector<std::string>;
 
 class Denoiser {
 public:
-    // Loads a model. Throws std::runtime_error if it is not one of nte, and Ort::Exception if it cannot be loaded.
+    // Loads a model. Throws std::runtime_error if it is damaged or not one of nte, and Ort::Exception if it cannot be
+    // loaded.
     explicit Denoiser(const std::filesystem::path& model, const Ort::SessionOptions& options = Ort::SessionOptions());
 
     // Lets the next frame start a sequence.

@@ -170,12 +170,11 @@ def test_a_file_that_is_no_model_is_told(check: list[str], vectors: Path, tmp_pa
 
 
 @pytest.mark.slow
-@needs("node", "npm")
-def test_a_damaged_model_is_told(node: list[str], model: Path, vectors: Path, tmp_path: Path) -> None:
+def test_a_damaged_model_is_told(check: list[str], model: Path, vectors: Path, tmp_path: Path) -> None:
     content = bytearray(model.read_bytes())
     content[len(content) // 2] ^= 1  # a bit of a weight: the graph would still run
     (tmp_path / "damaged.onnx").write_bytes(content)
-    code, said = run(node, tmp_path / "damaged.onnx", vectors / "hard")
+    code, said = run(check, tmp_path / "damaged.onnx", vectors / "hard")
     assert code == 2
     assert said.splitlines() == [
         f"{tmp_path / 'damaged.onnx'}: damaged: its checksum does not fit: copy or export it again"
