@@ -2,6 +2,7 @@
 
 import argparse
 from collections.abc import Callable
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -32,37 +33,37 @@ def add(commands: Commands) -> None:
 
 
 def _kind(
-    kinds: Commands, name: str, run: Callable[[argparse.Namespace], int | None], text: str
+    kinds: Commands, name: str, read: Callable[[argparse.Namespace], "Imported"], text: str
 ) -> argparse.ArgumentParser:
-    parser = command(kinds, name, run, text, "import")
+    parser = command(kinds, name, partial(_import, read), text, "import")
     parser.add_argument("source", type=Path, metavar="SOURCE", help="a folder, a file, or a quoted pattern")
     parser.add_argument("--out", type=Path, required=True, metavar="CLIP", help="folder for the clip")
     add_force(parser, "replace a clip that exists")
     return parser
 
 
-def _exr(options: argparse.Namespace) -> int:
-    from nte.importing.exr import import_exr
+def _import(read: Callable[[argparse.Namespace], "Imported"], options: argparse.Namespace) -> int:
+    from nte.importing.outcome import tell  # first: where PyTorch is missing, which the check needs, nothing is written
 
-    arguments = options.source, options.map, options.out, options.reference, options.force, options.overrides
-    return _tell(import_exr(*arguments))
-
-
-def _blender(options: argparse.Namespace) -> int:
-    from nte.importing.blender import import_blender
-
-    return _tell(import_blender(options.source, options.out, options.reference, options.force, options.overrides))
-
-
-def _noisebase(options: argparse.Namespace) -> int:
-    from nte.importing.noisebase import import_noisebase
-
-    return _tell(import_noisebase(options.source, options.out, options.spp, options.force))
-
-
-def _tell(imported: "Imported") -> int:
-    from nte.importing.outcome import tell
-
+    imported = read(options)
     for note in imported.notes:
         print(f"  {printable(note)}")
     return tell(imported)
+
+
+def _exr(options: argparse.Namespace) -> "Imported":
+    from nte.importing.exr import import_exr
+
+    return import_exr(options.source, options.map, options.out, options.reference, options.force, options.overrides)
+
+
+def _blender(options: argparse.Namespace) -> "Imported":
+    from nte.importing.blender import import_blender
+
+    return import_blender(options.source, options.out, options.reference, options.force, options.overrides)
+
+
+def _noisebase(options: argparse.Namespace) -> "Imported":
+    from nte.importing.noisebase import import_noisebase
+
+    return import_noisebase(options.source, options.out, options.spp, options.force)

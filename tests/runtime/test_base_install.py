@@ -78,10 +78,12 @@ def test_what_needs_an_extra_says_which_in_one_line(noisy_disc: Path, tmp_path: 
     config.write_text("name: x")
     (tmp_path / "run").mkdir()
     (tmp_path / "run" / "config.yaml").write_text("name: x")
+    blender(tmp_path / "renders", scene(2))
     for extra, arguments in {
         "eval": ("denoise", noisy_disc, "--denoiser", "taa", "--out", tmp_path / "out"),
         "train": ("train", config),
         "render": ("render", config, "--out", tmp_path / "out"),
+        "import": ("import", "blender", tmp_path / "renders", "--out", tmp_path / "out"),
     }.items():
         done = nte_without_extras(*arguments)
         assert done.returncode == 2, done.stderr
