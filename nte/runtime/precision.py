@@ -20,8 +20,10 @@ from nte.denoiser import Result
 from nte.errors import NteError
 from nte.files import make_folder, only_writer_of, write_whole
 from nte.filters.prior import complete
+from nte.frames.channels import CHANNELS, TARGETS
 from nte.frames.clip import Clip, Pixels
 from nte.frames.frame import Frame
+from nte.frames.usable import usable
 from nte.progress import Progress
 from nte.recurrence import NetworkState
 from nte.runtime.description import METADATA_KEY, UNSEALED, seal
@@ -43,8 +45,8 @@ def lower(
     clips: for int8, typical ones, from all frames of which the range of each value within the network is taken; costs
     three runs of the model a frame. force: replace `out`. progress: called with a line of text on the difference from
     the model, which is told and not judged. Raises NteError for a file that is no exported model or has a lower
-    precision already, for int8 without clips, for a frame that the model cannot denoise, and if the copy gives NaN or
-    infinite light where the model does not.
+    precision already, for int8 without clips, for a clip without light, for a frame that the model cannot denoise, and
+    if the copy gives NaN or infinite light where the model does not.
     """
     model, out = Path(model), Path(out)
     full = OnnxDenoiser(model)
@@ -143,16 +145,23 @@ def _fed(model: Path, clips: Sequence[Clip]) -> Iterator[Mapping[str, Pixels]]:
     """Denoise clips with a model, and yield the inputs of its graph at each frame; show progress on stderr."""
     recorder = _Recorder(model)
     denoiser = complete(recorder)
+    lights = [name for name in recorder.needs if name in TARGETS]
     with Progress("calibration", sum(map(len, clips)), "frame") as shown:
         for clip in clips:
-            state = None
+            state, lit = None, False
             for frame in clip:
                 try:
                     _, state = denoiser.step(frame, state)
                 except NteError as error:  # it names the frame; there are several clips
                     raise NteError(f"{clip.folder}: {error}") from error
+                lit = lit or any(usable(CHANNELS[name], frame[name]).any() for name in lights)
                 yield recorder.last
                 shown.advance(1)
+            if not lit:
+                raise NteError(
+                    f"{clip.folder}: {' and '.join(lights)} black or NaN in all {len(clip)} frames, so they do not tell "
+                    "how large values become: calibrate with clips that have light, such as some of the training"
+                )
             shown.say(clip.folder.name)
 
 

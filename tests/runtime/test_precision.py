@@ -25,7 +25,7 @@ from nte.runtime.export import export_onnx
 from nte.runtime.precision import halved, lower
 from nte.runtime.providers import OnnxOptions, installed
 from nte.runtime.session import OnnxDenoiser
-from tests.synthetic import disc_clip
+from tests.synthetic import disc_clip, write_clip
 
 MASKS = ("valid", "disoccluded")
 CASTS = ("Cast", "QuantizeLinear", "DequantizeLinear")
@@ -153,6 +153,18 @@ def test_calibration_tells_its_progress_and_the_clip_that_does_not_fit(
     with pytest.raises(NteError, match=r"small: frame 0: size \(12, 20\), expected at least 16 pixels"):
         lower(model, tmp_path / "low.onnx", "int8", [clip, small], **QUIET)
     assert f"{clip.name} (6/8 frames)" in capsys.readouterr().err
+    assert not (tmp_path / "low.onnx").exists()
+
+
+@pytest.mark.parametrize("light", [0.0, np.nan])
+def test_a_clip_without_light_calibrates_nothing(model: Path, clip: Path, tmp_path: Path, light: float) -> None:
+    """Weights would be scaled to values that no picture has, without a word."""
+    frames = [frame.with_channels(color=np.full_like(frame["color"], light)) for frame in Clip(clip)]
+    dark = write_clip(tmp_path / "dark", [{k: v[0] for k, v in frame.channels.items()} for frame in frames])
+    with pytest.raises(
+        NteError, match=r"dark: color black or NaN in all 6 frames.*: calibrate with clips that have light"
+    ):
+        lower(model, tmp_path / "low.onnx", "int8", [clip, dark], **QUIET)
     assert not (tmp_path / "low.onnx").exists()
 
 
