@@ -159,8 +159,8 @@ def _fed(model: Path, clips: Sequence[Clip]) -> Iterator[Mapping[str, Pixels]]:
                 shown.advance(1)
             if not lit:
                 raise NteError(
-                    f"{clip.folder}: {' and '.join(lights)} black or NaN in all {len(clip)} frames, so they do not tell "
-                    "how large values become: calibrate with clips that have light, such as some of the training"
+                    f"{clip.folder}: {' and '.join(lights)} black or NaN in all {len(clip)} frames, so they do not "
+                    "tell how large values become: calibrate with clips that have light, such as some of the training"
                 )
             shown.say(clip.folder.name)
 
