@@ -14,7 +14,7 @@ from pathlib import Path
 from nte.errors import NteError
 
 _OWNER = re.compile(r"\.(?P<host>[0-9a-f]{8})_(?P<process>\d+)_(?P<birth>[0-9a-f]{8})_[0-9a-f]{8}\.tmp$")
-_UNKNOWN = "0" * 8
+_UNKNOWN, _ENDED = "0" * 8, "f" * 8
 
 _held: set[int] = set()  # descriptors of the folders that this process has locked
 
@@ -38,14 +38,15 @@ _HERE = _machine()
 def _birth(process: int) -> str:
     """Digest of when a process has begun, since its number is given again, at the latest after a restart.
 
-    _UNKNOWN where the system does not tell.
+    _UNKNOWN where the system does not tell, and _ENDED for a process that has ended and is kept in the system's list
+    until its parent asks for its status.
     """
     try:
         boot = Path("/proc/sys/kernel/random/boot_id").read_text()
-        since_boot = Path(f"/proc/{process}/stat").read_text(errors="replace").rpartition(")")[2].split()[19]
+        state = Path(f"/proc/{process}/stat").read_text(errors="replace").rpartition(")")[2].split()
+        return _ENDED if state[0] in "ZX" else _digest(boot + state[19])
     except (OSError, IndexError):
         return _UNKNOWN
-    return _digest(boot + since_boot)
 
 
 def temporary_name(path: Path) -> Path:

@@ -53,6 +53,22 @@ def test_what_a_killed_writer_left_is_gone_after_the_next_write(tmp_path: Path) 
     assert mine.exists()
 
 
+def test_a_killed_writer_is_dead_though_its_parent_has_not_yet_asked(tmp_path: Path) -> None:
+    """A worker's parent may wait for something else: until it asks, the system keeps the worker's number."""
+    code = "import sys; from pathlib import Path; from nte.files import temporary_name as name; "
+    code += "name(Path(sys.argv[1])).touch(); print(flush=True); sys.stdin.read()"
+    command = [sys.executable, "-c", code, str(tmp_path / "a.txt")]
+    with subprocess.Popen(command, stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True) as process:
+        assert process.stdout is not None
+        process.stdout.readline()
+        (left,) = tmp_path.iterdir()
+        assert not is_abandoned(left)
+        process.kill()
+        assert process.stdout.read() == ""  # its end, which the system tells before the process is gone
+        os.waitid(os.P_PID, process.pid, os.WEXITED | os.WNOWAIT)  # ended, and left in the system's list
+        assert is_abandoned(left)
+
+
 @pytest.mark.slow
 def test_a_folder_has_one_writer_and_its_death_frees_it(tmp_path: Path) -> None:
     folder = tmp_path / "out"
