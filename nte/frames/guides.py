@@ -142,16 +142,16 @@ def _shifted(image: Pixels, dy: int, dx: int) -> Pixels:
     return image[:, 1 + dy : height - 1 + dy, 1 + dx : width - 1 + dx]
 
 
-def are_clean(frames: Iterable[Frame]) -> bool:
+def are_clean(frames: Iterable[Frame]) -> bool | None:
     """Tell whether the albedo and normals of frames are antialiased and noise-free, as far as the pixels show.
 
-    Also true if too few edges are visible to know; false if there are neither albedo nor normals.
+    Also true if too few edges are visible to know; None if there are neither albedo nor normals.
     """
     tally, guided = GuideTally(), False
     for frame in frames:
         tally.add(frame.numpy())
         guided |= any(name in frame for name in GUIDES)
-    return guided and not any(tally.flaws())
+    return not any(tally.flaws()) if guided else None
 
 
 def guides_are_clean(clip: Clip) -> bool:
@@ -162,4 +162,4 @@ def guides_are_clean(clip: Clip) -> bool:
     """
     names = [name for name in (*GUIDES, "instance", "depth") if name in clip.channels]
     guided = any(name in GUIDES for name in names)
-    return guided and are_clean(clip.frame(index, names) for index in sorted(spread(FRAMES, 0, len(clip))))
+    return guided and bool(are_clean(clip.frame(index, names) for index in sorted(spread(FRAMES, 0, len(clip)))))

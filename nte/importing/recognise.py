@@ -35,7 +35,9 @@ def recognise(path: Path) -> str:
     have = sorted({name.rpartition(".")[0] or name for name in stored})
     what = f"fits the maps {' and '.join(best)} alike" if best else "has no channel of ours, such as color.R"
     known = ", ".join(_shipped_maps())
-    raise NteError(f"{path}: {what}; it has {', '.join(have)[:200]}: say how to read it with --map, a file or {known}")
+    plain = "; of R, G and B a file with the line 'channels: {color: .}' is enough" if {*"RGB"} <= {*have} else ""
+    has = ", ".join(have)[:200]
+    raise NteError(f"{path}: {what}; it has {has}: say how to read it with --map, a file or {known}{plain}")
 
 
 @cache

@@ -63,8 +63,13 @@ def first_frame(sources: Sequence[Path], target: str, map_name: str | None, over
     return next(iter(_open(sources, target, map_name, overrides, lambda numbers: slice(0, 1)).frames))
 
 
-def guides_are_clean(sources: Sequence[Path], target: str, map_name: str | None, overrides: Sequence[str]) -> bool:
-    """Tell whether albedo and normals are antialiased and noise-free, as four frames of the whole sequence show."""
+def guides_are_clean(
+    sources: Sequence[Path], target: str, map_name: str | None, overrides: Sequence[str]
+) -> bool | None:
+    """Tell whether albedo and normals are antialiased and noise-free, as four frames of the sequence show.
+
+    None if there are neither.
+    """
 
     def some(numbers: Sequence[int]) -> slice:
         return slice(0, None, -(-len(numbers) // FRAMES))

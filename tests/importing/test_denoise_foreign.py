@@ -27,6 +27,12 @@ ATTRIBUTES = {"owner": "an artist", "cryptomatte/0a1b2c3/manifest": '{"Cube": "3
 RNG = np.random.default_rng(3)
 
 
+class Guided(Noisy):
+    """One that looks at guides where they are."""
+
+    optional = ("albedo", "normal")
+
+
 def silent(line: str) -> None:
     pass
 
@@ -113,14 +119,26 @@ def test_a_map_of_ones_own_and_stored_units(tmp_path: Path) -> None:
 def test_what_no_map_fits_is_one_line_that_says_how_to_go_on(tmp_path: Path) -> None:
     strange = write_layers(tmp_path / "a", [named("mist", "XYZ", np.ones((3, 8, 9), np.float32))] * 2)
     plain = write_layers(tmp_path / "b", [dict(zip("RGB", np.ones((3, 8, 9), np.float32), strict=True))] * 2)
-    for folder in (strange, plain):
-        with pytest.raises(NteError, match=r"shot\.000\.exr: has no channel of ours.*--map, a file or arn") as error:
+    for folder, more in (
+        (strange, "$"),
+        (plain, r"; of R, G and B a file with the line 'channels: \{color: \.\}' is enough$"),
+    ):
+        match = rf"shot\.000\.exr: has no channel of ours.*--map, a file or arn.*vray{more}"
+        with pytest.raises(NteError, match=match) as error:
             denoise_files([folder], Noisy(), tmp_path / "out")
         assert "\n" not in str(error.value)
     assert not (tmp_path / "out").exists()
     (tmp_path / "empty").mkdir()
     with pytest.raises(NteError, match=r"no clip\.json and no \.exr frames"):
         denoise_files([tmp_path / "empty"], Noisy(), tmp_path / "out")
+
+
+def test_colour_alone_is_read_by_a_map_of_one_line_and_has_no_guides_to_tell_of(tmp_path: Path) -> None:
+    folder = write_layers(tmp_path / "plain", [dict(zip("RGB", np.ones((3, 8, 9), np.float32), strict=True))] * 2)
+    (tmp_path / "rgb.yaml").write_text("channels: {color: .}")
+    said: list[str] = []
+    denoise_files([folder], Guided(), tmp_path / "out", map_name=str(tmp_path / "rgb.yaml"), say=said.append)
+    assert said == ["read as OpenEXR files (--map rgb)", "read color from R G B"]
 
 
 def test_a_pass_that_is_missing_in_the_middle_names_the_file(cycles: Path, tmp_path: Path) -> None:
