@@ -15,6 +15,7 @@ from nte.importing.channel_map import DEPTHS, NORMALS, SKY, ChannelMap
 from nte.importing.ids import UNNAMED
 from nte.motion.conventions import Convention
 
+LEAST_NORMAL = 0.1  # each normal has a greater component; what is smaller is a rounded 0
 _RINGS = 8  # px; unknown vectors this close to known ones are filled by depth
 
 
@@ -84,8 +85,12 @@ def revert_vectors(vectors: Pixels, convention: Convention) -> Pixels:
 
 
 def decoded(stored: Pixels) -> Pixels:
-    """Decode directions (3, H, W) stored as n/2 + 1/2; 0 stays 0 (no surface), as no unit vector is stored as 0."""
-    return np.where(stored.any(0), 2 * stored - 1, 0)
+    """Decode directions (3, H, W) stored as n/2 + 1/2.
+
+    What is no surface is 0: no unit vector is stored as 0, nor as the middle, which bytes and half floats round.
+    """
+    direction = 2 * stored - 1
+    return np.where(stored.any(0) & (np.abs(direction) > LEAST_NORMAL).any(0), direction, 0)
 
 
 def unit(vectors: npt.NDArray[np.floating]) -> npt.NDArray[np.float64]:

@@ -11,11 +11,10 @@ from nte.frames.channels import CHANNELS
 from nte.frames.clip import Pixels
 from nte.frames.exr import REC_709, Part
 from nte.importing.channel_map import ChannelMap
-from nte.importing.convert import decoded
+from nte.importing.convert import LEAST_NORMAL, decoded
 
 _CUT = -0.1, 1.1  # albedo beyond this range has another scale
 _OF_TWO = 2.1  # the same, where a specular and a transmitted colour are added
-_LEAST_NORMAL = 0.1  # components of a normal that is one; encoded, 0 is rounded
 _UNIT = 0.05  # greatest distance from 1 of the median length of normals that is not worth a word
 _COARSE = 0.1  # px: vectors in steps above this are worth a word
 _MANY = 0.01  # share of the pixels beyond that range from which on the user is told
@@ -116,7 +115,7 @@ class LostValues:
         """Mark the pixels (H, W) in which normals or instances show a surface; without both, positions."""
         shown = np.zeros(stored["depth"].shape[1:], np.bool_)
         if "normal" in stored:
-            shown |= (np.abs(self._normals(stored)) > _LEAST_NORMAL).any(0)
+            shown |= (np.abs(self._normals(stored)) > LEAST_NORMAL).any(0)
         if "instance" in stored:
             shown |= stored["instance"][0] != 0
         if "position" in stored and not {"normal", "instance"} & set(stored):

@@ -712,9 +712,10 @@ def test_a_grey_image_beside_depth(tmp_path: Path) -> None:
     np.testing.assert_allclose(frame["color"][0], np.stack([grey] * 3), rtol=1e-3)
 
 
-def test_a_pixel_without_a_normal_or_a_position_is_no_surface(tmp_path: Path) -> None:
-    """Where there is no depth, 0 among encoded normals and infinity among positions are misses."""
-    normal = np.zeros((3, *SIZE), np.float32)
+@pytest.mark.parametrize("miss", [0.0, 0.5, 127 / 255, 128 / 255])
+def test_a_pixel_without_a_normal_or_a_position_is_no_surface(tmp_path: Path, miss: float) -> None:
+    """Without depth, infinite positions are misses, and among encoded normals 0 and the middle, which bytes round."""
+    normal = np.full((3, *SIZE), miss, np.float32)
     normal[:, 5:] = np.reshape([0.5, 1.0, 0.5], (3, 1, 1))
     position = np.where(np.arange(SIZE[0])[:, None] < 5, np.inf, 2.0) * np.ones((3, *SIZE))
     layers = named("N", "XYZ", normal) | named("P", "XYZ", position) | named("C", "RGB", np.ones((3, *SIZE)))
