@@ -21,7 +21,8 @@ TRAVELS = ("normal", "position", "instance")
 MOVING_PX = 1.0  # shorter vectors tell nothing
 CAMERA = 0.5  # share of the picture that surfaces which move must fill for it to be the camera
 ENOUGH = 200  # least number of pixels that can tell
-CHANGE = 0.005  # least mean change along vectors that is told, of components, or share of the pixels with another id
+CHANGE = 0.005  # least mean change along vectors that is told: of components, of positions in units of their extent, or
+# the share of the pixels with another id
 MOST = 0.85  # least ratio of that to the change in the same pixel; measured: 0.04 to 0.8 in right clips, 0.87 to 3
 NOISE = 1.5  # least ratio of that to the change from pixel to pixel
 
@@ -41,18 +42,29 @@ def changes(previous: Frame, current: Frame, visible: Tensor, inner: Tensor) -> 
     for name in (name for name in TRAVELS if name in previous and name in current):
         now, before = current[name].nan_to_num(0, 0, 0), previous[name].nan_to_num(0, 0, 0)
         of_id = CHANNELS[name].kind == "id"
+        if of_id and not {"depth", "previous_forward_motion"} & {*current.channels}:
+            continue  # what is uncovered is unknown, and has another id
+        # Of surfaces that both frames show: a channel that one of them lost is told elsewhere.
+        seen = (now != 0).any(1, keepdim=True) & (before != 0).any(1, keepdim=True)
+        if CHANNELS[name].kind == "point":  # scene units may be of any size
+            size = _extent(now[0].flatten(1)[:, seen.flatten()])
+            now, before = now / size, before / size
         apart = [
             (now != other).float() if of_id else (now - other).abs().mean(1, keepdim=True).clamp(max=1)
             for other in (before, fetch_nearest(before, at), torch.cat([now[..., :1], now[..., :-1]], 3))
         ]
-        # Of surfaces that both frames show: a channel that one of them lost is told elsewhere.
-        seen = (now != 0).any(1, keepdim=True) & (before != 0).any(1, keepdim=True)
         if not of_id and float((moves & seen).float().mean()) < CAMERA:
             continue
         told = moves & seen & (visible if of_id else inner)
         still, along, beside = (float(values[told].sum()) for values in apart)
         found[name] = still, along, beside, int(told.sum())
     return found
+
+
+def _extent(points: Tensor) -> float:
+    """Median distance of points (3, n) from their mean; never 0."""
+    far = (points - points.mean(1, keepdim=True)).norm(dim=0)
+    return max(float(far.median()), 1e-30) if far.numel() else 1.0
 
 
 def judge_changes(pairs: Sequence[Changes]) -> Iterator[Finding]:

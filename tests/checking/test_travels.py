@@ -10,7 +10,7 @@ from nte.checking import CheckReport, check
 from nte.checking.travels import TRAVELS
 from nte.frames.clip import Clip
 from tests.checking.test_late import SHOTS
-from tests.synthetic import write_clip
+from tests.synthetic import Pixels, write_clip
 
 GIVEN = ("color", "albedo", "depth", "motion", *TRAVELS)
 ORDERS: dict[str, Callable[[int], int]] = {
@@ -53,3 +53,17 @@ def test_nothing_is_said_of_noise(tmp_path: Path) -> None:
         normal = frame["normal"] + (frame["depth"] > 0) * rng.normal(0, 0.4, frame["normal"].shape)
         frame["normal"] = (normal / np.linalg.norm(normal, axis=0).clip(min=1e-6)).astype(np.float32)
     assert not told(check(Clip(write_clip(tmp_path / "clip", frames))))
+
+
+@pytest.mark.parametrize("unit", [1e-3, 1e3])
+def test_units_of_positions_make_no_difference(tmp_path: Path, unit: float) -> None:
+    def frames(order: Callable[[int], int]) -> list[dict[str, Pixels]]:
+        given = ("color", "albedo", "instance", "motion")  # with depth, other checks would tell; ids are not judged
+        return [{n: SHOTS[i][n] for n in given} | {"position": unit * SHOTS[order(i)]["position"]} for i in range(7)]
+
+    right, frozen = (
+        check(Clip(write_clip(tmp_path / name, frames(order))))
+        for name, order in (("right", lambda i: i), ("frozen", ORDERS["frozen"]))
+    )
+    assert not told(right)
+    assert told(frozen) == ["position"]
