@@ -18,6 +18,7 @@ from nte.denoiser import Denoiser, Noisy, Session
 from nte.evaluation.benchmark.frames import clip_frames
 from nte.frames.clip import frame_path, write_frame
 from nte.frames.frame import Frame
+from nte.frames.guides import are_clean
 from nte.overlap import sleep_while_waiting
 from nte.registry import load_denoiser
 from nte.sequences.denoise import denoise_files
@@ -64,8 +65,10 @@ def main(arguments: Sequence[str]) -> int:
     sleep_while_waiting()  # as nte denoise does
     known = ("color", "albedo", "normal", "depth", "motion", "forward_motion")
     at = clip_frames(options.clip, options.size, known)
-    # Loose files do not say that their guides are clean; Open Image Denoise filters such guides first.
-    frames = [replace(at(index), clean_guides=None) for index in range(options.frames)]
+    frames = [at(index) for index in range(options.frames)]
+    # Loose files do not say that their guides are clean: nte denoise looks at some of them.
+    clean = are_clean(frames)
+    frames = [replace(frame, clean_guides=clean) for frame in frames]
     slow = False
     with TemporaryDirectory() as name:
         for index, frame in enumerate(frames):
