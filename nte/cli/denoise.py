@@ -59,4 +59,5 @@ def _denoise(options: argparse.Namespace) -> None:
         options.sources, denoiser, options.out, options.exposure, pictures, options.force, options.map, options.set,
         spec=spec, wanted=options.frames,
     )  # fmt: skip
-    print(f"{len(written)} frames in {options.out}")
+    made = [f"{len(written)} frames in {options.out}", *filter(None, (options.video, options.before_after))]
+    print(*made, sep=", ")

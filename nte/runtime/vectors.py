@@ -6,7 +6,7 @@ itself: both must give the outputs.
 
 import json
 import shutil
-from collections.abc import Iterable
+from collections.abc import Callable, Iterable
 from pathlib import Path
 from typing import TypeAlias
 
@@ -64,11 +64,13 @@ def write_vectors(model: Path, folder: Path, frames: Iterable[Frame] | None = No
         write_whole(folder / INDEX, lambda path: path.write_text(json.dumps(index, indent=1) + "\n", "utf-8"))
 
 
-def copy_with_vectors(model: Path, out: Path, folder: Path | None, force: bool = False) -> Path:
+def copy_with_vectors(
+    model: Path, out: Path, folder: Path | None, force: bool = False, progress: Callable[[str], None] = print
+) -> Path:
     """Copy an exported model to the file `out`, with test vectors of it in `folder`, and return its path.
 
-    Needs neither the run nor PyTorch. Raises NteError for a model that is not one of nte, and for a file, or vectors in
-    that folder, that exist without `force`.
+    Needs neither the run nor PyTorch. progress: called with a line about the vectors. Raises NteError for a model that
+    is not one of nte, and for a file, or vectors in that folder, that exist without `force`.
     """
     if folder is not None:
         refuse_to_replace([folder / INDEX], force)
@@ -77,6 +79,7 @@ def copy_with_vectors(model: Path, out: Path, folder: Path | None, force: bool =
         write_whole(out, lambda temporary: shutil.copyfile(model, temporary))
         if folder is not None:
             write_vectors(out, folder)
+            progress(f"test vectors of {FRAMES} frames are in {folder}")
     return out
 
 

@@ -57,6 +57,7 @@ def test_a_released_model_is_copied_with_vectors(tmp_path: Path, capsys: pytest.
     """Who ports it has neither a run nor PyTorch; the image of the denoiser below it is an input."""
     out, folder = tmp_path / "steady.onnx", tmp_path / "vectors"
     assert main(["export", "steady", "--out", str(out), "--vectors", str(folder)]) == 0
+    assert f"test vectors of 4 frames are in {folder}" in capsys.readouterr().out
     released = model_path("steady")
     assert released is not None
     assert out.read_bytes() == released.read_bytes()

@@ -143,6 +143,15 @@ def test_bad_pixels_of_the_noisy_image_are_magenta(tmp_path: Path) -> None:
     assert picture_of(tmp_path / "both.png")[2, 3].tolist() == [255, 0, 255]
 
 
+def test_the_last_line_names_every_picture_that_is_not_beside_the_frames(
+    noisy_disc: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    pictures = ["--png", "--video", "film.webp", "--before-after", "both.png"]
+    assert main(["denoise", str(noisy_disc), "--denoiser", "noisy", "--out", "out", *pictures]) == 0
+    assert capsys.readouterr().out == "4 frames in out, film.webp, both.png\n"
+
+
 @pytest.mark.parametrize(
     ("options", "message"),
     [
