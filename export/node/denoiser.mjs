@@ -10,11 +10,18 @@ export class Denoiser {
   #state = {}; // recurrent input → tensor; empty before the first frame of a sequence
   #size = ""; // batch, height and width of the sequence
 
-  /** Load a model, if it is whole. bytes: content of the .onnx file. options: as of ort.InferenceSession.create. */
-  static async load(ort, bytes, options = {}) {
+  /**
+   * Load a model, if it is whole. bytes: content of the .onnx file. options: as of ort.InferenceSession.create.
+   *
+   * kept: where the state stays between frames: with WebGPU "gpu-buffer". An output that is wanted and carried as well
+   * is there too then, until the next frame.
+   */
+  static async load(ort, bytes, options = {}, kept = "cpu") {
     const description = describe(bytes);
     await requireSeal(bytes);
-    return new Denoiser(ort, await ort.InferenceSession.create(bytes, options), description);
+    const places = Object.fromEntries(Object.values(description.state).map((source) => [source, kept]));
+    const placed = kept === "cpu" ? {} : { preferredOutputLocation: places };
+    return new Denoiser(ort, await ort.InferenceSession.create(bytes, { ...options, ...placed }), description);
   }
 
   constructor(ort, session, description) {
@@ -28,7 +35,7 @@ export class Denoiser {
 
   /** Let the next frame start a sequence. */
   reset() {
-    this.#state = {};
+    this.#keep({});
   }
 
   /**
@@ -52,7 +59,7 @@ export class Denoiser {
     const feed = { ...motion, ...frame, ...state, reset };
     const sources = this.recurrent.map(([, source]) => source).filter((source) => this.outputs.includes(source));
     const made = await this.run(feed, [...new Set([...wanted, ...sources])]);
-    this.#state = Object.fromEntries(this.recurrent.map(([name, source]) => [name, made[source] ?? feed[source]]));
+    this.#keep(Object.fromEntries(this.recurrent.map(([name, source]) => [name, made[source] ?? feed[source]])));
     this.#size = size;
     return Object.fromEntries(wanted.map((name) => [name, made[name]]));
   }
@@ -60,6 +67,12 @@ export class Denoiser {
   /** Run the graph alone: feed has a tensor for each input, the state among them. */
   run(feed, wanted = this.outputs) {
     return this.#session.run(Object.fromEntries(this.inputs.map((name) => [name, feed[name]])), wanted);
+  }
+
+  /** Replace the state; what it held in a GPU's memory is not collected by itself. */
+  #keep(state) {
+    for (const tensor of Object.values(this.#state)) if (tensor.location === "gpu-buffer") tensor.dispose();
+    this.#state = state;
   }
 
   #zeros(batch, height, width) {

@@ -21,7 +21,8 @@ async function load() {
   const bytes = new Uint8Array(await (await fetch("model.onnx")).arrayBuffer());
   if (await navigator.gpu?.requestAdapter()) {
     try {
-      return [await Denoiser.load(ort, bytes, { executionProviders: ["webgpu"], logSeverityLevel: 3 }), "WebGPU"];
+      const options = { executionProviders: ["webgpu"], logSeverityLevel: 3 };
+      return [await Denoiser.load(ort, bytes, options, "gpu-buffer"), "WebGPU"];
     } catch (error) {
       console.info(`WebGPU does not take the model: ${error.message}`);
     }

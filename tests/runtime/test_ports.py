@@ -242,6 +242,53 @@ def test_the_page_plays_a_clip_and_agrees_with_python(page: str, tmp_path: Path)
         browser.close()
 
 
+WHERE = """(async () => {
+  const modules = ["denoiser", "ort.webgpu.bundle.min", "vectors"].map((name) => import(`/${name}.mjs`));
+  const [{ Denoiser }, ort, { difference, readIndex, readTensors }] = await Promise.all(modules);
+  const read = async (file) => (await fetch(`/clip/${file}`)).arrayBuffer();
+  const options = { executionProviders: ["webgpu"], logSeverityLevel: 3 };
+  const bytes = new Uint8Array(await (await fetch("/model.onnx")).arrayBuffer());
+  const denoiser = await Denoiser.load(ort, bytes, options, "gpu-buffer");
+  const { frames } = await readIndex(read);
+  let [places, worst] = [undefined, 0];
+  for (const index of [0, 1, 0, 1]) {
+    if (index === 0) denoiser.reset();
+    const inputs = await readTensors(ort, frames[index].inputs, read);
+    const { image, next_history } = await denoiser.denoise(inputs, ["image", "next_history"]);
+    const expected = await readTensors(ort, { image: frames[index].outputs.image }, read);
+    places = `image: ${image.location}, state: ${next_history.location}`;
+    worst = Math.max(worst, difference(image.data, expected.image.data));
+  }
+  return { places, worst };
+})()"""
+
+
+@pytest.mark.slow
+@needs("npm")
+@needs_chromium
+def test_the_state_stays_on_the_gpu(page: str, tmp_path: Path) -> None:
+    """Also over a reset; on a GPU that Chromium plays in software."""
+    software = ("--enable-unsafe-webgpu", "--use-webgpu-adapter=swiftshader")
+    browser = Browser(tmp_path / "profile", *software, "--host-resolver-rules=MAP * ~NOTFOUND, EXCLUDE 127.0.0.1")
+    try:
+        browser.call("Page.navigate", url=page + "clip/vectors.json")
+        browser.wait("document.readyState === 'complete'")
+        if not browser.run("navigator.gpu?.requestAdapter().then(Boolean)"):
+            pytest.skip("Chromium has no WebGPU here, not even in software")
+        found = browser.run(WHERE)
+        assert found["places"] == "image: cpu, state: gpu-buffer"
+        assert found["worst"] < 1e-3
+        browser.errors.clear()  # this file has no icon
+        browser.call("Page.navigate", url=page)
+        browser.wait("Number(document.body?.dataset.shown) > 1")
+        found = browser.run("({...document.body.dataset})")
+        assert browser.errors == []
+        assert found["provider"] == "WebGPU"
+        assert float(found["worst"]) < 1e-3
+    finally:
+        browser.close()
+
+
 def test_no_operator_needs_float64(model: Path) -> None:
     """Which ONNX Runtime's build for WebGPU lacks, and graphics cards compute slowly."""
     import onnx
