@@ -15,6 +15,7 @@ import torch
 import torch.nn.functional as F
 from torch import Tensor
 
+from nte.checking.borrowed import BorrowedTally
 from nte.checking.textures import ONE_SURFACE
 from nte.checking.values import Finding
 from nte.frames.frame import Frame
@@ -47,9 +48,11 @@ class AlbedoTally:
 
     def __init__(self) -> None:
         self._steps: tuple[list[Steps], list[Steps]] = [], []  # as they are, and of the means of 3×3 pixels
+        self._borrowed = BorrowedTally()
 
     def add(self, frame: Frame) -> None:
-        """Add a PyTorch frame of batch 1; albedo, reference, and one of instance and depth are needed."""
+        """Add a PyTorch frame of batch 1; steps need albedo, reference, and one of instance and depth."""
+        self._borrowed.add(frame)
         if not ("albedo" in frame and "reference" in frame and ("instance" in frame or "depth" in frame)):
             return
         names = [name for name in ("albedo", "reference", "instance", "depth", "normal") if name in frame]
@@ -61,8 +64,13 @@ class AlbedoTally:
                     steps.append(_steps(channels))
 
     def judge(self) -> Iterator[Finding]:
-        """Yield a fault for albedo of another order of components, or that is encoded; a doubt if it is not seen."""
-        if not self._steps[0]:
+        """Yield a fault for albedo that is another channel, of another order of components, or encoded.
+
+        A doubt if it is not seen.
+        """
+        borrowed = list(self._borrowed.judge())
+        yield from borrowed
+        if borrowed or not self._steps[0]:
             return
         (albedo, light), means = (
             (torch.cat([step[0] for step in steps], 2), torch.cat([step[1] for step in steps], 1))

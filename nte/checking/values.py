@@ -121,7 +121,16 @@ def judge_values(tallies: Mapping[str, Tally]) -> list[Finding]:
         if any(tallies[name].seen > MANY * tallies[name].pixels for name in shown):
             expected = "above 0 wherever a surface is seen: too small, negative or infinite depths count as misses"
             found.append(Finding("depth", f"0 everywhere, though {' and '.join(others)} show surfaces", expected))
+    if "normal" in tallies and "position" not in tallies:  # which shows the surfaces
+        found += _one_normal(tallies["normal"])
     return found
+
+
+def _one_normal(entry: Tally) -> Iterator[Finding]:
+    vectors = torch.cat([*entry.directions, torch.empty(3, 0)], 1)
+    if vectors.numel() and float((vectors.amax(1) - vectors.amin(1)).max()) < ROUNDING:
+        found = f"({', '.join(f'{component:.3g}' for component in vectors.mean(1).tolist())}) everywhere"
+        yield Finding("normal", found, "the direction of each surface: it may stand for none at all", fault=False)
 
 
 def _judge(name: str, entry: Tally) -> Iterator[Finding]:

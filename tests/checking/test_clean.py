@@ -5,9 +5,11 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from nte.checking import describe
+from nte.checking import check, describe
+from nte.frames.clip import Clip
+from tests.checking.test_late import SHOTS, noisy
 from tests.checking.test_values import checked
-from tests.synthetic import Pixels
+from tests.synthetic import Pixels, write_clip
 
 
 @pytest.mark.parametrize(("samples", "told"), [(1, True), (16, False)])
@@ -29,3 +31,22 @@ def test_a_reference_that_is_as_noisy_as_the_colour_is_noted(tmp_path: Path, sam
 def test_two_images_without_noise_are_not_called_noisy(tmp_path: Path) -> None:
     report = checked(tmp_path, lambda frame, index: {"color": frame["reference"] * 1.002})
     assert [finding for finding in report.findings if "noisy" in finding.found] == []
+
+
+def blurred(image: Pixels, times: int) -> Pixels:
+    """Each time the variance of the blur, in px², grows by a half along each axis."""
+    for _ in range(times):
+        for axis in (1, 2):
+            image = (np.roll(image, 1, axis) + 2 * image + np.roll(image, -1, axis)) / 4
+    return image.astype(np.float32)
+
+
+@pytest.mark.parametrize("times", [2, 4])
+@pytest.mark.parametrize("of", ["color", "reference"])
+def test_a_reference_that_is_blurred_colour_is_noted(tmp_path: Path, of: str, times: int) -> None:
+    """Blurred without noise, as by a wide pixel filter, it is not."""
+    frames = [shot | {"color": noisy(shot["color"], i)} for i, shot in enumerate(SHOTS)]
+    frames = [frame | {"reference": blurred(frame[of], times)} for frame in frames]
+    told = [f for f in check(Clip(write_clip(tmp_path / "clip", frames))).findings if "follows the noise" in f.found]
+    assert bool(told) == (of == "color")
+    assert not any(f.fault for f in told)

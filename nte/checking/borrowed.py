@@ -1,0 +1,79 @@
+"""A check that albedo is not another channel of the same frames, in a layer that was taken for it: normals or depth.
+
+These move with their surfaces, too, so right vectors lead to them as they lead to albedo.
+"""
+
+from collections import defaultdict
+from collections.abc import Iterator
+from statistics import median
+
+import torch
+from torch import Tensor
+
+from nte.checking.values import Finding
+from nte.frames.frame import Frame
+
+ENOUGH = 200  # least number of pixels that can tell
+SAME = 0.01  # greatest difference of what is the same, but for rounding
+VARIES = 0.05  # least standard deviation of the albedo; a single colour may be any other channel's
+MOST = 0.9  # least share of the pixels that are the same
+LEVELS = 32  # least number of levels, of 256, of a grey that is depth: a few of them are a function of it by chance
+SHADES = {"normal": 1.0, "normal, stored as n/2 + 1/2": 0.5}  # what albedo may be → factor of normals, about the middle
+
+
+class BorrowedTally:
+    """Tally of how much of the albedo of some frames is the same as another channel."""
+
+    def __init__(self) -> None:
+        self._shares: dict[str, list[float]] = defaultdict(list)  # what albedo may be → share of the pixels of a frame
+
+    def add(self, frame: Frame) -> None:
+        """Add a PyTorch frame of batch 1; albedo, and one of normal and depth are needed."""
+        if "albedo" not in frame:
+            return
+        albedo = frame["albedo"][0].nan_to_num(0, 0, 0)
+        if "normal" in frame:
+            normal = frame["normal"][0].nan_to_num(0, 0, 0)
+            shown = (normal != 0).any(0)
+            if _varies(albedo[:, shown]):
+                for name, half in SHADES.items():
+                    apart = albedo - (half * normal + 1 - half).clamp(0, 1)
+                    self._shares[name].append(_same(apart[:, shown]))
+        if "depth" in frame:
+            depth = frame["depth"][0, 0].nan_to_num(0, 0, 0)
+            grey = (albedo - albedo[:1]).abs().amax(0) < SAME
+            shown = (depth > 0) & (albedo[0] > SAME) & (albedo[0] < 1 - SAME) & grey
+            if 2 * int(shown.sum()) > int((depth > 0).sum()) and _varies(albedo[:1, shown]):
+                self._shares["depth"].append(_function(albedo[0, shown].double(), depth[shown].double()))
+
+    def judge(self) -> Iterator[Finding]:
+        """Yield a fault for albedo that is another channel."""
+        for name, shares in self._shares.items():
+            if median(shares) > MOST:
+                found = f"is {name}, in {median(shares):.0%} of the pixels"
+                yield Finding("albedo", found, "the share of the light that is reflected, in each of three components")
+                return
+
+
+def _varies(albedo: Tensor) -> bool:
+    return albedo.shape[1] >= ENOUGH and float(albedo.std(dim=1).max()) > VARIES
+
+
+def _same(apart: Tensor) -> float:
+    return float((apart.abs().amax(0) < SAME).float().mean())
+
+
+def _function(grey: Tensor, depth: Tensor) -> float:
+    """Share of the greys (n,) that are a linear function of depth (n,), or of its inverse, whichever is greater."""
+    if len(torch.unique((255 * grey).round())) < LEVELS:
+        return 0.0
+    found = []
+    for values in (depth / depth.median(), depth.median() / depth):
+        rows = torch.stack([values, torch.ones_like(values)], 1)
+        kept = torch.ones_like(grey, dtype=torch.bool)
+        for _ in range(3):  # again without edges, which show means of surfaces
+            fitted = rows @ torch.linalg.lstsq(rows[kept], grey[kept, None]).solution
+            apart = (fitted[:, 0] - grey).abs()
+            kept = apart <= 3 * apart.median() + 1e-6
+        found.append(float((apart < SAME).double().mean()))
+    return max(found)

@@ -1,0 +1,58 @@
+"""Albedo that is another channel is told: normals and depth move with their surfaces as albedo does."""
+
+from collections.abc import Callable
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from nte.checking import CheckReport, check
+from nte.frames.clip import Clip
+from tests.checking.test_late import SHOTS, Shot, noisy
+from tests.synthetic import Pixels, write_clip
+
+FAR = max(float(shot["depth"].max()) for shot in SHOTS)
+TAKEN: dict[str, tuple[Callable[[Shot], Pixels], str]] = {
+    "normal": (lambda f: f["normal"].clip(0, 1), "is normal, in"),
+    "bytes": (lambda f: np.round(255 * f["normal"].clip(0, 1)) / 255, "is normal, in"),
+    "encoded": (lambda f: f["normal"] / 2 + 0.5, "is normal, stored as n/2 + 1/2, in"),
+    "depth": (lambda f: np.repeat(f["depth"] / FAR, 3, 0), "is depth, in"),
+    "inverse depth": (lambda f: np.where(f["depth"] > 0, 1 / f["depth"].clip(1), 0).repeat(3, 0), "is depth, in"),
+}
+
+
+def report_of(folder: Path, change: Callable[[Shot], Shot], reference: bool = True) -> CheckReport:
+    frames = [shot | {"color": noisy(shot["color"], i)} | change(shot) for i, shot in enumerate(SHOTS)]
+    left = [{n: v for n, v in frame.items() if reference or n != "reference"} for frame in frames]
+    return check(Clip(write_clip(folder / "clip", left)))
+
+
+@pytest.mark.parametrize("reference", [True, False])
+@pytest.mark.parametrize("taken", TAKEN)
+def test_another_channel_is_no_albedo(tmp_path: Path, taken: str, reference: bool) -> None:
+    channel, told = TAKEN[taken]
+    report = report_of(tmp_path, lambda f: {"albedo": channel(f).astype(np.float32)}, reference)
+    assert any(f.channel == "albedo" and f.fault and told in f.found for f in report.findings), report.findings
+    assert report.verdict == "implausible"
+
+
+@pytest.mark.parametrize("grey", [False, True])
+def test_albedo_is_no_other_channel(tmp_path: Path, grey: bool) -> None:
+    def change(frame: Shot) -> Shot:
+        return {"albedo": frame["albedo"].mean(0, keepdims=True).repeat(3, 0)} if grey else {}
+
+    findings = report_of(tmp_path, change, reference=not grey).findings
+    assert not [f for f in findings if f.channel == "albedo" and (f.fault or f.doubt)]
+
+
+def test_one_normal_for_all_is_noted(tmp_path: Path) -> None:
+    """Without position nothing contradicts it."""
+
+    def change(frame: Shot) -> Shot:
+        hit = frame["depth"] > 0
+        return {"normal": np.where(hit, np.reshape([0, 0, 1], (3, 1, 1)), 0).astype(np.float32)}
+
+    frames = [{n: v for n, v in (shot | change(shot)).items() if n != "position"} for shot in SHOTS]
+    report = check(Clip(write_clip(tmp_path / "clip", frames)))
+    assert "(0, 0, 1) everywhere" in [f.found for f in report.findings if f.channel == "normal"]
+    assert not [f for f in report_of(tmp_path / "right", lambda f: {}).findings if "everywhere" in f.found]
