@@ -30,6 +30,14 @@ def is_there(name: str) -> bool:
     return True
 
 
+@pytest.mark.parametrize("notebook", sorted((ROOT / "notebooks").glob("*.ipynb")), ids=lambda path: path.stem)
+def test_a_notebook_begins_with_its_title_and_has_no_other(notebook: Path) -> None:
+    cells = json.loads(notebook.read_text("utf-8"))["cells"]
+    lines = ["".join(cell["source"]).splitlines() for cell in cells if cell["cell_type"] == "markdown"]
+    titles = [line for cell in lines for line in cell if line.startswith("# ")]
+    assert titles == lines[0][:1]
+
+
 @pytest.mark.parametrize("page", PAGES, ids=lambda page: page.relative_to(ROOT).as_posix())
 def test_names_and_paths_of_a_page_exist(page: Path) -> None:
     text = page.read_text("utf-8")
