@@ -83,6 +83,17 @@ async function main() {
     Object.assign(document.body.dataset, { shown, index, provider, worst, time });
   }
 
+  const ask = element("ask");
+  ask.hidden = provider !== "WebGPU";
+  ask.onclick = async () => {
+    ask.disabled = true;
+    const worker = new Worker("placement.mjs", { type: "module" });
+    worker.onmessage = ({ data }) => {
+      element("refused").value = Array.isArray(data) ? data.join(", ") || "none" : data;
+      worker.terminate();
+    };
+    worker.postMessage(new Uint8Array(await (await fetch("model.onnx")).arrayBuffer()));
+  };
   const button = element("play");
   button.disabled = false;
   button.onclick = () => {

@@ -22,7 +22,14 @@ from nte.runtime.session import OnnxDenoiser
 from nte.runtime.vectors import write_vectors
 
 HERE = Path(__file__).resolve().parent
-PAGE = ("index.html", "page.mjs", "../node/denoiser.mjs", "../node/description.mjs", "../node/vectors.mjs")
+PAGE = (
+    "index.html",
+    "page.mjs",
+    "placement.mjs",
+    "../node/denoiser.mjs",
+    "../node/description.mjs",
+    "../node/vectors.mjs",
+)
 RUNTIME = (
     "ort.webgpu.bundle.min.mjs",
     "ort-wasm-simd-threaded.asyncify.wasm",

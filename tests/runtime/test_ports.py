@@ -18,6 +18,7 @@ import pytest
 
 from nte.errors import NteError
 from nte.frames.clip import Clip
+from nte.runtime.onnx_file import operators_of
 from nte.runtime.vectors import write_vectors
 from tests.evaluation.conftest import noisy_frames
 from tests.runtime.packages import EXPORT, needs, with_packages
@@ -266,7 +267,7 @@ WHERE = """(async () => {
 @pytest.mark.slow
 @needs("npm")
 @needs_chromium
-def test_the_state_stays_on_the_gpu(page: str, tmp_path: Path) -> None:
+def test_the_state_stays_on_the_gpu(page: str, model: Path, tmp_path: Path) -> None:
     """Also over a reset; on a GPU that Chromium plays in software."""
     software = ("--enable-unsafe-webgpu", "--use-webgpu-adapter=swiftshader")
     browser = Browser(tmp_path / "profile", *software, "--host-resolver-rules=MAP * ~NOTFOUND, EXCLUDE 127.0.0.1")
@@ -285,6 +286,12 @@ def test_the_state_stays_on_the_gpu(page: str, tmp_path: Path) -> None:
         assert browser.errors == []
         assert found["provider"] == "WebGPU"
         assert float(found["worst"]) < 1e-3
+        browser.run("document.querySelector('#ask').click()")
+        browser.wait("document.querySelector('#refused').value !== ''")
+        refused = set(browser.run("document.querySelector('#refused').value").split(", "))
+        assert {"IsInf", "IsNaN"} <= refused <= operators_of(model)
+        assert not refused & {"Conv", "GridSample", "Resize"}  # which cost time
+        assert browser.errors == []  # of what its log says, nothing is left on the console
     finally:
         browser.close()
 
