@@ -43,9 +43,9 @@ def _birth(process: int) -> str:
     """
     try:
         boot = Path("/proc/sys/kernel/random/boot_id").read_text()
-        state = Path(f"/proc/{process}/stat").read_text(errors="replace").rpartition(")")[2].split()
-        return _ENDED if state[0] in "ZX" else _digest(boot + state[19])
-    except (OSError, IndexError):
+        state, *others = Path(f"/proc/{process}/stat").read_text(errors="replace").rpartition(")")[2].split()
+        return _ENDED if state in "ZX" else _digest(boot + others[18])
+    except (OSError, IndexError, ValueError):
         return _UNKNOWN
 
 

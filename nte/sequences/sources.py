@@ -66,7 +66,7 @@ def first_frame(sources: Sequence[Path], target: str, map_name: str | None, over
 def guides_are_clean(
     sources: Sequence[Path], target: str, map_name: str | None, overrides: Sequence[str]
 ) -> bool | None:
-    """Tell whether albedo and normals are antialiased and noise-free, as four frames of the sequence show.
+    """Tell whether albedo and normals are antialiased and noise-free, as at most four frames of the sequence show.
 
     None if there are neither.
     """
