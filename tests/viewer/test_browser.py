@@ -415,3 +415,13 @@ def test_the_report_of_an_evaluation_opens_and_says_its_numbers(
     browser.press("ArrowRight")
     browser.settle()
     assert browser.errors == []
+
+
+def test_the_values_of_many_denoisers_fit_800_pixels(browser: Browser, noisy_clip: Path, tmp_path: Path) -> None:
+    many = {f"denoiser {number}": load_denoiser("noisy") for number in range(12)}
+    browser.open(view([noisy_clip], many, tmp_path / "out"))
+    browser.size(800, 900)
+    browser.settle()
+    assert browser.run("document.querySelector('[data-metric=psnr] .read').children.length") == 12
+    assert browser.run("document.documentElement.scrollWidth") <= 800
+    browser.size(*WINDOW)
