@@ -27,6 +27,7 @@ from tests.synthetic import write_clip
 from tests.viewer.browser import Browser, needs_chromium
 
 FRAMES = 20
+CPP_NEEDS = ("npm", "cmake", "ninja", "c++")
 FOUND = re.compile(r"^with the state (.*): (\d+) frames, largest difference ([-+.\de]+) \(", re.MULTILINE)
 
 
@@ -63,6 +64,13 @@ def cpp(tmp_path_factory: pytest.TempPathFactory) -> list[str]:
     if json_package is None or json_package.origin is None:
         pytest.skip("nlohmann-json is not installed: pip install nlohmann-json")
     folder = with_packages("cpp", tmp_path_factory.mktemp("cpp") / "consumer")
+    (folder / "mistakes.cpp").write_text(MISTAKES_CPP)
+    with (folder / "CMakeLists.txt").open("a") as lists:
+        lists.write(
+            "add_executable(mistakes mistakes.cpp)\n"
+            "target_link_libraries(mistakes PRIVATE nte_denoiser)\n"
+            "set_target_properties(mistakes PROPERTIES BUILD_RPATH ${CMAKE_BINARY_DIR})\n"
+        )
     build = folder / "build"
     prefix = Path(json_package.origin).parent
     flags = [f"-DCMAKE_PREFIX_PATH={prefix}", "-DCMAKE_CXX_FLAGS=-Wall -Wextra -Wpedantic -Werror", "-G", "Ninja"]
@@ -75,7 +83,7 @@ def cpp(tmp_path_factory: pytest.TempPathFactory) -> list[str]:
 @pytest.fixture(
     params=[
         pytest.param("node", marks=needs("node", "npm")),
-        pytest.param("cpp", marks=needs("npm", "cmake", "ninja", "c++")),
+        pytest.param("cpp", marks=needs(*CPP_NEEDS)),
     ]
 )
 def check(request: pytest.FixtureRequest) -> list[str]:
@@ -119,7 +127,7 @@ def test_a_program_sees_what_is_wrong(check: list[str], model: Path, vectors: Pa
     assert said.count("more than 0.001") == 2
 
 
-MISTAKES = """
+MISTAKES_NODE = """
 import { readFileSync } from "node:fs";
 import * as ort from "onnxruntime-node";
 import { Denoiser } from "./denoiser.mjs";
@@ -141,18 +149,62 @@ for (const frame of frames) {
 }
 """
 
+MISTAKES_CPP = """
+#define main check
+#include "check.cpp"
+#undef main
+int main(int, char** arguments) {
+    const Path folder = arguments[2];
+    std::ifstream stream(folder / "vectors.json");
+    nte::Denoiser denoiser(arguments[1]);
+    bool first = true;
+    const Json index = Json::parse(stream);
+    for (const auto& frame : index.at("frames")) {
+        const nte::Tensors inputs = read(folder, frame.at("inputs"));
+        std::vector<nte::Tensors> mistakes(first ? 2 : 3, inputs);  // the first frame may have any size
+        mistakes[0].erase("exposure");
+        mistakes[1].erase("motion");
+        if (!first) mistakes[2]["color"] = {{1, 3, 32, 32}, std::vector<float>(3 * 32 * 32)};
+        for (const auto& mistake : mistakes) {
+            try {
+                denoiser.denoise(mistake);
+            } catch (const std::exception& error) {
+                std::puts(error.what());
+            }
+        }
+        const auto made = denoiser.denoise(inputs);
+        const auto expected = read(folder, frame.at("outputs"));
+        std::puts(difference(made.at("image").values, expected.at("image").values) < 1e-3 ? "true" : "false");
+        first = false;
+    }
+}
+"""
+
+
+def judge_mistakes(said: str, motion: str, size: str) -> None:
+    """Four frames, each after two or three that failed, with the message for a missing channel and another size."""
+    assert said.count("true") == 4, said
+    assert said.count(motion) == 4, said
+    assert said.count(f"batch, height and width are {size}: call reset before another size") == 3, said
+
 
 @pytest.mark.slow
 @needs("node", "npm")
-def test_a_sequence_goes_on_after_a_mistake(node: list[str], model: Path, vectors: Path) -> None:
+def test_a_sequence_goes_on_after_a_mistake_in_node(node: list[str], model: Path, vectors: Path) -> None:
     """In the first frame as well, whose state is that of no frame."""
     script = Path(node[1]).with_name("mistakes.mjs")
-    script.write_text(MISTAKES)
+    script.write_text(MISTAKES_NODE)
     code, said = run(["node", str(script)], model, vectors / "hard")
     assert code == 0, said
-    assert said.count("true") == 4, said
-    assert said.count("the frame lacks motion; it has ") == 4, said
-    assert said.count("batch, height and width are 1,32,32 after 1,40,48: call reset before another size") == 3, said
+    judge_mistakes(said, "the frame lacks motion; it has ", "1,32,32 after 1,40,48")
+
+
+@pytest.mark.slow
+@needs(*CPP_NEEDS)
+def test_a_sequence_goes_on_after_a_mistake_in_cpp(cpp: list[str], model: Path, vectors: Path) -> None:
+    code, said = run([str(Path(cpp[0]).with_name("mistakes"))], model, vectors / "hard")
+    assert code == 0, said
+    judge_mistakes(said, "the input 'motion' is missing", "1, 32, 32 after 1, 40, 48")
 
 
 @pytest.mark.slow
