@@ -15,9 +15,10 @@ from nte.frames.quiet import quiet
 
 Value = TypeVar("Value", bound=np.generic)
 HALF_MAX = 65504.0
-LOSSY = {
-    OpenEXR.B44_COMPRESSION: "B44", OpenEXR.B44A_COMPRESSION: "B44A", OpenEXR.DWAA_COMPRESSION: "DWAA",
-    OpenEXR.DWAB_COMPRESSION: "DWAB",
+# compression that changes values → the types of those that it changes
+_LOSSY = {
+    "B44": (np.float16,), "B44A": (np.float16,), "PXR24": (np.float32,),
+    "DWAA": (np.float16, np.float32), "DWAB": (np.float16, np.float32), "LJ2K": (np.float16, np.float32),
 }  # fmt: skip
 REC_709 = (0.64, 0.33, 0.3, 0.6, 0.15, 0.06, 0.3127, 0.329)  # chromaticities of red, green, blue and white
 HALF_TINY = 2.0**-14  # smallest normal half float; smaller ones have fewer digits
@@ -41,7 +42,7 @@ class Part(NamedTuple):
     outside: npt.NDArray[np.bool_] | None = None  # (H, W): outside the data window, where layers are 0; None: nowhere
     subsampled: tuple[str, ...] = ()  # channels that are no layers, as they have less than one value per pixel
     aspect: float = 1.0  # width of a pixel in units of its height
-    lossy: str = ""  # name of a compression that changes values
+    lossy: str = ""  # name of a compression that changes values of the part
     primaries: tuple[float, ...] = REC_709  # chromaticities x, y of red, green, blue and white
 
     def full(self, channel: str) -> str:
@@ -196,7 +197,8 @@ def _read_part(path: Path, part: OpenEXR.Part, one_of_several: bool) -> Part:
     view, views = str(part.header.get("view", "")), tuple(part.header.get("multiView", ()))
     aspect = float(part.header.get("pixelAspectRatio", 1))
     aspect = aspect if 0 < aspect < np.inf else 1.0
-    lossy = LOSSY.get(part.header["compression"], "")
+    compression = part.header["compression"].name.removesuffix("_COMPRESSION")
+    lossy = compression if any(pixels.dtype in _LOSSY.get(compression, ()) for pixels in full.values()) else ""
     primaries = tuple(map(float, part.header.get("chromaticities", REC_709)))
     return Part(name, view, layers, views, outside if outside.any() else None, subsampled, aspect, lossy, primaries)
 

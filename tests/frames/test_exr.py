@@ -193,6 +193,20 @@ def test_a_subsampled_channel_beside_the_picture_is_left_out(tmp_path: Path) -> 
     assert not (tmp_path / "out").exists()
 
 
+@pytest.mark.parametrize("compression", ["B44", "DWAA", "PIZ", "PXR24", "ZIP"])
+@pytest.mark.parametrize("kind", [np.float16, np.float32, np.uint32])
+def test_a_compression_is_lossy_for_the_types_that_it_changes(
+    tmp_path: Path, compression: str, kind: type[np.generic]
+) -> None:
+    picture = {c: (999 * np.random.default_rng(0).random((64, 64))).astype(kind) for c in "RGB"}
+    header = {"type": OpenEXR.scanlineimage, "compression": getattr(OpenEXR, f"{compression}_COMPRESSION")}
+    with OpenEXR.File(header, dict(picture)) as file:
+        file.write(str(tmp_path / "a.exr"))
+    (part,) = read_parts(tmp_path / "a.exr")
+    changed = any(not np.array_equal(part.layers[c], picture[c]) for c in "RGB")
+    assert part.lossy == (compression if changed else "")
+
+
 def test_deep_files_are_refused(tmp_path: Path) -> None:
     samples = np.empty((2, 3), object)
     for index in np.ndindex(samples.shape):

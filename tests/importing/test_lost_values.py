@@ -106,10 +106,11 @@ def test_positions_without_depth_are_told(tmp_path: Path, capsys: pytest.Capture
     ("header", "told"),
     [
         ({"compression": OpenEXR.DWAA_COMPRESSION}, "lossy: DWAA compression changes vectors, normals and ids too"),
+        ({"compression": OpenEXR.PXR24_COMPRESSION}, "lossy: PXR24 compression changes"),  # 100001 becomes 100002
         ({"chromaticities": (0.713, 0.293, 0.165, 0.83, 0.128, 0.044, 0.3217, 0.3377)}, "the primaries 0.713 0.293 "),
         ({"compression": OpenEXR.PIZ_COMPRESSION, "chromaticities": REC_709}, ""),
     ],
-    ids=["DWAA", "ACEScg", "as usual"],
+    ids=["DWAA", "PXR24", "ACEScg", "as usual"],
 )
 def test_what_a_header_says_of_values_is_told(
     tmp_path: Path, capsys: pytest.CaptureFixture[str], header: dict[str, object], told: str
