@@ -691,6 +691,24 @@ def test_a_star_takes_no_digit_and_no_sign_of_the_frame_number(tmp_path: Path, p
     assert {number: path.name for number, path in found.items()} == {n: f"s.{n}.exr" for n in range(-12, 13)}
 
 
+@pytest.mark.parametrize("numbers", [(1, 2), (3, 4)])
+def test_a_pattern_that_fits_two_sequences_is_refused(tmp_path: Path, numbers: tuple[int, int]) -> None:
+    """Also where the numbers of the second go on after those of the first."""
+    for name in ("a.1.exr", "a.2.exr", *(f"b.{number}.exr" for number in numbers)):
+        (tmp_path / name).touch()
+    with pytest.raises(NteError, match=r"'\*\.#\.exr' fits 2 sequences, such as a\.2\.exr and b\.\d\.exr: name one"):
+        files_of_pattern(tmp_path, "*.#.exr")
+    assert len(files_of_pattern(tmp_path, "b.#.exr")) == 2
+
+
+def test_a_star_may_be_another_in_each_file(tmp_path: Path) -> None:
+    """A folder for each frame, with the number in both names."""
+    for number in (1, 2, 3):
+        (tmp_path / f"{number:04d}").mkdir()
+        (tmp_path / f"{number:04d}" / f"beauty.{number}.exr").touch()
+    assert list(files_of_pattern(tmp_path, "*/beauty.#.exr")) == [1, 2, 3]
+
+
 @pytest.mark.parametrize("how", ["folder", "pattern", "map"])
 def test_a_frame_that_is_a_link_to_nothing_is_named(
     tmp_path: Path, capsys: pytest.CaptureFixture[str], how: str
