@@ -124,7 +124,9 @@ class GeometryTally:
             share = f"in {self._alone / self._pixels:.1%} of the pixels there is a depth and no {self._blank}"
             beyond = self._alone_low >= self._others_high > 0
             found = f"{share}: {self._alone_low:.4g} to {self._alone_high:.4g}"
-            yield Finding("depth", f"{found}, beyond all surfaces" if beyond else found, expected, beyond)
+            surely = self._blank == "normal"  # engines may number only some of the things
+            told = f"{found}, beyond all surfaces" if beyond else found
+            yield Finding("depth", told, expected, beyond and surely, beyond and not surely)
         elif self._constant > MANY * self._pixels:
             share = f"{self._constant / self._pixels:.1%} of the pixels have exactly the greatest depth"
             found = f"{share}, {self._high:.4g}, over {FAR:.0f} times that of the others"

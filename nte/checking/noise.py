@@ -46,8 +46,11 @@ class NoiseTally:
             return
         self._frames += 1
         if "reference" in current and "reference" in previous and "motion" in current:
-            moves = float(current["motion"].nan_to_num(0, 0, 0).norm(dim=1).mean()) > MOVING_PX
-            if moves and bool((current["reference"] == previous["reference"]).all()):
+            length = current["motion"].nan_to_num(0, 0, 0).norm(dim=1)[0]
+            moving = current["reference"][0][:, length > MOVING_PX]
+            seen = bool((moving != moving[:, :1]).any())  # in the dark, or in an even light, nothing is
+            same = bool((current["reference"] == previous["reference"]).all())
+            if float(length.mean()) > MOVING_PX and seen and same:
                 self._held.append(current.index)
         if bool(current["color"].any()) and bool((current["color"] == previous["color"]).all()):
             self._repeated.append(current.index)

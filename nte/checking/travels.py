@@ -68,16 +68,23 @@ def _extent(points: Tensor) -> float:
 
 
 def judge_changes(pairs: Sequence[Changes]) -> Iterator[Finding]:
-    """Yield a doubt for each channel that does not move as its surfaces do. pairs: of plausible vectors.
+    """Yield a doubt for each channel that does not move as its surfaces do, in most pairs as well as in all together.
 
-    Where normals and positions change alike, and ids do not, it is the surface that changes, as of an ocean.
+    pairs: of plausible vectors. Where normals and positions change alike, and ids do not, it is the surface that
+    changes, as of an ocean.
     """
     wrong = list[Finding]()
     for name in TRAVELS:
-        still, along, beside, number = (sum(pair[name][i] for pair in pairs if name in pair) for i in range(4))
-        if number >= ENOUGH and along > max(CHANGE * number, MOST * still, NOISE * beside):
+        told = [pair[name] for pair in pairs if name in pair and pair[name][3]]
+        still, along, beside, number = (sum(pair[i] for pair in told) for i in range(4))
+        lost = sum(_is_lost(*pair) for pair in told)
+        if number >= ENOUGH and 2 * lost > len(told) and _is_lost(still, along, beside, number):
             found = f"changes by {along / number:.2g} along motion, and by {still / number:.2g} in the same pixel"
             expected = "the same frames as motion and albedo; or everything turns by itself"
             wrong.append(Finding(name, found, expected, False, True))
     if [finding.channel for finding in wrong] != ["normal", "position"]:
         yield from wrong
+
+
+def _is_lost(still: float, along: float, beside: float, number: float) -> bool:
+    return along > max(CHANGE * number, MOST * still, NOISE * beside)

@@ -95,6 +95,16 @@ def test_what_does_not_agree_fails(tmp_path: Path, change: Change, told: str) ->
     assert told in report.reason
 
 
+def test_a_depth_without_an_instance_beyond_the_others_is_a_doubt(tmp_path: Path) -> None:
+    """It may be the sky at a far plane, or a background that was given no id."""
+    without = ("normal", "position")
+    sky = checked(tmp_path / "sky", sky_at(1e3), without)
+    some = checked(tmp_path / "some", lambda f, i: {"instance": f["instance"] * (f["depth"] < 4)}, without)
+    for report in (sky, some):
+        assert report.verdict == "undecidable"
+        assert "there is a depth and no instance" in report.reason
+
+
 def test_a_wall_alone_says_nothing_of_sides(tmp_path: Path) -> None:
     """Where all points lie in a plane, depth has no gradient across it."""
     y, x = np.mgrid[: SIZE[0], : SIZE[1]] / 32

@@ -87,6 +87,15 @@ def test_a_reference_that_is_held_is_a_doubt(tmp_path: Path) -> None:
     assert not [f for f in report.findings if f.channel == "reference" and "same image" in f.found]
 
 
+@pytest.mark.parametrize("light", [0.0, 0.5])
+def test_nothing_is_said_of_a_reference_in_the_dark_or_in_an_even_light(tmp_path: Path, light: float) -> None:
+    """A film that fades in begins with frames that are all black, and things move there."""
+    frames = [frame | {"reference": np.full_like(frame["reference"], light)} for frame in FRAMES[:3]]
+    frames = [frame | {"color": 2 * light * noisy(np.float32(frame["reference"] > 0), 1)} for frame in frames]
+    report = check(Clip(write_clip(tmp_path / "clip", [*frames, *FRAMES[3:]])))
+    assert not [f for f in report.findings if f.channel == "reference" and "same image" in f.found]
+
+
 @pytest.mark.parametrize("value", [0.25, 1.0])
 def test_one_albedo_for_all_is_noted(tmp_path: Path, value: float) -> None:
     """Engines without that pass write white, or grey."""

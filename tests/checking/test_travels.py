@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from nte.checking import CheckReport, check
-from nte.checking.travels import TRAVELS
+from nte.checking.travels import TRAVELS, Changes, judge_changes
 from nte.frames.clip import Clip
 from tests.checking.test_late import SHOTS
 from tests.synthetic import Pixels, write_clip
@@ -53,6 +53,14 @@ def test_nothing_is_said_of_noise(tmp_path: Path) -> None:
         normal = frame["normal"] + (frame["depth"] > 0) * rng.normal(0, 0.4, frame["normal"].shape)
         frame["normal"] = (normal / np.linalg.norm(normal, axis=0).clip(min=1e-6)).astype(np.float32)
     assert not told(check(Clip(write_clip(tmp_path / "clip", frames))))
+
+
+@pytest.mark.parametrize(("lost", "doubts"), [(1, 0), (2, 0), (3, 1), (5, 1)])
+def test_most_pairs_of_frames_must_agree(lost: int, doubts: int) -> None:
+    """A camera that flies out of a thing that turns loses much in a few frames, more than in all the others."""
+    right: Changes = {"instance": (10.0, 5.0, 1.0, 1000)}
+    wrong: Changes = {"instance": (100.0, 200.0, 1.0, 1000)}
+    assert len(list(judge_changes([right] * (5 - lost) + [wrong] * lost))) == doubts
 
 
 @pytest.mark.parametrize("unit", [1e-3, 1e3])
