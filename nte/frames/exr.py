@@ -40,6 +40,7 @@ class Part(NamedTuple):
     layers: dict[str, npt.NDArray[np.generic]]  # channel name → (H, W), as stored
     views: tuple[str, ...] = ()  # all views of a part that holds several, the default one first
     outside: npt.NDArray[np.bool_] | None = None  # (H, W): outside the data window, where layers are 0; None: nowhere
+    overscan: bool = False  # the data window has pixels outside the display window, which are left out
     subsampled: tuple[str, ...] = ()  # channels that are no layers, as they have less than one value per pixel
     aspect: float = 1.0  # width of a pixel in units of its height
     lossy: str = ""  # name of a compression that changes values of the part
@@ -103,6 +104,8 @@ def load_exr(path: Path, size: tuple[int, int] | None = None) -> tuple[OpenEXR.F
     except ZeroDivisionError as error:  # which the library raises for a rate of 0/0
         raise NteError(f"{path}: the header has a fraction with the divisor 0: remove or correct it") from error
     except (RuntimeError, ValueError, OSError) as error:
+        if (what := str(error)).startswith("unsupported attribute type"):
+            raise NteError(f"{path}: the header has an {what}: remove the attribute") from error
         raise NteError(f"{path}: the OpenEXR file is truncated or damaged: render or copy it again") from error
     promised = [bool(header.get("channels")) for header in headers]
     # How the library reports some truncated files: a part that it could not decode has no channels.
@@ -194,13 +197,16 @@ def _read_part(path: Path, part: OpenEXR.Part, one_of_several: bool) -> Part:
     layers = {name: _to_display_window(part.header, pixels) for name, pixels in full.items()}
     name = str(part.header.get("name", "")) if one_of_several else ""
     outside = ~_to_display_window(part.header, np.ones(window_size(part.header["dataWindow"]), np.bool_))
+    (left, top), (right, bottom) = np.array(part.header["dataWindow"]) - part.header["displayWindow"]
+    overscan = bool(min(left, top) < 0 or max(right, bottom) > 0)
     view, views = str(part.header.get("view", "")), tuple(part.header.get("multiView", ()))
     aspect = float(part.header.get("pixelAspectRatio", 1))
     aspect = aspect if 0 < aspect < np.inf else 1.0
     compression = part.header["compression"].name.removesuffix("_COMPRESSION")
     lossy = compression if any(pixels.dtype in _LOSSY.get(compression, ()) for pixels in full.values()) else ""
     primaries = tuple(map(float, part.header.get("chromaticities", REC_709)))
-    return Part(name, view, layers, views, outside if outside.any() else None, subsampled, aspect, lossy, primaries)
+    beyond = outside if outside.any() else None
+    return Part(name, view, layers, views, beyond, overscan, subsampled, aspect, lossy, primaries)
 
 
 def _to_display_window(header: dict[str, object], pixels: npt.NDArray[Value]) -> npt.NDArray[Value]:

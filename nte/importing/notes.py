@@ -21,23 +21,27 @@ _MANY = 0.01  # share of the pixels beyond that range from which on the user is 
 
 
 class LeftInFiles:
-    """Record of what a clip does not keep of its files: subsampled channels, primaries, and values as they were."""
+    """Record of what is not kept of files: subsampled channels, overscan, values as they were, and primaries."""
 
     def __init__(self) -> None:
         self._subsampled: set[str] = set()
+        self._overscan = False
         self._lossy: set[str] = set()
         self._primaries: set[tuple[float, ...]] = set()
 
     def look(self, parts: Sequence[Part]) -> None:
         """Add the parts of a file."""
         self._subsampled |= {part.full(name) for part in parts for name in part.subsampled}
+        self._overscan |= any(part.overscan for part in parts)
         self._lossy |= {part.lossy for part in parts if part.lossy}
         self._primaries |= {part.primaries for part in parts if not np.allclose(part.primaries, REC_709, atol=1e-3)}
 
     def notes(self) -> Iterator[str]:
-        """Write a line for each of the three."""
+        """Write a line for each of the four."""
         if self._subsampled:
             yield f"left out: {', '.join(sorted(self._subsampled))}: subsampled, without a value for every pixel"
+        if self._overscan:
+            yield "left out: overscan, the pixels outside the display window: nte denoise leaves them noisy"
         if self._lossy:
             yield f"lossy: {', '.join(sorted(self._lossy))} compression changes vectors, normals and ids too: write ZIP"
         for primaries in sorted(self._primaries):

@@ -8,7 +8,7 @@ import numpy as np
 
 from nte.errors import NteError
 from nte.files import is_inside
-from nte.frames.channels import CHANNELS, VECTORS
+from nte.frames.channels import CHANNELS, RGB, VECTORS
 from nte.frames.clip import Pixels
 from nte.frames.exr import Part, read_parts
 from nte.frames.exr_copy import Place
@@ -204,6 +204,9 @@ class ForeignSequence:
             if found
         )
         yield f"read {', '.join(taken)}"
+        for name, (_, found) in self.first.items():
+            if found and CHANNELS[name].components == RGB and found.names[0][0].rpartition(".")[2] in ("X", "x"):
+                yield f"not converted: {name} is stored as X, Y and Z, which are shown as if they were R, G and B"
         yield from self.left.notes()
         yield from self.odd.notes()
         yield from self.lost.notes()

@@ -264,6 +264,15 @@ def test_a_fraction_without_a_value_is_called_so(tmp_path: Path) -> None:
         read_exr(path)
 
 
+def test_an_attribute_that_the_library_cannot_read_is_called_so(tmp_path: Path) -> None:
+    path = tmp_path / "a.exr"
+    write_exr(path, {"Z": np.zeros((1, 1), np.float32)})
+    whole, state = path.read_bytes(), b"deepImageState\0deepImageState\0" + struct.pack("<IB", 1, 1)
+    path.write_bytes(whole[:8] + state + whole[8:])
+    with pytest.raises(NteError, match=r"a\.exr: the header has an unsupported attribute type: deepImageState: remove"):
+        read_exr(path)
+
+
 @pytest.mark.parametrize("lost", [1, 200])
 def test_a_part_that_is_cut_off_is_no_missing_part(tmp_path: Path, lost: int) -> None:
     """The library gives the parts that it can decode, and an empty one for the part that it cannot."""

@@ -467,6 +467,14 @@ def test_grey_images_and_scalars_stored_as_grey(tmp_path: Path) -> None:
     np.testing.assert_allclose(clip.frame(0)["roughness"][0, 0], rough, atol=1e-3)
 
 
+def test_colour_in_x_y_and_z_is_told(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """Spectral renderers write CIE XYZ under these names."""
+    told = "not converted: color is stored as X, Y and Z"
+    for components in ("XYZ", "RGB"):
+        imported(tmp_path, write(tmp_path / components, [image(*components)]), {"channels": {"color": "."}}, "--force")
+        assert (told in capsys.readouterr().out) == (components == "XYZ")
+
+
 def test_components_named_in_whole_words(tmp_path: Path) -> None:
     layers = image("R", "G", "B", "kd.red", "kd.green", "kd.blue", "mv.red", "mv.green")
     about = {"channels": {"color": ".", "albedo": "kd", "motion": "mv"}}
