@@ -170,10 +170,11 @@ def merge_parts(path: Path, parts: Sequence[Part]) -> dict[str, npt.NDArray[np.g
     return merged
 
 
-def split_views(parts: Iterable[Part]) -> list[Part]:
+def split_views(path: Path, parts: Iterable[Part]) -> list[Part]:
     """Cut each part that holds several views (the attribute multiView) into one part per view; keep all others.
 
     In a channel's name the view is the last word but one, and is removed; channels of the default view may lack it.
+    Raises NteError, naming `path`, for a channel that the default view has with and without its name.
     """
     cut: list[Part] = []
     for part in parts:
@@ -181,7 +182,11 @@ def split_views(parts: Iterable[Part]) -> list[Part]:
         for name, pixels in part.layers.items() if views else ():
             *words, component = name.split(".")
             view = words.pop() if words and words[-1] in views else part.views[0]
-            views[view][".".join([*words, component])] = pixels
+            alone = ".".join([*words, component])
+            if alone in views[view]:
+                both = f"view '{view}' has channel '{alone}' twice, with and without its name"
+                raise NteError(f"{path}: {both}: name layers in full in the channel map, instead of the view")
+            views[view][alone] = pixels
         cut += [part._replace(view=v, layers=layers, views=()) for v, layers in views.items() if layers] or [part]
     return cut
 

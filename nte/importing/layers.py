@@ -48,7 +48,7 @@ def choose(path: Path, parts: Sequence[Part], source: Source) -> Stored:
     Without a name all parts, or all views, are merged. Raises NteError for a part or view that the file does not have,
     and for a name that two of the merged parts have.
     """
-    chosen = split_views(parts) if source.view else list(parts)
+    chosen = split_views(path, parts) if source.view else list(parts)
     if source.view:
         views = sorted({part.view for part in chosen} - {""})
         if source.view not in views:
@@ -87,11 +87,10 @@ def outside(path: Path, parts: Sequence[Part], source: Source, found: Found) -> 
     if all(part.outside is None for part in parts):
         return None
 
-    def mask(part: Part) -> npt.NDArray[np.bool_]:
-        size = next(iter(part.layers.values())).shape
-        return np.zeros(size, np.bool_) if part.outside is None else part.outside
+    def mask(part: Part, pixels: npt.NDArray[np.generic]) -> npt.NDArray[np.bool_]:
+        return np.zeros(pixels.shape, np.bool_) if part.outside is None else part.outside
 
-    marked = [part._replace(layers=dict.fromkeys(part.layers, mask(part))) for part in parts if part.layers]
+    marked = [part._replace(layers={name: mask(part, p) for name, p in part.layers.items()}) for part in parts]
     masks = choose(path, marked, source)
     empty = [np.any([masks[name] for name in names], axis=0) for names in found.names]
     return np.asarray(np.all(empty, axis=0))

@@ -47,6 +47,6 @@ def _shipped_maps() -> Mapping[str, ChannelMap]:
 
 
 def _first_view(path: Path) -> Stored:
-    parts = split_views(read_parts(path))
+    parts = split_views(path, read_parts(path))
     first = next((part.view for part in parts if part.view), "")
     return merge_parts(path, [part for part in parts if part.view in ("", first)])

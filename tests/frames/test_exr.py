@@ -149,14 +149,26 @@ def test_parts_that_name_their_own_layer_are_told_apart_by_it(tmp_path: Path) ->
     np.testing.assert_array_equal(found["right.Z"], right["Z"])
 
 
+def write_views(path: Path, channels: dict[str, npt.NDArray[np.generic]]) -> Path:
+    """Channels of two views in one part."""
+    header = {"type": OpenEXR.scanlineimage, "multiView": ["left", "right"]}
+    with OpenEXR.File(header, dict(channels)) as file:
+        file.write(str(path))
+    return path
+
+
+def test_a_channel_that_the_default_view_has_twice_is_not_guessed(tmp_path: Path) -> None:
+    path = write_views(tmp_path / "a.exr", planes(names=("R", "left.R", "right.R")))
+    with pytest.raises(NteError, match=r"a\.exr: view 'left' has channel 'R' twice, with and without its name: name"):
+        split_views(path, read_parts(path))
+
+
 def test_views_within_a_part_are_cut_apart(tmp_path: Path) -> None:
     names = ("R", "right.R", "diffuse.R", "diffuse.right.R", "left.Z")
     channels = planes(names=names)
-    header = {"type": OpenEXR.scanlineimage, "multiView": ["left", "right"]}
-    with OpenEXR.File(header, dict(channels)) as file:
-        file.write(str(tmp_path / "a.exr"))
-    assert read_layers(tmp_path / "a.exr").keys() == set(names)
-    left, right = split_views(read_parts(tmp_path / "a.exr"))
+    path = write_views(tmp_path / "a.exr", channels)
+    assert read_layers(path).keys() == set(names)
+    left, right = split_views(path, read_parts(path))
     assert (left.view, set(left.layers)) == ("left", {"R", "diffuse.R", "Z"})
     assert (right.view, set(right.layers)) == ("right", {"R", "diffuse.R"})
     np.testing.assert_array_equal(right.layers["diffuse.R"], channels["diffuse.right.R"])

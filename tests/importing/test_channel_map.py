@@ -15,7 +15,7 @@ import pytest
 from nte.cli import main
 from nte.errors import NteError
 from nte.frames.clip import Clip
-from nte.frames.exr import write_exr
+from nte.frames.exr import Part, write_exr
 from nte.importing.cameras import camera_of_fov
 from nte.importing.channel_map import (
     MAPS,
@@ -30,6 +30,7 @@ from nte.importing.channel_map import (
 from nte.importing.exr import import_exr
 from nte.importing.files import files_of_pattern, numbered_files
 from nte.importing.ids import UNNAMED, Ids
+from nte.importing.layers import Found, outside
 from tests.importing.producers import SIZE, SKY_ROWS, named, rotation, scene, write_layers, write_map
 from tests.synthetic import Pixels
 
@@ -429,6 +430,14 @@ def test_what_is_not_stored_is_not_decoded(tmp_path: Path, parts: bool) -> None:
         np.testing.assert_allclose(found["motion"][0][:, inside], frame["motion"][:, inside], atol=1e-4)
         assert np.abs(found["motion"]).max() < 10  # the vectors of neighbours, not those that zeros decode to
         assert found["color"][0][:, ~inside].any() == parts
+
+
+def test_a_part_without_a_layer_counts_where_parts_are_numbered() -> None:
+    """Its channels may all be subsampled."""
+    empty = np.eye(3, dtype=bool)
+    parts = [Part("a", "", {}), Part("b", "", {"Z": np.zeros((3, 3), np.float32)}, outside=empty)]
+    found = outside(Path("a.exr"), parts, Source(["Z"], part="1"), Found((("Z",),), 1))
+    np.testing.assert_array_equal(found, empty)
 
 
 def test_a_value_that_is_not_said_to_be_unknown_is_kept(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
