@@ -19,6 +19,7 @@ from nte.motion.camera import motion_of, points_from_depth
 ENOUGH = 200  # least number of surface pixels that can tell
 MOVES_PX = 2.0  # least median length of the vectors given, or predicted
 NEAR_PX, NEAR = 0.5, 0.1  # vectors that are no farther apart agree: pixels, share of the longer one
+ROUNDED_PX = 0.1  # cameras tell nothing if rounding of their places moves what they see by more
 MOST = 0.05  # cameras are in doubt if a smaller share of the pixels agrees
 SPREAD_PX = 0.5  # least median distance of predicted vectors from their median that tells a map
 FITS_PX, FITS = 0.1, 0.02  # greatest distance of vectors that a map explains: pixels, share of their length
@@ -38,7 +39,7 @@ class Prediction(NamedTuple):
 
 
 def prediction(previous: Frame, current: Frame) -> Prediction | None:
-    """Compare `motion` with the vectors of points at rest; None without depth or a moving camera.
+    """Compare `motion` with the vectors of points at rest; None without depth or a camera that is known to move.
 
     previous, current: consecutive PyTorch frames of batch 1 with motion.
     """
@@ -49,10 +50,17 @@ def prediction(previous: Frame, current: Frame) -> Prediction | None:
     if torch.allclose(view, view_then):
         return None
     depth = current["depth"].double().nan_to_num(0, 0, 0)
-    true = motion_of(points_from_depth(depth, view, projection), view_then, projection_then, depth > 0)
+    points = points_from_depth(depth, view, projection)
+    true = motion_of(points, view_then, projection_then, depth > 0)
     given = current["motion"].double()
     hit = (depth > 0) & torch.cat([true, given], 1).isfinite().all(1, keepdim=True)
     if int(hit.sum()) < ENOUGH:
+        return None
+    # Far from the origin the places of cameras are rounded, which moves the whole picture.
+    rounded = view_then.clone()
+    rounded[:, :3, 3] += torch.finfo(torch.float32).eps * view_then[:, :3, 3].abs().max()
+    moved = motion_of(points, rounded, projection_then, depth > 0) - true
+    if float(moved.norm(dim=1, keepdim=True)[hit].median()) > ROUNDED_PX:
         return None
     lengths = [vectors.norm(dim=1, keepdim=True)[hit] for vectors in (given, true)]
     fast = max(float(length.median()) for length in lengths) >= MOVES_PX

@@ -59,3 +59,27 @@ def test_a_camera_at_rest_predicts_nothing() -> None:
     frames = [Frame({"depth": depth, "motion": motion}, i, view=eye, projection=eye) for i in range(2)]
     assert prediction(*frames) is None
     assert not list(judge_cameras([]))
+
+
+def test_cameras_far_from_the_origin_accuse_no_vectors() -> None:
+    """Places are kept as 32-bit floats: a thousand kilometres away they have steps of 6 cm, and more."""
+    place = np.array([1e6, -7e5, 3e5])
+
+    def predicted(given: list[dict[str, object]]) -> list[Prediction]:
+        frames = [
+            Frame(
+                {name: torch.tensor(f[name])[None] for name in ("depth", "motion")},
+                i,
+                **{name: torch.tensor(matrix).float()[None] for name, matrix in given[i].items()},  # type: ignore[arg-type]
+            )
+            for i, f in enumerate(FRAMES)
+        ]
+        return [found for pair in pairwise(frames) if (found := prediction(*pair)) is not None]
+
+    def moved(view: Floats, projection: Floats) -> tuple[Floats, Floats]:
+        away = view.copy()
+        away[:3, 3] -= view[:3, :3] @ place
+        return away, projection
+
+    assert len(predicted(cameras(lambda view, projection: (view, projection)))) == len(FRAMES) - 1
+    assert not list(judge_cameras(predicted(cameras(moved))))
