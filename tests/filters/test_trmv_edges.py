@@ -7,7 +7,7 @@ import torch
 
 from nte.denoiser import Session
 from nte.filters.trmv import Trmv
-from nte.filters.trmv.fetch import fetch_from_surface
+from nte.filters.trmv.fetch import fetch_from_surface, fetch_within_edges
 from nte.filters.trmv.inputs import prepare
 from nte.filters.trmv.options import TrmvOptions
 from nte.frames.frame import Frame
@@ -95,3 +95,17 @@ def test_a_sky_is_fetched_as_quickly_as_a_wall() -> None:
     assert mixed is not None
     rows = torch.unique(mixed.at[1])
     assert rows.tolist() == [8, 9, 10, 11]
+
+
+@pytest.mark.parametrize("share", [0.004, 0.009, 0.012, 0.019, 0.03])
+def test_a_share_of_a_pixel_that_shows_the_surface_tells_all_of_the_history_or_nothing(share: float) -> None:
+    """Vectors end on a wall's edge, and so far beyond it that each of the wall's pixels has half of this share."""
+    above = np.broadcast_to(np.arange(SIZE[0])[:, None] < 10, (1, 1, *SIZE))
+    facing = both(above, (0, 0.6, 0.8), (0, 0, 1))
+    motion = np.broadcast_to(np.reshape([0.5, share - 1], (1, 2, 1, 1)), (1, 2, *SIZE)).astype(np.float32)
+    channels = {"depth": both(above, 5, 2), "normal": facing, "motion": motion, "previous_forward_motion": -motion}
+    inputs = prepare(plane(0, SIZE, **channels).torch(), None)
+    inputs = inputs._replace(before=inputs.gbuffer)
+    for fetcher in (fetch_from_surface(inputs.traditional, inputs), fetch_within_edges(inputs.traditional, inputs)):
+        light = fetcher(torch.ones(1, 1, *SIZE))
+        torch.testing.assert_close(light[fetcher.valid], torch.ones_like(light[fetcher.valid]))

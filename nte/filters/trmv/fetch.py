@@ -13,7 +13,7 @@ from nte.motion.neighbours import pairs
 from nte.motion.warp import fetch_bilinear, inside, nearest_index, pixel_centres
 
 DEEPER = 0.1  # relative tolerance of depth, which leaves room for motion in depth
-LEAST_WEIGHT = 0.01  # least sum of the bilinear weights of pixels that show the surface
+LEAST_WEIGHT = 0.01  # least bilinear weight of a pixel that shows the surface, where others are to count with it
 ALIKE = 0.9  # n·n′ of pixels that are interpolated, 26°: cones of one number lie elsewhere at another normal
 ABREAST = 0.02  # relative difference of depth, beyond the slope's, of pixels that are interpolated
 CORNERS = ((0, 0), (1, 0), (0, 1), (1, 1))
@@ -74,7 +74,7 @@ def fetch_from_surface(vectors: Reprojection, inputs: FrameInputs) -> Fetcher:
     four = _corners(vectors, inputs)
     chosen = _places(plain.valid & ~four.whole)
     dual = (vectors.motion != inputs.traditional.motion).any(1, keepdim=True)  # ends beside what hid the surface
-    valid = plain.valid & (dual | ~four.hidden(inputs)) & (four.total() >= LEAST_WEIGHT)
+    valid = plain.valid & (dual | ~four.hidden(inputs)) & four.shows()
     return Fetcher(vectors.motion, valid, MixedPixels.mean(chosen, *four.of(chosen, inputs)))
 
 
@@ -90,8 +90,8 @@ def fetch_within_edges(vectors: Reprojection, inputs: FrameInputs, rough: bool =
     if inputs.before is None:
         return plain
     four = _corners(vectors, inputs, rough)
-    valid, shows = plain.valid & ~four.hidden(inputs), four.total() >= LEAST_WEIGHT
-    chosen = _places(valid & ~four.whole & shows)
+    valid = plain.valid & ~four.hidden(inputs)
+    chosen = _places(valid & ~four.whole & four.shows())
     return Fetcher(vectors.motion, valid, MixedPixels.mean(chosen, *four.of(chosen, inputs)))
 
 
@@ -111,10 +111,9 @@ class _Corners(NamedTuple):
     expected: Tensor  # (N, 1, H, W) disparity that shows it: the same, or that of the nearest pixel
     whole: Tensor  # (N, 1, H, W) bool: all show it, and face the same way
 
-    def total(self) -> Tensor:
-        """Sum the weights, (N, 1, H, W)."""
-        first, second, third, fourth = self.weight
-        return first + second + third + fourth
+    def shows(self) -> Tensor:
+        """Mark where one of the pixels shows the surface, and so can lead the others, (N, 1, H, W), bool."""
+        return _largest(self.weight) >= LEAST_WEIGHT
 
     def of(self, chosen: Places, inputs: FrameInputs) -> tuple[Tensor, Tensor]:
         """Return indices and weights, each (4, P), for P pixels with these batch, row and column.
@@ -170,6 +169,12 @@ def _at(images: list[Tensor], chosen: Places) -> Tensor:
     return torch.stack([image[n, 0, row, column] for image in images])
 
 
+def _largest(weights: list[Tensor]) -> Tensor:
+    """The largest of four weights, (N, 1, H, W)."""
+    first, second, third, fourth = weights
+    return torch.maximum(torch.maximum(first, second), torch.maximum(third, fourth))
+
+
 def _leader(score: Tensor, weight: Tensor) -> Tensor:
     """The index (1, P) of the best of four pixels by score (4, P); one whose weight is under LEAST_WEIGHT leads none.
 
@@ -212,7 +217,7 @@ def _corners(vectors: Reprojection, inputs: FrameInputs, rough: bool = False) ->
     expected = inputs.guide.disparity
     on_plane = expected + (inputs.guide.slope * away).sum(1, keepdim=True).where(expected > 0, 0.0)
     shown = show(on_plane)
-    lost = sum(w * s for w, s in zip(bilinear, shown, strict=True)) < LEAST_WEIGHT
+    lost = _largest([w * s for w, s in zip(bilinear, shown, strict=True)]) < LEAST_WEIGHT
     lost = lost & (away != 0).any(1, keepdim=True)
     expected = torch.where(lost, before.gather(2, nearest_index(end)).view_as(x), on_plane)
     shown = show(expected) if lost.any() else shown
