@@ -16,7 +16,7 @@ _LISTS = Path(__file__).with_name("operators.yaml")
 class Placement(NamedTuple):
     """What a provider does with a model."""
 
-    refused: tuple[str, ...]  # kinds of operators, in alphabetical order
+    refused: tuple[str, ...]  # kinds of operators that it takes nowhere in the model, in alphabetical order
     asked: bool  # the provider was asked; else its list says so, which knows no types and no sizes
 
     def said(self, provider: str) -> str:
@@ -43,8 +43,10 @@ def placement(path: Path, provider: str) -> Placement | None:
     parts = session_for(
         path, OnnxOptions.parse({"provider": provider}, provider), record=True
     ).get_provider_graph_assignment_info()
-    others = {node.op_type for part in parts if part.ep_name != PROVIDERS[provider].name for node in part.get_nodes()}
-    return Placement(tuple(sorted(others)), asked=True)
+    taken, others = set[str](), set[str]()
+    for part in parts:
+        (taken if part.ep_name == PROVIDERS[provider].name else others).update(n.op_type for n in part.get_nodes())
+    return Placement(tuple(sorted(others - taken)), asked=True)  # what computes sizes is on the CPU on purpose
 
 
 @cache

@@ -2,6 +2,7 @@
 
 from collections.abc import Iterator
 from pathlib import Path
+from types import SimpleNamespace
 
 import onnx
 import onnxruntime
@@ -44,6 +45,22 @@ def test_an_installed_provider_is_asked(model: Path, monkeypatch: pytest.MonkeyP
     assert found
     assert found.asked
     assert {"Conv", "If", "ScatterElements"} <= {*found.refused}
+
+
+def test_a_kind_that_is_taken_elsewhere_in_the_model_is_not_refused(
+    model: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """GPU providers leave to the CPU what computes sizes, though they have the operators."""
+
+    def part(provider: str, *kinds: str) -> SimpleNamespace:
+        return SimpleNamespace(ep_name=provider, get_nodes=lambda: [SimpleNamespace(op_type=kind) for kind in kinds])
+
+    own, cpu = part("CUDAExecutionProvider", "Conv", "Mul"), part("CPUExecutionProvider", "Mul", "IsInf", "Or")
+    session = SimpleNamespace(get_provider_graph_assignment_info=lambda: [own, cpu])
+    monkeypatch.setattr("nte.runtime.placement.session_for", lambda *_, **__: session)
+    monkeypatch.setattr("nte.runtime.placement.installed", lambda: ["cpu", "cuda"])
+    monkeypatch.setattr("nte.runtime.placement.require_installed", lambda provider: None)
+    assert placement(model, "cuda") == Placement(("IsInf", "Or"), asked=True)
 
 
 @pytest.mark.parametrize(
