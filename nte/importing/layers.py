@@ -19,7 +19,7 @@ from nte.importing.channel_map import SKY, Source
 
 Stored = Mapping[str, npt.NDArray[np.generic]]  # full layered name → (H, W), float16, float32 or uint32
 _OWN = "."  # stands for the components that belong to no layer: R, G, B
-# number of a layer's components → their names, in order; Nuke writes whole words
+# number of a layer's components → their names, in order; a channel's own are tried first; Nuke writes whole words
 _SUFFIXES: dict[int, tuple[Sequence[str], ...]] = {
     2: ("xy", "rg", "uv", ("red", "green")),
     3: ("rgb", "xyz", ("red", "green", "blue")),
@@ -230,7 +230,8 @@ def _components(stored: Stored, row: Channel, layer: str) -> tuple[str, ...]:
         grey = [stored[below[c]] for c in "rgb" if c in below]
         if len(grey) == 3 and all(np.array_equal(grey[0], other, equal_nan=True) for other in grey[1:]):
             return (below["r"],)
-    for suffixes in _SUFFIXES.get(count, ()):
+    own = [c.lower() for c in row.components]
+    for suffixes in sorted(_SUFFIXES.get(count, ()), key=lambda names: [*names] != own):
         if set(suffixes) <= set(below):
             return tuple(below[s] for s in suffixes)
     if row.kind in ("radiance", "reflectance") and "y" in below and not _CHROMA & set(below):

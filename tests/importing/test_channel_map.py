@@ -484,6 +484,14 @@ def test_colour_in_x_y_and_z_is_told(tmp_path: Path, capsys: pytest.CaptureFixtu
         assert (told in capsys.readouterr().out) == (components == "XYZ")
 
 
+def test_of_two_sets_of_components_a_channel_takes_its_own(tmp_path: Path) -> None:
+    layers = image("R", "G", "B", "X", "Y", "Z")
+    about = {"channels": {"color": ".", "position": "."}}
+    found = imported(tmp_path, write(tmp_path / "shots", [layers]), about).frame(0)
+    np.testing.assert_allclose(found["color"][0], [layers[c] for c in "RGB"], rtol=1e-3)
+    np.testing.assert_array_equal(found["position"][0], [layers[c] for c in "XYZ"])
+
+
 def test_components_named_in_whole_words(tmp_path: Path) -> None:
     layers = image("R", "G", "B", "kd.red", "kd.green", "kd.blue", "mv.red", "mv.green")
     about = {"channels": {"color": ".", "albedo": "kd", "motion": "mv"}}
