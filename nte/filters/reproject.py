@@ -79,18 +79,23 @@ def previous_depth(depth: Tensor, view: Tensor, projection: Tensor, previous_vie
     rejects good history. The form is closed: the depth is A(u, v)·z + B(u, v), with A and B linear in the image
     position.
     """
-    near, far = (_depth_of_corners(distance, view, projection, previous_view) for distance in (1.0, 2.0))
+    # From camera to camera, in double precision: in the world's coordinates, far from its origin, digits would be lost.
+    step = (previous_view.double() @ torch.linalg.inv(view.double())).to(view.dtype)
+    near, far = (_depth_of_corners(distance, projection, step) for distance in (1.0, 2.0))
     slope, offset = (_linear(corners, depth) for corners in (far - near, 2 * near - far))
     seen = (depth > 0) & (depth < float("inf"))
     return infinite_sky(torch.where(seen, slope * depth + offset, float("inf")))
 
 
-def _depth_of_corners(distance: float, view: Tensor, projection: Tensor, previous_view: Tensor) -> Tensor:
-    """The previous depth (N, 1, 2, 2) of points at this depth, at u and v of ¼ and ¾."""
-    points = points_from_depth(torch.full((view.shape[0], 1, 2, 2), distance, device=view.device), view, projection)
-    homogeneous = torch.cat([points, torch.ones_like(points[:, :1])], 1)
-    now, before = (torch.einsum("nj,njhw->nhw", v[:, 2], homogeneous)[:, None] for v in (view, previous_view))
-    return now.sign() * before  # cameras look along +z or −z
+def _depth_of_corners(distance: float, projection: Tensor, step: Tensor) -> Tensor:
+    """The previous depth (N, 1, 2, 2) of points at this depth, at u and v of ¼ and ¾.
+
+    step (N, 4, 4): from the view space of this frame to that of the previous one.
+    """
+    here = torch.eye(4, device=step.device).expand_as(step)
+    points = points_from_depth(torch.full((len(step), 1, 2, 2), distance, device=step.device), here, projection)
+    before = torch.einsum("nj,njhw->nhw", step[:, 2, :3], points)[:, None] + step[:, 2, 3].view(-1, 1, 1, 1)
+    return points[:, 2:].sign() * before  # cameras look along +z or −z
 
 
 def _linear(corners: Tensor, like: Tensor) -> Tensor:

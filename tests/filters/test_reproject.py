@@ -144,6 +144,18 @@ def test_the_previous_depth_is_that_of_the_points_before_the_previous_camera() -
         torch.testing.assert_close(found[depth > 0], exact[depth > 0])
 
 
+@pytest.mark.parametrize(("distance", "tolerance"), [(1e4, 2e-4), (1e6, 0.015)])
+def test_the_previous_depth_keeps_its_digits_far_from_the_origin(distance: float, tolerance: float) -> None:
+    """Matrices in single precision have lost some already; what is left must not cost history, at a limit of 2 %."""
+    (view, projection), (before, _) = camera(0.5), camera(0.1)
+    depth = 2 + torch.rand(1, 1, 5, 7)
+    exact = previous_depth(depth, view, projection, before)
+    away = torch.eye(4, dtype=torch.float64)
+    away[:3, 3] = torch.tensor([-1, 0.7, -0.5]) * distance
+    found = previous_depth(depth, (view.double() @ away).float(), projection, (before.double() @ away).float())
+    torch.testing.assert_close(found, exact, rtol=tolerance, atol=0)
+
+
 def test_a_camera_that_moves_forward_keeps_the_history_of_what_it_looks_at() -> None:
     (view, projection), (before_view, _) = camera(1.0), camera(0.5)
     depth = torch.full((1, 1, 24, 32), 4.0)
