@@ -2,9 +2,9 @@
 
 __version__ = "0.1.0"
 
-# What computes the images of denoisers. Each onnxruntime-* takes the place of onnxruntime.
+# What computes the images of denoisers. onnxruntime-gpu and onnxruntime-directml take the place of onnxruntime.
 DENOISING = (
-    "numpy", "torch", "pyoidn", "onnxruntime", "onnxruntime-gpu", "onnxruntime-directml", "onnxruntime-webgpu",
+    "numpy", "torch", "pyoidn", "onnxruntime", "onnxruntime-gpu", "onnxruntime-directml", "onnxruntime-ep-webgpu",
     "openvino",
 )  # fmt: skip
 

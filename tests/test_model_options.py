@@ -1,6 +1,7 @@
 """The options behind an exported model's name: what reaches ONNX Runtime, and what is refused."""
 
 import os
+from hashlib import sha256
 from pathlib import Path
 from typing import Any
 
@@ -9,8 +10,12 @@ import pytest
 
 from nte.errors import NteError
 from nte.registry import load_denoiser, model_of, parts_of, with_provider
+from nte.runtime.cache import engine_options
 
 CORES = os.cpu_count() or 1
+CONTENT = b"\x3a\x00"  # of a model with an empty graph
+CACHE = "nte/tensorrt/" + sha256(CONTENT).hexdigest()
+KEPT = {"trt_engine_cache_enable": "1", "trt_engine_cache_path": CACHE}
 
 
 @pytest.mark.parametrize(
@@ -20,7 +25,7 @@ CORES = os.cpu_count() or 1
         ("", "cpu:0", ("CPUExecutionProvider", {})),
         ("", "cuda", ("CUDAExecutionProvider", {"use_tf32": "0", "device_id": "0"})),
         ("", "cuda:1", ("CUDAExecutionProvider", {"use_tf32": "0", "device_id": "1"})),
-        (":provider=tensorrt", "cuda:1", ("TensorrtExecutionProvider", {"device_id": "1"})),
+        (":provider=tensorrt", "cuda:1", ("TensorrtExecutionProvider", {"device_id": "1", **KEPT})),
         (":provider=directml,index=2", "cpu", ("DmlExecutionProvider", {"device_id": "2"})),
         (":provider=cuda,index=3", "cuda:1", ("CUDAExecutionProvider", {"use_tf32": "0", "device_id": "3"})),
         (":provider=cpu", "cuda:1", ("CPUExecutionProvider", {})),
@@ -42,11 +47,14 @@ def test_provider_and_device_reach_onnx_runtime(
 
     monkeypatch.setattr(onnxruntime, "InferenceSession", session)
     monkeypatch.setattr(onnxruntime, "get_available_providers", lambda: [first[0]])
-    (tmp_path / "model.onnx").write_bytes(b"\x3a\x00")  # a model with an empty graph
+    monkeypatch.setenv("XDG_CACHE_HOME", ".")
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "model.onnx").write_bytes(CONTENT)
     with pytest.raises(NteError, match="no such device here"):
         load_denoiser(f"{tmp_path / 'model.onnx'}{spec}", device)
     assert asked[0] == first
     assert threads == [1 if "threads" in spec else 0]
+    assert Path(CACHE).is_dir() == ("tensorrt" in spec)  # ONNX Runtime makes no folders above the last one
     names = [name for name, _ in asked]
     assert names[-1] == "CPUExecutionProvider"
     assert len(names) == len(set(names))
@@ -82,6 +90,14 @@ def test_the_number_of_a_device_is_not_dropped(tmp_path: Path, kind: str) -> Non
     (tmp_path / "model.onnx").touch()
     with pytest.raises(NteError, match=f"index is 1, but {kind} has one device"):
         load_denoiser(str(tmp_path / "model.onnx"), f"{kind}:1")
+
+
+def test_tensorrt_does_without_a_home_that_cannot_be_written_to(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    (tmp_path / "model.onnx").write_bytes(CONTENT)
+    monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path / "model.onnx"))
+    assert engine_options(tmp_path / "model.onnx") == {}
 
 
 def test_what_runs_on_a_provider_is_in_the_specification() -> None:

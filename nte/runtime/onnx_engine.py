@@ -12,9 +12,10 @@ from onnxruntime import OrtValue
 
 from nte.errors import NteError, lacking_memory
 from nte.frames.clip import Pixels
+from nte.runtime.cache import engine_options
 from nte.runtime.description import Shapes
 from nte.runtime.engine import Spent, Value
-from nte.runtime.providers import PROVIDERS, OnnxOptions, asked_of_onnx_runtime
+from nte.runtime.providers import PROVIDERS, OnnxOptions, asked_of_onnx_runtime, devices_of
 
 # What ONNX Runtime says of an operator, or of an operator set, that it does not have.
 _LACKING = (
@@ -89,6 +90,11 @@ def session_for(
     if options.provider == "directml":  # which must not reuse memory by a plan
         settings.enable_mem_pattern = False
     asked = asked_of_onnx_runtime(options)
+    if options.provider == "tensorrt":
+        asked[0][1].update(engine_options(path))
+    if known.plugin:  # which ONNX Runtime does not know by name
+        settings.add_provider_for_devices(devices_of(options.provider)[:1], dict(known.options))
+        asked = []
     try:
         session = onnxruntime.InferenceSession(str(path), settings, providers=asked, enable_fallback=0)
     except Exception as error:  # ONNX Runtime raises classes of its own that share no public base

@@ -12,6 +12,7 @@ import openvino
 
 from nte.errors import NteError
 from nte.files import write_whole
+from nte.runtime.cache import cache_folder
 
 KEPT = 20  # graphs, of a few megabytes each; the one that was not used for longest goes first
 _DIGEST = 32  # bytes of the checksum in front
@@ -24,7 +25,7 @@ def compiled(path: Path, settings: dict[str, str | int]) -> openvino.CompiledMod
     settings: OpenVINO's; a kept graph fits any of them. Where nothing can be kept the graph is compiled each time.
     """
     core = openvino.Core()
-    kept = _folder() / f"{_key(core, path)}.blob"
+    kept = cache_folder("openvino") / f"{_key(core, path)}.blob"
     with suppress(OSError, RuntimeError):  # RuntimeError: OpenVINO refuses it
         content = kept.read_bytes()
         if sha256(content[_DIGEST:]).digest() == content[:_DIGEST]:
@@ -39,10 +40,6 @@ def compiled(path: Path, settings: dict[str, str | int]) -> openvino.CompiledMod
         for old in sorted(kept.parent.glob("*.blob"), key=lambda file: file.stat().st_mtime)[:-KEPT]:
             old.unlink(missing_ok=True)
     return made
-
-
-def _folder() -> Path:
-    return Path(os.environ.get("XDG_CACHE_HOME") or Path("~/.cache").expanduser()) / "nte" / "openvino"
 
 
 def _key(core: openvino.Core, path: Path) -> str:

@@ -2,11 +2,13 @@
 
 import os
 from collections.abc import Mapping
+from contextlib import suppress
 from dataclasses import dataclass
+from functools import cache
 from importlib import import_module
 from importlib.util import find_spec
 from types import MappingProxyType
-from typing import Annotated, Literal, NamedTuple
+from typing import Annotated, Any, Literal, NamedTuple
 
 from nte.errors import NteError
 from nte.options import Allowed, Options
@@ -23,6 +25,7 @@ class Provider(NamedTuple):
     device: str = ""  # its option for the number of a device; "" if it has none
     memory: str = "cpu"  # where ONNX Runtime keeps what is carried from frame to frame
     then: tuple[str, ...] = ()  # ONNX Runtime's providers for operators that it leaves over, before the CPU
+    plugin: str = ""  # the module with its library, which stands beside onnxruntime; "" where ONNX Runtime has it
 
 
 # TF32 is off: it rounds what a convolution reads to 10 bits of mantissa, and f32 is what was asked for.
@@ -34,7 +37,9 @@ PROVIDERS: dict[str, Provider] = {
     "tensorrt": _CUDA._replace(name="TensorrtExecutionProvider", options={}, then=("CUDAExecutionProvider",)),
     "directml": Provider("onnxruntime-directml", "DmlExecutionProvider", {}, "device_id", "dml"),
     "coreml": Provider("onnxruntime", "CoreMLExecutionProvider", {"ModelFormat": "MLProgram"}),  # in that for macOS
-    "webgpu": Provider("onnxruntime-webgpu", "WebGpuExecutionProvider"),
+    "webgpu": Provider(
+        "onnxruntime-ep-webgpu", "WebGpuExecutionProvider", memory="webgpu", plugin="onnxruntime_ep_webgpu"
+    ),
 }
 
 
@@ -67,30 +72,51 @@ class OnnxOptions(Options, name="exported model"):
 
 def installed() -> list[str]:
     """Return the short names of the providers that are there."""
-    import onnxruntime
-
-    there = onnxruntime.get_available_providers()
-    return [name for name, known in PROVIDERS.items() if known.name in there or (not known.name and _has_openvino())]
+    return [name for name in PROVIDERS if _is_there(name)]
 
 
 def require_installed(provider: str) -> None:
     """Raise NteError for a provider that is not there; the error names the package that brings it.
 
-    It says so too of an OpenVINO that is installed, but cannot be imported.
+    It says so too of a package that is installed, but cannot be loaded or finds no device.
     """
-    if provider in (there := installed()):
-        if not PROVIDERS[provider].name:
-            _require_importable(PROVIDERS[provider].package)
+    known = PROVIDERS[provider]
+    if known.plugin and find_spec(known.plugin):
+        if not devices_of(provider):
+            raise NteError(f"the package {known.package} is installed, but finds no device; on Linux it needs Vulkan")
         return
-    package = PROVIDERS[provider].package
-    how = f"it comes with the package {package}"
-    if package.startswith("onnxruntime-"):  # each of them brings the module onnxruntime
-        how += f", which takes the place of onnxruntime: pip uninstall onnxruntime; pip install {package}"
-    elif package == "openvino":
+    if _is_there(provider):
+        if not known.name:
+            _require_importable(known.package)
+        return
+    how = f"it comes with the package {known.package}"
+    if known.plugin:
+        how += f": pip install {known.package}"
+    elif known.package.startswith("onnxruntime-"):  # each of them brings the module onnxruntime
+        how += f", which takes the place of onnxruntime: pip uninstall onnxruntime; pip install {known.package}"
+    elif known.package == "openvino":
         how += ": pip install 'nte-denoiser[openvino]'"
     else:
         how += " for macOS"
-    raise NteError(f"provider {provider} is not installed; there is {', '.join(there)}; {how}")
+    raise NteError(f"provider {provider} is not installed; there is {', '.join(installed())}; {how}")
+
+
+@cache
+def devices_of(provider: str) -> list[Any]:
+    """Let ONNX Runtime load the library of a provider with a plugin; return the devices that it finds.
+
+    Raises NteError for a library that does not fit ONNX Runtime.
+    """
+    import onnxruntime
+
+    known = PROVIDERS[provider]
+    try:
+        library = import_module(known.plugin).get_library_path()
+        onnxruntime.register_execution_provider_library(known.plugin, library)
+    except Exception as error:  # ONNX Runtime raises classes of its own that share no public base
+        reason = next(iter(str(error).splitlines()), "no reason is given")
+        raise NteError(f"the package {known.package} is installed, but cannot be loaded: {reason}") from error
+    return [device for device in onnxruntime.get_ep_devices() if device.ep_name == known.name]
 
 
 def asked_of_onnx_runtime(options: OnnxOptions) -> list[tuple[str, dict[str, str]]]:
@@ -109,6 +135,19 @@ def _require_importable(package: str) -> None:
     except ImportError as error:  # a library of the system that it needs
         reason = next(iter(str(error).splitlines()), "no reason is given")
         raise NteError(f"the package {package} is installed, but cannot be imported: {reason}") from error
+
+
+def _is_there(provider: str) -> bool:
+    known = PROVIDERS[provider]
+    if not known.name:
+        return _has_openvino()
+    if known.plugin:
+        with suppress(NteError):
+            return find_spec(known.plugin) is not None and bool(devices_of(provider))
+        return False
+    import onnxruntime
+
+    return known.name in onnxruntime.get_available_providers()
 
 
 def _has_openvino() -> bool:
