@@ -84,7 +84,7 @@ def _open(sources: Sequence[Path], target: str, map_name: str | None, overrides:
 
     folder = sources[0] if len(sources) == 1 and sources[0].is_dir() else None
     mapped = map_name is not None or bool(overrides)
-    if folder and not mapped and ((folder / "clip.json").exists() or _has(frame_path(folder, 0), target)):
+    if folder and not mapped and ((folder / "clip.json").exists() or target in _own_channels(frame_path(folder, 0))):
         clip = Clip(folder)
         indices = range(len(clip))[part(range(len(clip)))]
         return Source([frame_path(folder, i) for i in indices], map(clip.frame, indices), ours, clip)
@@ -94,9 +94,11 @@ def _open(sources: Sequence[Path], target: str, map_name: str | None, overrides:
     if not mapped:
         numbered = _in_order(files)
         files = list(numbered.values())
-        if not files[0].exists() or _has(files[0], target):
+        found = _own_channels(files[0])
+        if not files[0].exists() or target in found:
             files = files[part(list(numbered))]
-            return Source(files, _with_forward(map(read_frame, files), files), ours)
+            note = f"read as nte's own channels: {', '.join(found)}; if they are another renderer's, give --map"
+            return Source(files, _with_forward(map(read_frame, files), files), ours, notes=lambda: [note])
     if target != "color":
         raise NteError(
             f"{files[0]}: has no '{target}', which this denoiser gives; in others' frames it has to be color"
@@ -126,10 +128,10 @@ def _foreign(
     return Source(sequence.files, frames, sequence.replacing, view="standard", notes=notes)
 
 
-def _has(path: Path, target: str) -> bool:
-    """Tell whether a frame exists and has the channel `target` under nte's name."""
+def _own_channels(path: Path) -> list[str]:
+    """List the channels that a frame has under nte's names; none if there is no such file."""
     names = {part.full(channel) for part in read_parts(path) for channel in part.layers} if path.exists() else set()
-    return names >= {f"{target}.{c}" for c in CHANNELS[target].components}
+    return [name for name, row in CHANNELS.items() if {f"{name}.{c}" for c in row.components} <= names]
 
 
 def _frames_in(folder: Path) -> list[Path]:
