@@ -32,7 +32,8 @@ def by_number(paths: Iterable[Path]) -> dict[int, Path]:
     The frame number is the one that differs from name to name. A version (v002) is ignored if the name has another
     number; a minus after a separator is a sign. A single file needs no number; if it has several, the last one
     counts. Raises NteError for a frame that is missing or there twice, for a name without a number among several
-    files, for two sequences side by side, and if two numbers of the names change differently.
+    files, for two sequences side by side, if two numbers of the names change differently, and if every number follows
+    two hyphens.
     """
     names = [_parse(path) for path in paths]
     if len(names) == 1:
@@ -42,6 +43,9 @@ def by_number(paths: Iterable[Path]) -> dict[int, Path]:
             raise NteError(f"{name.path}: has no frame number in its name: choose the frames by a pattern")
     _refuse_two_sequences(names)
     place = _varying(names)
+    if all(name.numbers[place] < 0 and name.texts[place].endswith("-") for name in names):
+        both = f"as that of {names[0].path.name}, may be a minus or part of a separator"
+        raise NteError(f"{names[0].path.parent}: a hyphen after a hyphen, {both}: rename the files")
     return in_sequence((name.numbers[place], name.path) for name in names)
 
 

@@ -77,6 +77,7 @@ def test_any_run_of_numbers_is_ordered(before: str, after: str, first: int, coun
         (["shot.1", "shot.2", "shot.4"], r"frame 3 is missing: after shot\.2\.exr comes shot\.4\.exr: render or copy"),
         (["shot.-1", "shot.1"], "frame 0 is missing"),
         (["shot.1", "notes"], r"notes\.exr: has no frame number in its name"),
+        (["shot--1", "shot--2"], r"a hyphen after a hyphen, as that of shot--1\.exr, may be a minus or part of a sep"),
         (["a1_b7", "a2_b9"], r"2 numbers differ in the names, such as a1_b7\.exr and a2_b9\.exr: choose by a pattern"),
     ],
 )
