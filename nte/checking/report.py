@@ -24,6 +24,7 @@ from nte.checking.late import LateTally
 from nte.checking.noise import NoiseTally
 from nte.checking.objects import object_votes
 from nte.checking.order import Order, depth_order, is_known, judge_order
+from nte.checking.outlines import OutlineTally
 from nte.checking.planes import PlaneTally
 from nte.checking.residuals import Mean, add_errors, visible_in_both
 from nte.checking.sky import SkyMotion, judge_sky, sky_motion
@@ -165,7 +166,8 @@ def check(clip: Clip | Path | str) -> CheckReport:
     exposure, flips, guides, geometry = ExposureTally(), FlipTally(), GuideTally(), GeometryTally()
     blank, stopped, late, planes, vectors = BlankTally(), StoppedTally(), LateTally(), PlaneTally(), _Vectors()
     displaced, copies, components, noise = DisplacedTally(), CopyTally(clip), ComponentTally(), NoiseTally()
-    albedo = AlbedoTally()
+    albedo, outlines = AlbedoTally(), OutlineTally()
+    of_frames = flips, displaced, albedo, components, geometry, planes, outlines
     looked, voting = spread(FRAMES, 0, len(clip)), spread(PAIRS, 1, len(clip))
     previous: Frame | None = None
     for frame in clip:
@@ -174,14 +176,10 @@ def check(clip: Clip | Path | str) -> CheckReport:
         blank.add(current)
         exposure.add(current)
         if current.index in looked:
-            flips.add(current)
-            displaced.add(current)
-            albedo.add(current)
             copies.add(current, previous)
-            components.add(current)
             guides.add(frame)
-            geometry.add(current)
-            planes.add(current)
+            for tally in of_frames:
+                tally.add(current)
         if previous is not None:
             noise.add(previous, current, current.index in voting)
         if previous is not None and current.index in voting:
@@ -214,6 +212,8 @@ def check(clip: Clip | Path | str) -> CheckReport:
     if judgement.verdict == "implausible" and any(finding.doubt for finding in colours):
         judgement = Judgement("undecidable", "vectors not checked: that needs the albedo of what is seen")
     findings = [*values, *of_other_frames, *light, *colours, *turned, *shapes, *along]
+    if not any(f.channel == "depth" and (f.fault or f.doubt) for f in findings):  # which has other steps, too
+        findings += outlines.judge()
     findings += (Finding(*flaw, False) for flaw in guides.flaws())  # only denoisers that trust guides suffer
     judgement = _judge(judgement, findings)
     unknown = {"reference": exposure.not_judged(), "depth": planes.not_judged(right and is_known(vectors.orders))}
