@@ -252,5 +252,8 @@ def test_what_a_process_finds_wrong_is_told_here(tmp_path: Path) -> None:
         with pytest.raises(NteError, match=message):
             bench([spec], [(8, 8)], frames=1)
     clip = disc_clip(tmp_path / "clip", frames=2)
+    enormous = 10**7, 10**7  # more than an address can reach
+    with pytest.raises(NteError, match=r"'noisy' at 10000000x10000000: too little memory: another [\d.]+ TiB were ask"):
+        bench(["noisy"], [enormous], frames=1)
     with pytest.raises(NteError, match="clip: Asvgf needs gradient, which is missing"):
         bench(["asvgf"], clip=clip, frames=1)

@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 import numpy as np
 
 from nte.denoiser import Denoiser, State, require_channels
-from nte.errors import NteError
+from nte.errors import NteError, lacking_memory
 from nte.evaluation.benchmark.frames import source_of
 from nte.evaluation.benchmark.results import Measured
 from nte.evaluation.benchmark.steps import WARM_UP, named_steps
@@ -178,6 +178,11 @@ def _serve(pipe: Connection, task: Task) -> None:
         pipe.send(error)
     except EOFError:
         pass
+    except Exception as error:
+        if (what := lacking_memory(error)) is None:
+            raise
+        height, width = task.size
+        pipe.send(NteError(f"'{task.spec}' at {width}x{height}: {what}"))
 
 
 def _mean(values: list[float | None]) -> float | None:
