@@ -49,7 +49,9 @@ def read_description(path: Path, text: str | None, inputs: Shapes, outputs: Sequ
     found = info.get("format") if isinstance(info, dict) else None
     if found != FORMAT:
         what = f"{found!r:.40}" if found else "no description of ours"
-        raise NteError(f"{path}: {what} in the model's metadata, expected '{FORMAT}': use nte export")
+        raise NteError(
+            f"{path}: {what} in the model's metadata, expected '{FORMAT}': use nte export, or the nte that made it"
+        )
     given: Description = {"state": None, "scales": {}, "cost": [], "macs": {}} | info
     state, scales, cost, macs = given["state"], given["scales"], given["cost"], given["macs"]
     known = {
