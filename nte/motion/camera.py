@@ -2,6 +2,10 @@
 
 Cameras are (N, 4, 4) matrices for column vectors: `view` takes world space to view space, `projection` takes view
 space to homogeneous [0, 1]² with y down. Points are (N, 3, H, W) in world space; image positions are in pixels.
+
+All of them compute in the precision of what they are given. Far from the world's origin, give points and matrices in
+double precision: in single precision, for things 2 to 12 units away in an image 1280 px wide, vectors are off by 0.1 px
+in the median 10⁴ units from the origin, and by 1.5 px at 10⁵.
 """
 
 import torch

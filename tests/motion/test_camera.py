@@ -49,6 +49,17 @@ def test_a_camera_moving_sideways_shifts_a_wall_by_focal_over_depth() -> None:
     torch.testing.assert_close(motion, expected, rtol=0, atol=2e-3)
 
 
+def test_vectors_in_double_precision_do_not_depend_on_where_the_world_has_its_origin() -> None:
+    away = torch.tensor([1e6, -7e5, 5e5], dtype=torch.float64)
+    view, projection = torch.eye(4, dtype=torch.float64)[None].clone(), perspective().double()
+    view[0, :3, 3] = -away
+    then = view.clone()
+    then[0, 0, 3] += 0.25
+    motion = motion_of(points_from_depth(torch.full((1, 1, *SIZE), 4.0).double(), view, projection), then, projection)
+    expected = torch.tensor([2.0, 0.0], dtype=torch.float64).view(1, 2, 1, 1).expand_as(motion)
+    torch.testing.assert_close(motion, expected, rtol=0, atol=1e-4)
+
+
 def test_zooming_scales_about_the_image_centre() -> None:
     motion = motion_of(wall(), torch.eye(4)[None], perspective(focal=0.8))
     centre = torch.tensor([SIZE[1] / 2, SIZE[0] / 2]).view(1, 2, 1, 1)
