@@ -9,13 +9,15 @@ import OpenEXR
 
 MAGIC = b"\x76\x2f\x31\x01"  # the first bytes of every OpenEXR file
 # OpenEXR compression → (scan lines in a chunk, largest number of pixel bytes that one byte of the file can encode).
-# Deflate reaches 1032, run lengths 64; the others encode a constant image in a few bits per block.
+# Deflate reaches 1032, run lengths 64; the others encode a constant image in a few bits per block, HTJ2K in a few
+# bytes per row of wavelets, however wide.
 _CHUNKS = {
     OpenEXR.NO_COMPRESSION: (1, 1), OpenEXR.RLE_COMPRESSION: (1, 64), OpenEXR.ZIPS_COMPRESSION: (1, 1032),
     OpenEXR.ZIP_COMPRESSION: (16, 1032), OpenEXR.PXR24_COMPRESSION: (16, 2064), OpenEXR.PIZ_COMPRESSION: (32, 20_000),
     OpenEXR.B44_COMPRESSION: (32, 16), OpenEXR.B44A_COMPRESSION: (32, 16),
+    OpenEXR.HTJ2K256_COMPRESSION: (256, 200_000), OpenEXR.HTJ2K32_COMPRESSION: (32, 200_000),
 }  # fmt: skip
-_OTHERS = (256, 20_000)  # DWA, HTJ2K and compressions to come
+_OTHERS = (256, 20_000)  # DWA and compressions to come
 _LINES = {int(kind): lines for kind, (lines, _) in _CHUNKS.items()}  # by the number in a file
 _OFFSET = 8  # bytes of a chunk's entry in the file's table of offsets
 _SMALL = 1 << 24  # bytes; a file that promises less is always believed

@@ -42,6 +42,14 @@ def test_what_the_library_writes_is_believed(tmp_path: Path, compression: object
     assert read_layers(path)["a.R"].shape == pixels.shape
 
 
+def test_a_wide_black_frame_of_few_bytes_is_believed(tmp_path: Path) -> None:
+    """8K, of which HTJ2K makes less than six kilobytes."""
+    black = {c: np.zeros((2048, 7680), np.float16) for c in "RGB"}
+    with OpenEXR.File({"compression": OpenEXR.HTJ2K256_COMPRESSION, "type": OpenEXR.scanlineimage}, black) as file:
+        file.write(str(tmp_path / "a.exr"))
+    assert not read_layers(tmp_path / "a.exr")["R"].any()
+
+
 @pytest.mark.parametrize(("width", "height"), [(16384, 16384), (128, 536870944), (2**30, 2**30), (128, -5)])
 @pytest.mark.parametrize("attribute", [b"dataWindow", b"displayWindow"])
 def test_a_window_that_the_file_cannot_hold_asks_for_no_memory(
