@@ -55,7 +55,8 @@ class AlbedoTally:
         self._borrowed.add(frame)
         if not ("albedo" in frame and "reference" in frame and ("instance" in frame or "depth" in frame)):
             return
-        names = [name for name in ("albedo", "reference", "instance", "depth", "normal") if name in frame]
+        usable = ("albedo", "reference", "instance", "depth", "normal", "shutter_motion")
+        names = [name for name in usable if name in frame]
         means = {name: F.avg_pool2d(frame[name], 3, 1, 1, count_include_pad=False) for name in names[:2]}
         for steps, given in zip(self._steps, (frame, frame.with_channels(**means)), strict=True):
             for sideways in (True, False):
@@ -110,6 +111,8 @@ def _steps(channels: dict[str, Tensor]) -> Steps:
             good &= ((near > 0) & (far < ONE_SURFACE * near))[0]
         if "normal" in one:
             good &= (one["normal"] * other["normal"]).sum(0) > SMOOTH
+        if "shutter_motion" in one:  # in light that is blurred along it, steps are lost
+            good &= one["shutter_motion"].norm(dim=0) < APART
     light = light[:, :, good].double().log()
     return albedo[:, :, good].double(), light[1] - light[0]
 

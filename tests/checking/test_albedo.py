@@ -11,7 +11,7 @@ from nte.checking.albedo import LINEAR, ORDER, SEEN
 from nte.frames.clip import Clip
 from tests.checking.test_late import SHOTS, noisy
 from tests.checking.test_tone import srgb
-from tests.synthetic import Pixels, smooth_texture, write_clip
+from tests.synthetic import Pixels, disc_frame, smooth_texture, write_clip
 
 Change = Callable[[Pixels], Pixels]
 WRONG: dict[str, tuple[Change, dict[str, str]]] = {
@@ -58,6 +58,20 @@ def test_wrong_albedo_is_named(tmp_path: Path, name: str, without: tuple[str, ..
 @pytest.mark.parametrize("light", LIGHTS)
 def test_nothing_is_said_of_right_albedo(tmp_path: Path, light: str) -> None:
     assert not told(of(tmp_path, lambda x: x, light))
+
+
+@pytest.mark.parametrize("known", [True, False])
+def test_light_that_motion_blurs_does_not_step_where_albedo_does(tmp_path: Path, known: bool) -> None:
+    """Albedo is that of one moment, and light that of the open shutter: moving stripes become grey."""
+    frames = []
+    for i in range(4):
+        frame = disc_frame(i, size=(64, 96), radius=0, wall_velocity=(12, 0))
+        wave = np.sin(2 * np.pi * np.arange(96) / 6).reshape(1, 1, -1)
+        frame["albedo"] = (0.5 + 0.3 * wave + 0 * frame["albedo"]).astype(np.float32)
+        frame["color"] = noisy(frame["reference"] * 0 + 1, i)
+        frame["reference"] = frame["reference"] * 0 + 1
+        frames.append(frame | ({"shutter_motion": -frame["motion"] / 2} if known else {}))
+    assert bool(told(check(Clip(write_clip(tmp_path / "clip", frames))))) != known
 
 
 @pytest.mark.parametrize("hardly", [0.0, 0.01])
