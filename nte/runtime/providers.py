@@ -8,10 +8,13 @@ from functools import cache
 from importlib import import_module
 from importlib.util import find_spec
 from types import MappingProxyType
-from typing import Annotated, Any, Literal, NamedTuple
+from typing import TYPE_CHECKING, Annotated, Literal, NamedTuple
 
 from nte.errors import NteError
 from nte.options import Allowed, Options
+
+if TYPE_CHECKING:
+    from onnxruntime import OrtEpDevice
 
 _CORES = os.cpu_count() or 1
 
@@ -102,7 +105,7 @@ def require_installed(provider: str) -> None:
 
 
 @cache
-def devices_of(provider: str) -> list[Any]:
+def devices_of(provider: str) -> "list[OrtEpDevice]":
     """Let ONNX Runtime load the library of a provider with a plugin; return the devices that it finds.
 
     Raises NteError for a library that does not fit ONNX Runtime.
