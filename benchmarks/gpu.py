@@ -1,12 +1,13 @@
 """Milliseconds per frame and per step of networks and filters on a GPU, or on any other device of PyTorch.
 
-python -m benchmarks.gpu [SOURCE…] [--device cuda] [--size 1280x720 1920x1080] [--frames 20]
+python -m benchmarks.gpu [SOURCE…] [--device cuda] [--size 1280x720 1920x1080] [--frames 20] [--results FOLDER]
 
 SOURCE: run folders, training configurations (.yaml; their random weights take the same time), exported models (.onnx).
 Networks run in PyTorch as they are and with each step compiled, in float32 (where PyTorch lets an NVIDIA GPU convolve
 in TF32) and with autocast to bfloat16; exported models in ONNX Runtime, which the package onnxruntime-gpu brings to
 NVIDIA GPUs. Then follow the filters svgf and trmv, and the patch search, `correspondence`. Frames are on the device
-before the clock starts, except those of exported models, whose time includes the copies there and back.
+before the clock starts, except those of exported models, whose time includes the copies there and back. The figures are
+kept in FOLDER, if one is given; python -m benchmarks.history lists those in benchmarks/results.
 """
 
 import statistics
@@ -19,7 +20,7 @@ from typing import NamedTuple
 import torch
 
 from benchmarks.command import count, make_parser, run
-from benchmarks.record import RESULTS, record
+from benchmarks.record import record
 from nte.cli.parsing import parse_size
 from nte.denoiser import Denoiser, State
 from nte.errors import NteError
@@ -135,13 +136,14 @@ def device_name(device: torch.device) -> str:
     return str(named(device)) if named else str(device)
 
 
-def main(arguments: Sequence[str], folder: Path = RESULTS) -> None:
-    """Print and keep the times of every row at every size; say of a row that cannot run why."""
+def main(arguments: Sequence[str]) -> None:
+    """Print the times of every row at every size, and keep them if a folder is given; say why a row cannot run."""
     parser = make_parser(__doc__)
     parser.add_argument("sources", type=Path, nargs="*", metavar="SOURCE")
     parser.add_argument("--device", default="cuda")
     parser.add_argument("--size", type=parse_size, nargs="+", default=[(720, 1280), (1080, 1920)], metavar="SIZE")
     parser.add_argument("--frames", type=count, default=20)
+    parser.add_argument("--results", type=Path, metavar="FOLDER", help="append the figures to the machine's file there")
     options = parser.parse_args(arguments)
     require_sources(options.sources)
     require_device(options.device)
@@ -160,8 +162,9 @@ def main(arguments: Sequence[str], folder: Path = RESULTS) -> None:
             except (NteError, RuntimeError) as error:  # a type or operator that a device lacks, no compiler, no memory
                 print(f"{name}, {width}x{height}: not measured: {str(error).strip().splitlines()[0]}")
                 continue
-            record("gpu", {f"{name}, {width}x{height}, {where}, {step}": taken for step, taken in times.items()}, "ms",
-                   folder)  # fmt: skip
+            if options.results:
+                of = f"{name}, {width}x{height}, {where}"
+                record("gpu", {f"{of}, {step}": taken for step, taken in times.items()}, "ms", options.results)
             whole = times.pop("frame")
             steps = "".join(f"; {step} {taken:.2f}" for step, taken in times.items())
             print(f"{name}, {width}x{height}: {whole:.2f}{steps}", flush=True)

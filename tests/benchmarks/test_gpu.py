@@ -1,4 +1,4 @@
-"""The benchmark for GPUs, on the CPU: every row has its steps, figures are kept, and what cannot run says why."""
+"""The benchmark for GPUs, on the CPU: every row has its steps, what cannot run says why, one may keep the figures."""
 
 import shutil
 from pathlib import Path
@@ -20,7 +20,8 @@ def test_every_row_is_measured(
     monkeypatch.setattr(gpu, "BACKEND", "eager")  # which traces, and needs no compiler
     shutil.copy(CONFIG, tmp_path / "mine.yaml")
     figures = tmp_path / "figures"
-    gpu.main([str(tmp_path / "mine.yaml"), "--device", "cpu", "--size", "64x48", "--frames", "2"], figures)
+    words = [str(tmp_path / "mine.yaml"), "--device", "cpu", "--size", "64x48", "--frames", "2"]
+    gpu.main([*words, "--results", str(figures)])
     said = capsys.readouterr().out
     assert "not measured" not in said
     found: dict[str, dict[str, float]] = {}
@@ -47,7 +48,8 @@ def test_what_cannot_run_says_why_and_the_rest_runs(
 
     monkeypatch.setattr(gpu, "measure_search", no_memory)
     (tmp_path / "mine.onnx").write_text("no model")
-    gpu.main([str(tmp_path / "mine.onnx"), "--device", "cpu", "--size", "32x24", "--frames", "1"], tmp_path / "figures")
+    words = [str(tmp_path / "mine.onnx"), "--device", "cpu", "--size", "32x24", "--frames", "1"]
+    gpu.main([*words, "--results", str(tmp_path / "figures")])
     lines = capsys.readouterr().out.splitlines()[1:]
     assert lines[0].startswith("mine in ONNX Runtime, 32x24: not measured: ")
     assert lines[1].startswith("noisy, 32x24: 0.")
@@ -55,9 +57,16 @@ def test_what_cannot_run_says_why_and_the_rest_runs(
     assert len(read(tmp_path / "figures")) == 1
 
 
+def test_no_file_is_written_unless_a_folder_is_given(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(gpu, "FILTERS", ("noisy",))
+    before = read()
+    gpu.main(["--device", "cpu", "--size", "32x24", "--frames", "1"])
+    assert read() == before
+
+
 def test_sources_and_devices_that_are_not_there_are_told(tmp_path: Path) -> None:
     for source, message in ((tmp_path / "none", "none: does not exist"), (tmp_path, "expected a run folder")):
         with pytest.raises(NteError, match=message):
-            gpu.main([str(source), "--device", "cpu"], tmp_path)
+            gpu.main([str(source), "--device", "cpu"])
     with pytest.raises(NteError, match="--device teapot"):
-        gpu.main(["--device", "teapot"], tmp_path)
+        gpu.main(["--device", "teapot"])
