@@ -8,13 +8,15 @@ import weakref
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
+from functools import partial
 from typing import Annotated, Any, Literal, TypeAlias
 
 import numpy as np
 
 from nte.denoiser import Filter, Result, State, refuse_other_size, sanitised
 from nte.errors import NteError, lacking_memory, needs_extra
-from nte.filters.accumulation import History, Surface, accumulate, with_slope
+from nte.filters.accumulation import History, Surface, accumulate, with_denoised
+from nte.filters.change import in_blocks
 from nte.frames.clip import Pixels
 from nte.frames.frame import Frame
 from nte.options import Allowed, Options
@@ -84,12 +86,14 @@ class Oidn(Filter[OidnOptions]):
         histories = self._histories(frame, state)
         denoised = []
         for i, image in enumerate(arrays[self.target]):
+            guides = [arrays[name][i] for name in guided]
             if self.accumulates:
                 surface = Surface(*(arrays[name][i] if name in arrays else None for name in known))
-                image, accumulated = accumulate(image, surface, histories[i], self.options.accumulate)
-            denoised.append(self._clean(image, [arrays[name][i] for name in guided], *self._switches(frame)))
+                look = partial(self._glance, [in_blocks(guide) for guide in guides], bool(frame.clean_guides))
+                image, accumulated = accumulate(image, surface, histories[i], self.options.accumulate, look)
+            denoised.append(self._clean(image, guides, *self._switches(frame)))
             if self.accumulates:
-                histories[i] = with_slope(accumulated, denoised[-1], surface)
+                histories[i] = with_denoised(accumulated, denoised[-1], surface)
         return Result(np.stack(denoised)), tuple(histories)
 
     def _clean(self, image: Pixels, guides: list[Pixels], prefilter: bool, clean_aux: bool) -> Pixels:
@@ -97,8 +101,17 @@ class Oidn(Filter[OidnOptions]):
         image, *guides = (_interleaved(values) for values in (image, *guides))
         if prefilter:
             guides = list(self._prefilters(guides))
+        return self._denoised(image, guides, clean_aux, self.options.quality)
+
+    def _glance(self, guides: list[Pixels], clean_aux: bool, image: Pixels) -> Pixels:
+        """Let OIDN denoise a small image (3, H, W) quickly, of means over blocks as its guides are."""
+        image, *guides = (_interleaved(values) for values in (image, *guides))
+        return self._denoised(image, guides, clean_aux, "fast")
+
+    def _denoised(self, image: Pixels, guides: list[Pixels], clean_aux: bool, quality: str) -> Pixels:
+        """Run OIDN on interleaved images (H, W, 3), and return its result (3, H, W)."""
         with _its_errors():
-            denoised = self._denoise(image, *guides, hdr=True, clean_aux=clean_aux, quality=self.options.quality)
+            denoised = self._denoise(image, *guides, hdr=True, clean_aux=clean_aux, quality=quality)
         return np.ascontiguousarray(denoised.transpose(2, 0, 1), np.float32)
 
     def _histories(self, frame: Frame, state: Sequence[History] | None) -> list[History | None]:
