@@ -32,8 +32,8 @@ def by_number(paths: Iterable[Path]) -> dict[int, Path]:
     The frame number is the one that differs from name to name. A version (v002) is ignored if the name has another
     number; a minus after a separator is a sign. A single file needs no number; if it has several, the last one
     counts. Raises NteError for a frame that is missing or there twice, for a name without a number among several
-    files, for two sequences side by side, if two numbers of the names change differently, and if every number follows
-    two hyphens.
+    files, for two sequences side by side or in two folders, if two numbers of the names change differently, and if
+    every number follows two hyphens.
     """
     names = [_parse(path) for path in paths]
     if len(names) == 1:
@@ -41,6 +41,7 @@ def by_number(paths: Iterable[Path]) -> dict[int, Path]:
     for name in names:
         if not name.numbers:
             raise NteError(f"{name.path}: has no frame number in its name: choose the frames by a pattern")
+    _refuse_folders(names)
     _refuse_two_sequences(names)
     place = _varying(names)
     if all(name.numbers[place] < 0 and name.texts[place].endswith("-") for name in names):
@@ -77,6 +78,14 @@ def _parse(path: Path) -> _Name:
     cuts = [0, *(cut for m in matches for cut in m.span()), len(path.stem)]
     texts = tuple(path.stem[a:b] for a, b in zip(cuts[::2], cuts[1::2], strict=True))
     return _Name(path, texts, tuple(int(m.group()) for m in matches))
+
+
+def _refuse_folders(names: Sequence[_Name]) -> None:
+    """Raise NteError for files of several folders, unless each has its own: in turn, they would pass as one."""
+    folders = sorted({name.path.parent for name in names})
+    if 1 < len(folders) < len(names):
+        what = f"{folders[0]} and {folders[1]}: the frames lie in {len(folders)} folders"
+        raise NteError(f"{what}: choose those of one, or link all into one if they are one sequence")
 
 
 def _refuse_two_sequences(names: Sequence[_Name]) -> None:
