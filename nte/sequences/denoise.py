@@ -121,7 +121,7 @@ def _denoised(
 
 def _refuse_to_overwrite(out: Path, written: Sequence[Path], sources: Sequence[Path], force: bool) -> None:
     """Raise NteError if a file would be lost: one that exists, a noisy frame itself, or one of two with one name."""
-    if out.resolve() in {source.parent.resolve() for source in sources}:
+    if out.resolve() in {place for source in sources for place in (source.parent.resolve(), source.resolve().parent)}:
         raise NteError(f"{out}: holds the noisy frames themselves: choose another folder")
     twice = [path for path, count in Counter(path.resolve() for path in written).items() if count > 1]
     if twice:

@@ -89,7 +89,7 @@ def _open(sources: Sequence[Path], target: str, map_name: str | None, overrides:
         indices = range(len(clip))[part(range(len(clip)))]
         return Source([frame_path(folder, i) for i in indices], map(clip.frame, indices), ours, clip)
     files = _frames_in(folder) if folder else list(sources)
-    if not files:
+    if not files and not (folder and map_name):  # whose map may name files in folders below
         raise NteError(f"{folder}: has no clip.json and no .exr frames: expected a clip or a folder of frames")
     if not mapped:
         numbered = _in_order(files)
@@ -99,11 +99,10 @@ def _open(sources: Sequence[Path], target: str, map_name: str | None, overrides:
             files = files[part(list(numbered))]
             note = f"read as nte's own channels: {', '.join(found)}; if they are another renderer's, give --map"
             return Source(files, _with_forward(map(read_frame, files), files), ours, notes=lambda: [note])
+    first = files[0] if files else sources[0]
     if target != "color":
-        raise NteError(
-            f"{files[0]}: has no '{target}', which this denoiser gives; in others' frames it has to be color"
-        )
-    return _foreign(folder or files, files[0], map_name, overrides, part)
+        raise NteError(f"{first}: has no '{target}', which this denoiser gives; in others' frames it has to be color")
+    return _foreign(folder or files, first, map_name, overrides, part)
 
 
 def _foreign(
@@ -147,9 +146,9 @@ def _with_forward(
     """Make frames from stored channels (C, H, W).
 
     The forward motion of a frame becomes the previous_forward_motion of the next one. about: index → the frame's
-    scalars and camera. Raises NteError for a frame without channels or of another size.
+    scalars and camera. Raises NteError for a frame without channels, of another size or with other channels.
     """
-    forward, size = None, None
+    forward, size, names = None, None, list[str]()
     for index, (path, read) in enumerate(zip(paths, stored, strict=True)):
         if not read:
             raise NteError(f"{path}: has no channel of ours, such as color.R, albedo.R or depth.Z")
@@ -158,6 +157,11 @@ def _with_forward(
         if size not in (None, shape):
             raise NteError(f"{path}: {shape[1]}x{shape[0]} after {size[1]}x{size[0]}: frames must have one size")
         size = shape
+        names = names or sorted(read)
+        if differing := sorted({*read} ^ {*names}):
+            which = "lacks" if differing[0] in names else "has"
+            what = f"{which} '{differing[0]}', unlike {paths[0].name}"
+            raise NteError(f"{path}: {what}: expected the same channels in each frame")
         if "forward_motion" in channels:
             unknown = np.full_like(channels["forward_motion"], np.nan)
             channels["previous_forward_motion"] = unknown if forward is None else forward

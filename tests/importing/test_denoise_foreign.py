@@ -161,6 +161,21 @@ def test_one_file_a_channel(tmp_path: Path) -> None:
     assert [path.name for path in written] == ["Mogwai.PathTracer.color.98.exr", "Mogwai.PathTracer.color.99.exr"]
 
 
+def test_a_folder_a_channel(tmp_path: Path) -> None:
+    """The folder that is named holds no frame itself."""
+    folder, _ = falcor(tmp_path, scene(2))
+    for path in list(folder.iterdir()):
+        output = path.name.split(".")[2]
+        (folder / output).mkdir(exist_ok=True)
+        path.rename(folder / output / path.name)
+    files = {name: {"file": f"{output}/*.#.exr"} for name, output in (("color", "color"), ("motion", "mvec"))}
+    below = str(write_map(tmp_path / "below.yaml", {"channels": files}))
+    written = denoise_files([folder], Noisy(), tmp_path / "out", map_name=below, say=silent)
+    assert [path.name for path in written] == ["Mogwai.PathTracer.color.98.exr", "Mogwai.PathTracer.color.99.exr"]
+    with pytest.raises(NteError, match=r"no \.exr file in it"):
+        denoise_files([folder], Noisy(), tmp_path / "out", map_name="arnold", say=silent)
+
+
 def test_scaled_radiance_goes_back_to_its_units(tmp_path: Path) -> None:
     """1e-8 of the unit, in float: half floats would hold none of it."""
     given = {f"beauty.{c}": np.float32(1e-8) * RNG.random((8, 9), np.float32) for c in "RGB"}

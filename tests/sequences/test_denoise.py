@@ -215,6 +215,12 @@ def test_the_noisy_frames_themselves_are_never_overwritten(tmp_path: Path) -> No
     for out in (clip, tmp_path / "link"):
         with pytest.raises(NteError, match="holds the noisy frames themselves: choose another folder"):
             denoise_files([clip], Noisy(), out, force=True)
+    links = tmp_path / "links"
+    links.mkdir()
+    for path in clip.glob("*.exr"):
+        (links / path.name).symlink_to(path)
+    with pytest.raises(NteError, match="holds the noisy frames themselves"):
+        denoise_files(sorted(links.iterdir()), Noisy(), clip, force=True)
     assert contents(clip) == before
 
 
@@ -252,6 +258,17 @@ def test_what_does_not_fit_is_named(noisy_disc: Path, tmp_path: Path) -> None:
     ):
         with pytest.raises(NteError, match=message):
             denoise_files(sources, Noisy(), out, exposure=exposure)
+
+
+def test_a_channel_that_one_of_the_loose_frames_lacks_or_has_alone_names_the_file(tmp_path: Path) -> None:
+    """Open Image Denoise would denoise that frame without its albedo, the others with theirs."""
+    paths = engine_frames(tmp_path / "in", count=3)
+    for odd, others in ((paths[1], "lacks"), (paths[0], "has")):
+        whole = odd.read_bytes()
+        write_exr(odd, {name: pixels for name, pixels in read_layers(odd).items() if not name.startswith("albedo.")})
+        with pytest.raises(NteError, match=rf"shot\.0008\.exr: {others} 'albedo', unlike shot\.0007\.exr"):
+            denoise_files(paths, Trusting(), tmp_path / "out", say=lambda line: None)
+        odd.write_bytes(whole)
 
 
 def test_hidden_files_are_no_frames(tmp_path: Path) -> None:
