@@ -126,6 +126,8 @@ def test_operators_between_steps_count_for_the_step_before() -> None:
     assert grouped([frame]) == {"network": 33.0, "kernels": 57.0}
     assert grouped([frame, [(name, 3 * spent) for name, spent in frame]]) == {"network": 66.0, "kernels": 114.0}
     assert grouped([[("Log", 1.0), *frame]])["before the first step"] == 1.0
+    fused = [("/kernels/Slice/GatherSliceToSplitFusion", 5.0), ("/Slice_2/GatherSliceToSplitFusion_token_1", 1.0)]
+    assert grouped([[*frame, *fused]]) == {"network": 33.0, "kernels": 63.0}
 
 
 class SlowWhenProfiled(OnnxDenoiser):

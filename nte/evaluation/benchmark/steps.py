@@ -1,5 +1,6 @@
 """The time in each step of a denoiser: a filter's named scopes, a network's modules, an exported graph's operators."""
 
+import re
 import time
 from collections.abc import Iterator, Sequence
 from contextlib import ExitStack, contextmanager
@@ -19,6 +20,7 @@ from nte.runtime.engine import Spent
 WARM_UP = 4  # frames before the timed ones: caches fill, and history grows beyond what filters call young
 
 _CPU = torch.device("cpu")
+_FUSED = re.compile(r"/\w+Fusion\w*$")  # what ONNX Runtime puts behind the name of an operator that it fused
 
 if TYPE_CHECKING:
     from nte.runtime.session import OnnxDenoiser
@@ -113,7 +115,7 @@ def grouped(frames: Sequence[Spent]) -> dict[str, float]:
     for operators in frames:
         step = "before the first step"
         for name, milliseconds in operators:
-            scopes = name.split("/")
+            scopes = _FUSED.sub("", name).split("/")
             step = scopes[1] if scopes[0] == "" and len(scopes) > 2 else step
             spent[step] = spent.get(step, 0.0) + milliseconds / len(frames)
     return {name: milliseconds for name, milliseconds in spent.items() if milliseconds}  # inputs are operators of 0 ms
