@@ -44,9 +44,10 @@ def plan(source: Path | Sequence[Path], reference: Path | None, how: ChannelMap)
             inputs[name] = s, files
         elif name in needed:
             raise NteError(f"{where}: no file fits '{s.file}', where 'channels.{name}.file' expects the frames")
-    expected = inputs["color"][1]
+    color, expected = inputs["color"]
     for name, (s, files) in inputs.items():
-        if list(files) != list(expected) and not len(files) == len(expected) == 1:
+        stills = len(files) == len(expected) == 1 and not ("#" in s.file and "#" in color.file)  # whose numbers vary
+        if list(files) != list(expected) and not stills:
             where = wanted[name][0] / s.file if s.file else wanted[name][0]
             first, second = (f"{min(f)} to {max(f)}" for f in (files, expected))
             raise NteError(

@@ -57,6 +57,8 @@ class NoisebaseSequence:
             raise NteError(f"{path}: '{name}' has the shape {array.shape}, expected {(*lead, *expected)}")
         if array.dtype.kind not in "fiu":  # objects may be pickled: a codec of old numcodecs runs what is in them
             raise NteError(f"{path}: '{name}' has the type {array.dtype}, expected numbers")
+        if name == "color" and array.dtype != np.uint8:
+            raise NteError(f"{path}: 'color' has the type {array.dtype}, expected uint8: mantissas and an exponent")
         index = [*([frame] if lead else []), ..., *([samples] if samples else [])]
         try:
             return np.asarray(array[tuple(index)])

@@ -100,7 +100,7 @@ class ForeignSequence:
         """Encode `image` (3, H, W), in nte's units, as the file of frame `index` stores it: Place → (H, W).
 
         The places are those of the noisy image, or of the layer that the map calls `result`. Raises NteError if the
-        noisy image is a sum of layers.
+        noisy image is a sum of layers, and if the file has no layer of the name that `result` has.
         """
         color = self.inputs[0]
         source, path = color.source, color.files[index]
@@ -108,8 +108,10 @@ class ForeignSequence:
         stored, place = choose(path, parts, source), places(path, parts, source)
         layer = Source(layer=[self.how.result]) if self.how.result else source
         prefix = self._prefix(color, index, stored)
-        found = find(stored, "color", layer, prefix) or find(stored, "color", source, prefix)
-        if found is None or len(found.names) != 1:
+        found = find(stored, "color", layer, prefix)
+        if found is None:
+            raise NteError(f"{path}: no layer {' '.join(layer.layer)} for the denoised image to replace: see 'result'")
+        if len(found.names) != 1:
             raise NteError(f"{path}: the noisy image is no layer of its own: name one with result=LAYER in the map")
         scale, offset = (np.reshape(np.array(n, np.float64), (-1, 1, 1)) for n in (source.scale, source.offset))
         planes = ((image - offset) / scale).astype(np.float32)

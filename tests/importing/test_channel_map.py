@@ -716,6 +716,17 @@ def test_a_star_takes_no_digit_and_no_sign_of_the_frame_number(tmp_path: Path, p
     assert {number: path.name for number, path in found.items()} == {n: f"s.{n}.exr" for n in range(-12, 13)}
 
 
+def test_one_frame_of_two_channels_has_one_number_but_stills_may_be_called_alike(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    for name, values in (("color.1", "RGB"), ("albedo.2", "RGB"), ("clean_4096spp", "RGB")):
+        write_exr(tmp_path / "in" / f"{name}.exr", image(*values))
+    about: dict[str, Any] = {"channels": {"color": {"file": "color.#.exr"}, "albedo": {"file": "albedo.#.exr"}}}
+    assert "'albedo' has 1 frames (2 to 2), 'color' has 1 (1 to 1)" in refused(tmp_path, tmp_path / "in", about, capsys)
+    about["channels"] |= {"albedo": {"file": "albedo.2.exr"}, "reference": {"file": "clean*.exr"}}
+    assert {"albedo", "reference"} <= set(imported(tmp_path, tmp_path / "in", about).channels)
+
+
 @pytest.mark.parametrize("numbers", [(1, 2), (3, 4)])
 def test_a_pattern_that_fits_two_sequences_is_refused(tmp_path: Path, numbers: tuple[int, int]) -> None:
     """Also where the numbers of the second go on after those of the first."""

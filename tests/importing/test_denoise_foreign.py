@@ -80,6 +80,16 @@ def test_what_was_taken_for_what_is_said(cycles: Path, tmp_path: Path, capsys: p
     assert "color from View Layer.001.Noisy Image" in said
 
 
+def test_a_layer_that_is_not_there_is_not_replaced_by_another(cycles: Path, tmp_path: Path) -> None:
+    with pytest.raises(NteError, match=r"shot\.001\.exr: no layer Beauty for the denoised image to replace"):
+        denoise_files([cycles], Noisy(), tmp_path / "out", overrides=["result=Beauty"], say=silent)
+    assert not list((tmp_path / "out").glob("*.exr"))
+    for path in cycles.iterdir():  # «Combined» is a pass that may be switched off
+        write_exr(path, {name: pixels for name, pixels in read_layers(path).items() if ".Combined." not in name})
+    written = denoise_files([cycles], Noisy(), tmp_path / "out", say=silent)
+    assert "View Layer.001.Noisy Image.R" in read_layers(written[0])
+
+
 def test_the_sequence_is_in_order_whatever_the_folder_holds_besides(cycles: Path, tmp_path: Path) -> None:
     (cycles / "notes.txt").write_text("mine")
     (cycles / "sub").mkdir()

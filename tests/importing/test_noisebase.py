@@ -147,6 +147,7 @@ def rewrite(**changed: Any) -> Callable[[Path], object]:
         (rewrite(position=None), "array 'position' is missing; the file has camera_position,"),
         (rewrite(color=None), "no array 'color'"),
         (rewrite(motion=lambda a: a[..., :3]), "'motion' has the shape (2, 3, 48, 64, 3), expected (2, 3, 48, 64, 6)"),
+        (rewrite(color=lambda a: np.float32(a)), "'color' has the type float32, expected uint8"),
         (rewrite(view_proj_mat=lambda a: a.swapaxes(1, 2)), "'view_proj_mat' for row vectors"),
         (rewrite(position=lambda a: a[..., ::-1, :, :]), "positions are not seen in their own pixels"),
         (rewrite(normal=lambda a: 0 * a), "frame 0: no surface is seen in the image"),
