@@ -171,6 +171,15 @@ def test_ids_of_32_bits_stay_apart(tmp_path: Path, capsys: pytest.CaptureFixture
         assert not found[frame["instance"] == 0].any()
 
 
+def test_the_polygons_of_karma_are_no_objects(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    source, _ = karma(tmp_path, scene(2))
+    for path in source.iterdir():
+        write_exr(path, {"primid" if name == "objectid" else name: v for name, v in read_layers(path).items()})
+    assert run(source, "karma", tmp_path / "clip") == 0
+    assert "instance" not in Clip(tmp_path / "clip").channels
+    assert "instance from" not in capsys.readouterr().out
+
+
 def test_the_image_that_is_not_denoised_is_taken_and_said(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     frames = scene(2)
     source, overrides = vray(tmp_path, frames)
