@@ -18,20 +18,9 @@ from nte.importing.channel_map import Source, find_map, load_channel_map, needs_
 from nte.importing.convert import convert_vectors, fill_unknown, to_ours, with_motion
 from nte.importing.ids import Ids
 from nte.importing.inputs import Input, plan
-from nte.importing.layers import (
-    Found,
-    Stored,
-    choose,
-    find,
-    find_prefix,
-    missing,
-    outside,
-    partly_there,
-    places,
-    read,
-    step,
-)
+from nte.importing.layers import Found, Stored, find, find_prefix, missing, partly_there, read, step
 from nte.importing.notes import CoarseVectors, LeftInFiles, LostValues, OddValues
+from nte.importing.parts import choose, outside, part_name, places
 from nte.importing.sky import with_sky_motion
 from nte.importing.still import with_still_geometry
 
@@ -152,6 +141,7 @@ class ForeignSequence:
         found = find(stored, name, source, prefix)
         if found is None and (channel.needed or partly_there(stored, source, prefix)):
             raise missing(path, stored, name, source, prefix, parts)
+        found = found and replace(found, part=part_name(path, parts, source))
         first_path, first = self.first.setdefault(name, (path, found))
         if found != first:
             self._refuse_change(name, (first_path, first), (path, found))

@@ -30,7 +30,8 @@ from nte.importing.channel_map import (
 from nte.importing.exr import import_exr
 from nte.importing.files import files_of_pattern, numbered_files
 from nte.importing.ids import UNNAMED, Ids
-from nte.importing.layers import Found, outside
+from nte.importing.layers import Found
+from nte.importing.parts import outside
 from tests.importing.producers import SIZE, SKY_ROWS, named, rotation, scene, write_layers, write_map
 from tests.synthetic import Pixels
 
@@ -197,6 +198,24 @@ def test_parts_and_views_are_chosen_by_name(tmp_path: Path, stereo: Path, chosen
         imported(tmp_path, stereo, about | {"channels": {"color": "beauty"}}, "--force", "view=left").frame(1)["color"]
         == 0.25
     ).all()
+
+
+def test_a_number_is_the_same_part_in_each_frame(
+    tmp_path: Path, stereo: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """Else one frame's colour would be another part's, and nothing would show it."""
+    path = str(stereo / "shot.2.exr")
+    with OpenEXR.File(path) as file:
+        parts = [
+            OpenEXR.Part(dict(p.header), {n: c.pixels for n, c in p.channels.items()}, p.name()) for p in file.parts
+        ]
+    with OpenEXR.File([parts[1], parts[0], parts[2]]) as file:
+        file.write(path)
+    about = {"channels": {"color": {"layer": "beauty", "part": 0}}}
+    changed = "there is beauty of part rgb_right instead, where shot.1.exr has beauty of part rgb_left"
+    assert f"shot.2.exr: 'color': {changed}" in refused(tmp_path, stereo, about, capsys)
+    named = {"channels": {"color": {"layer": "beauty", "part": "rgb_left"}}}
+    assert (imported(tmp_path, stereo, named).frame(1)["color"] == 0.25).all()
 
 
 def test_the_eyes_of_a_stereo_image_are_not_mixed(
