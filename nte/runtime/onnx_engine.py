@@ -87,8 +87,9 @@ def session_for(
         settings.enable_profiling, settings.profile_file_prefix = True, str(profile / "profile")
     if record:
         settings.add_session_config_entry("session.record_ep_graph_assignment_info", "1")
-    if options.provider == "directml":  # which must not reuse memory by a plan
-        settings.enable_mem_pattern = False
+    # A plan of memory is made from the first frame, and takes one large piece beside what that frame left: at 1280x720
+    # the quick start's model has 1465 MB instead of 827, and is 1 to 3 % faster. DirectML allows no plan.
+    settings.enable_mem_pattern = options.provider not in ("cpu", "directml")
     asked = asked_of_onnx_runtime(options)
     if options.provider == "tensorrt":
         asked[0][1].update(engine_options(path))

@@ -1,5 +1,7 @@
 """An exported model as a denoiser: what it takes and returns, and what it says by name of a frame that does not fit."""
 
+import subprocess
+import sys
 import time
 from collections.abc import Callable
 from dataclasses import replace
@@ -116,3 +118,25 @@ def test_nothing_is_printed_beside_the_error(exported: OnnxDenoiser, capfd: pyte
     with pytest.raises(NteError, match=r"model\.onnx: cannot run this frame: "):
         exported.step(second, state._replace(tensors=state.tensors | {"previous_depth": few}))
     assert capfd.readouterr() == ("", "")
+
+
+@pytest.mark.slow
+def test_later_frames_need_little_more_memory_than_the_first(model: Path) -> None:
+    """In a process of its own; a shell starts it, as Linux counts the memory of who starts one, too."""
+    program = """
+import sys
+from nte.evaluation.benchmark.frames import synthetic_frames
+from nte.memory import peak_resident_mb
+from nte.runtime.session import OnnxDenoiser
+denoiser, state = OnnxDenoiser(sys.argv[1]), None
+frame = synthetic_frames((360, 640), [*denoiser.needs, *denoiser.optional])(0)
+before = peak_resident_mb()
+for _ in range(5):
+    _, state = denoiser.step(frame, state)
+    print(peak_resident_mb() - before)
+"""
+    by_a_shell = ["sh", "-c", '"$0" -c "$1" "$2"; exit $?', sys.executable, program, str(model)]
+    said = subprocess.run(by_a_shell, capture_output=True, text=True, check=True).stdout
+    peaks = [float(line) for line in said.split()]
+    assert peaks[0] > 20
+    assert peaks[-1] < 1.3 * peaks[0]
