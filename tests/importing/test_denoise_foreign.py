@@ -143,6 +143,22 @@ def test_what_no_map_fits_is_one_line_that_says_how_to_go_on(tmp_path: Path) -> 
         denoise_files([tmp_path / "empty"], Noisy(), tmp_path / "out")
 
 
+@pytest.mark.parametrize(
+    "layers",
+    [
+        "R G B albedo.R albedo.G albedo.B sh_normal.X sh_normal.Y sh_normal.Z depth.T position.X position.Y position.Z",
+        "R G B Z N.R N.G N.B P.R P.G P.B MotionVectors.R MotionVectors.G",
+        "R G B Z normals.X normals.Y normals.Z velocity.X velocity.Y",
+    ],
+    ids=["Mitsuba's kinds, whose depth is the ray's length", "Redshift", "an engine's own"],
+)
+def test_names_that_many_engines_use_tell_no_renderer(tmp_path: Path, layers: str) -> None:
+    path = tmp_path / "shot.1.exr"
+    write_exr(path, {name: np.full((4, 4), i, np.float32) for i, name in enumerate(layers.split())})
+    with pytest.raises(NteError, match=r"shot\.1\.exr: has names that many engines use; it has .*--map, a file or ar"):
+        recognise(path)
+
+
 def test_colour_alone_is_read_by_a_map_of_one_line_and_has_no_guides_to_tell_of(tmp_path: Path) -> None:
     folder = write_layers(tmp_path / "plain", [dict(zip("RGB", np.ones((3, 8, 9), np.float32), strict=True))] * 2)
     (tmp_path / "rgb.yaml").write_text("channels: {color: .}")
