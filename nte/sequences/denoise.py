@@ -61,7 +61,7 @@ def denoise_files(
     with only_writer(out), Progress("denoise", len(written), "frame") as progress:
         force = force or (spec is not None and is_unfinished(out, command))
         info = [] if wanted else [out / "clip.json"]  # some frames of a denoised clip may be replaced, and it stays one
-        _refuse_to_overwrite(out, [*written, *drawn.files, *info], files, force)
+        _refuse_to_overwrite(out, [*written, *drawn.files, *info], [*files, *source.others], force)
 
         def write(image: Denoised) -> Denoised:
             number = image.number

@@ -31,6 +31,7 @@ class Source(NamedTuple):
     view: str = "nte"  # the view transform of pictures, if none is chosen
     notes: Callable[[], Iterable[str]] = tuple  # notes for the user, complete when all frames have been read
     warm_up: int = 0  # how many of the first frames are there for the history of the others alone
+    others: Sequence[Path] = ()  # further files that are read, where a channel map names some
 
 
 Part = Callable[[Sequence[int]], slice]  # the frame numbers of a sequence → the frames of it that are read
@@ -124,7 +125,8 @@ def _foreign(
         return [f"read as {sequence.how.producer} (--map {sequence.map.stem})", *left_out, *sequence.notes()]
 
     frames = _with_forward(sequence.frames(), sequence.files, sequence.about)
-    return Source(sequence.files, frames, sequence.replacing, view="standard", notes=notes)
+    others = [path for channel in sequence.inputs for path in channel.files]
+    return Source(sequence.files, frames, sequence.replacing, view="standard", notes=notes, others=others)
 
 
 def _own_channels(path: Path) -> list[str]:

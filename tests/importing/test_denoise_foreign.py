@@ -198,6 +198,10 @@ def test_a_folder_a_channel(tmp_path: Path) -> None:
     below = str(write_map(tmp_path / "below.yaml", {"channels": files}))
     written = denoise_files([folder], Noisy(), tmp_path / "out", map_name=below, say=silent)
     assert [path.name for path in written] == ["Mogwai.PathTracer.color.98.exr", "Mogwai.PathTracer.color.99.exr"]
+    for path in (folder / "mvec").iterdir():
+        path.rename(path.with_name(path.name.replace("GBufferRT.mvec", "PathTracer.color")))
+    with pytest.raises(NteError, match="mvec: holds the noisy frames themselves"):
+        denoise_files([folder], Noisy(), folder / "mvec", map_name=below, say=silent, force=True)
     with pytest.raises(NteError, match=r"no \.exr file in it"):
         denoise_files([folder], Noisy(), tmp_path / "out", map_name="arnold", say=silent)
 
