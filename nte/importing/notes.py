@@ -10,7 +10,7 @@ import numpy.typing as npt
 from nte.frames.channels import CHANNELS
 from nte.frames.clip import Pixels
 from nte.frames.exr import REC_709, Part
-from nte.importing.channel_map import ChannelMap
+from nte.importing.channel_map import NORMALS, ChannelMap
 from nte.importing.convert import LEAST_NORMAL, decoded
 
 _CUT = -0.1, 1.1  # albedo beyond this range has another scale
@@ -86,9 +86,9 @@ class LostValues:
         albedo = how.channels.get("albedo")
         self._most = _OF_TWO if albedo and (albedo.plus or albedo.where_dark) else _CUT[1]
         self._encoded = how.normal.encoded
-        self._pixels = self._cut = self._hits = self._missed = self._decoded = 0
-        self._albedo, self._depth, self._missed_depth, self._normal = Range(), Range(), Range(), Range()
-        self._lengths: list[float] = []  # medians over the normals of each frame
+        self._pixels = self._cut = self._hits = self._missed = 0
+        self._albedo, self._depth, self._missed_depth = Range(), Range(), Range()
+        self._normals = {name: _StoredNormals() for name in NORMALS}
 
     def look(self, stored: Mapping[str, Pixels], ours: Mapping[str, Pixels]) -> None:
         """Add a frame of channels (C, H, W), before and after conversion; depths of the sky are infinite."""
@@ -97,13 +97,8 @@ class LostValues:
             values = stored["albedo"]
             self._albedo.add(values)
             self._cut += int(((values < _CUT[0]) | (values > self._most)).any(0).sum())
-        if self._encoded and "normal" in stored:
-            self._normal.add(stored["normal"])
-            self._decoded += int((stored["normal"] < _CUT[0]).any(0).sum())
-        if "normal" in stored:
-            lengths = np.linalg.norm(self._normals(stored), axis=0)
-            if (some := lengths[np.isfinite(lengths) & (lengths > 0)]).size:
-                self._lengths.append(float(np.median(some)))
+        for name in (name for name in NORMALS if name in stored):
+            self._normals[name].add(stored[name], self._decoded(stored[name]))
         if "depth" in stored:
             depth, hit = stored["depth"], ours["depth"][0] > 0
             self._depth.add(depth[np.abs(depth) > 0])
@@ -112,14 +107,14 @@ class LostValues:
             self._missed += int(missed.sum())
             self._missed_depth.add(depth[0][missed])
 
-    def _normals(self, stored: Mapping[str, Pixels]) -> Pixels:
-        return decoded(stored["normal"]) if self._encoded else stored["normal"]
+    def _decoded(self, normal: Pixels) -> Pixels:
+        return decoded(normal) if self._encoded else normal
 
     def _shown(self, stored: Mapping[str, Pixels]) -> npt.NDArray[np.bool_]:
         """Mark the pixels (H, W) in which normals or instances show a surface; without both, positions."""
         shown = np.zeros(stored["depth"].shape[1:], np.bool_)
         if "normal" in stored:
-            shown |= (np.abs(self._normals(stored)) > LEAST_NORMAL).any(0)
+            shown |= (np.abs(self._decoded(stored["normal"])) > LEAST_NORMAL).any(0)
         if "instance" in stored:
             shown |= stored["instance"][0] != 0
         if "position" in stored and not {"normal", "instance"} & set(stored):
@@ -134,10 +129,13 @@ class LostValues:
         if self._cut > _MANY * self._pixels:
             share = f"{self._cut / self._pixels:.0%} of the pixels of albedo, which is stored as {self._albedo}"
             yield f"cut to [0, 1]: {share}: if that is another scale, say it with channels.albedo.scale"
-        if self._decoded > _MANY * self._pixels:
-            yield f"decoded: normal, which is stored as {self._normal}: n/2 + 1/2 is never negative, see normal.encoded"
-        if self._lengths and abs(np.median(self._lengths) - 1) > _UNIT:
-            yield f"normalised: normal, whose vectors are about {np.median(self._lengths):.3g} long: is it that layer?"
+        for name, seen in self._normals.items():
+            if self._encoded and seen.negative > _MANY * self._pixels:
+                stored = f"{name}, which is stored as {seen.range}"
+                yield f"decoded: {stored}: n/2 + 1/2 is never negative, see normal.encoded"
+            length = np.median(seen.lengths or [1.0])
+            if abs(length - 1) > _UNIT:
+                yield f"normalised: {name}, whose vectors are about {length:.3g} long: is it that layer?"
         hint = "see depth.scale, negative where depth counts downwards, and depth.sky"
         if self._depth.known and not self._hits:
             yield f"no pixel shows a surface: depth is stored as {self._depth}: {hint}"
@@ -147,6 +145,23 @@ class LostValues:
             )
             share = f"{self._missed / self._pixels:.0%} of the pixels, whose other channels show a surface"
             yield f"made misses: {share}: their depth is {stored}: {hint}"
+
+
+class _StoredNormals:
+    """What is known of normals: their range as they are stored, how many are negative, and how long they are."""
+
+    def __init__(self) -> None:
+        self.range = Range()
+        self.negative = 0  # pixels with a negative component
+        self.lengths: list[float] = []  # medians over the normals of each frame
+
+    def add(self, stored: Pixels, normal: Pixels) -> None:
+        """Add a frame of normals (3, H, W), as they are stored and decoded."""
+        self.range.add(stored)
+        self.negative += int((stored < _CUT[0]).any(0).sum())
+        lengths = np.linalg.norm(normal, axis=0)
+        if (some := lengths[np.isfinite(lengths) & (lengths > 0)]).size:
+            self.lengths.append(float(np.median(some)))
 
 
 class CoarseVectors:

@@ -92,6 +92,15 @@ def test_normals_that_are_not_unit_are_told(tmp_path: Path, capsys: pytest.Captu
     assert "normalised" not in said(tmp_path / "b", capsys, layers(lambda f: {}))
 
 
+def test_geometric_normals_are_looked_at_as_well(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    frames = layers(lambda f: {})
+    for frame in frames:
+        frame |= {f"flat.{c}": frame[f"normal.{c}"] / 2 + 0.5 for c in "XYZ"}
+    out = said(tmp_path, capsys, frames, channels=CHANNELS | {"geometric_normal": "flat"})
+    assert "normalised: geometric_normal, whose vectors are about 1.22 long" in out
+    assert "normalised: normal" not in out
+
+
 def test_positions_without_depth_are_told(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     """Where neither normals nor instances show surfaces."""
     frames = layers(lambda f: left_of(f, -1), ("normal", "instance"))
