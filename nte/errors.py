@@ -3,7 +3,7 @@
 import re
 import unicodedata
 from collections.abc import Iterable, Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from difflib import get_close_matches
 
 
@@ -92,7 +92,11 @@ _ASKED = re.compile(r"(?:allocate|buffer of size) ([\d.]+)(?: ([KMGTPE]iB))?")
 
 
 def lacking_memory(error: BaseException) -> str | None:
-    """Say how much memory was asked for in vain, if that is what an error of a library is about; else None."""
+    """Say how much memory was asked for in vain, if that is what an error of a library is about; else None.
+
+    Beside it stands what the process had before, so that both together are what the work takes at least. Of a GPU's
+    memory that is not known.
+    """
     text = str(error)
     if not isinstance(error, MemoryError) and not _LACKS_MEMORY.search(text):
         return None
@@ -100,4 +104,10 @@ def lacking_memory(error: BaseException) -> str | None:
     if found is None:
         return "too little memory"
     asked = f"{found[1]} {found[2]}" if found[2] else f"{float(found[1]) / 2**20:,.1f} MiB"
-    return f"too little memory: another {asked} were asked for"
+    beside = ""
+    if "CUDA" not in text:
+        with suppress(ImportError):  # a system that does not tell
+            from nte.memory import peak_resident_mb
+
+            beside = f", beside the {peak_resident_mb():,.0f} MB that the process had"
+    return f"too little memory: another {asked} were asked for{beside}"
