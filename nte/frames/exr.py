@@ -45,6 +45,7 @@ class Part(NamedTuple):
     aspect: float = 1.0  # width of a pixel in units of its height
     lossy: str = ""  # name of a compression that changes values of the part
     primaries: tuple[float, ...] = REC_709  # chromaticities x, y of red, green, blue and white
+    space: str = ""  # what the file calls its colour space (colorInteropID), such as lin_rec709_scene
 
     def full(self, channel: str) -> str:
         """Return the full layered name of a channel: the part's name is the layer of a channel that names none."""
@@ -211,7 +212,8 @@ def _read_part(path: Path, part: OpenEXR.Part, one_of_several: bool) -> Part:
     lossy = compression if any(pixels.dtype in _LOSSY.get(compression, ()) for pixels in full.values()) else ""
     primaries = tuple(map(float, part.header.get("chromaticities", REC_709)))
     beyond = outside if outside.any() else None
-    return Part(name, view, layers, views, beyond, overscan, subsampled, aspect, lossy, primaries)
+    space = str(part.header.get("colorInteropID", ""))
+    return Part(name, view, layers, views, beyond, overscan, subsampled, aspect, lossy, primaries, space)
 
 
 def _to_display_window(header: dict[str, object], pixels: npt.NDArray[Value]) -> npt.NDArray[Value]:

@@ -13,6 +13,7 @@ from nte.frames.exr import REC_709, Part
 from nte.importing.channel_map import NORMALS, ChannelMap
 from nte.importing.convert import LEAST_NORMAL, decoded
 
+_OURS = ("", "lin_rec709_scene", "data", "unknown")  # colour spaces of which there is nothing to tell
 _CUT = -0.1, 1.1  # albedo beyond this range has another scale
 _OF_TWO = 2.1  # the same, where a specular and a transmitted colour are added
 _UNIT = 0.05  # greatest distance from 1 of the median length of normals that is not worth a word
@@ -21,13 +22,14 @@ _MANY = 0.01  # share of the pixels beyond that range from which on the user is 
 
 
 class LeftInFiles:
-    """Record of what is not kept of files: subsampled channels, overscan, values as they were, and primaries."""
+    """Record of what is not kept of files: subsampled channels, overscan, values as they were, and colour spaces."""
 
     def __init__(self) -> None:
         self._subsampled: set[str] = set()
         self._overscan = False
         self._lossy: set[str] = set()
         self._primaries: set[tuple[float, ...]] = set()
+        self._spaces: set[str] = set()
 
     def look(self, parts: Sequence[Part]) -> None:
         """Add the parts of a file."""
@@ -35,9 +37,10 @@ class LeftInFiles:
         self._overscan |= any(part.overscan for part in parts)
         self._lossy |= {part.lossy for part in parts if part.lossy}
         self._primaries |= {part.primaries for part in parts if not np.allclose(part.primaries, REC_709, atol=1e-3)}
+        self._spaces |= {part.space for part in parts if part.space not in _OURS}
 
     def notes(self) -> Iterator[str]:
-        """Write a line for each of the four."""
+        """Write a line for each of them."""
         if self._subsampled:
             yield f"left out: {', '.join(sorted(self._subsampled))}: subsampled, without a value for every pixel"
         if self._overscan:
@@ -47,6 +50,8 @@ class LeftInFiles:
         for primaries in sorted(self._primaries):
             shown = " ".join(f"{number:.4g}" for number in primaries)
             yield f"not converted: colours have the primaries {shown}, and are shown as if they were those of Rec. 709"
+        for space in sorted(self._spaces):
+            yield f"not converted: the files call their colours {space}, which are shown as if they were {_OURS[1]}"
 
 
 class OddValues:

@@ -116,11 +116,13 @@ def test_positions_without_depth_are_told(tmp_path: Path, capsys: pytest.Capture
     [
         ({"compression": OpenEXR.DWAA_COMPRESSION}, "lossy: DWAA compression changes vectors, normals and ids too"),
         ({"compression": OpenEXR.PXR24_COMPRESSION}, "lossy: PXR24 compression changes"),  # 100001 becomes 100002
+        ({"colorInteropID": "lin_rec2020_scene"}, "call their colours lin_rec2020_scene, which are shown as if"),
+        ({"colorInteropID": "lin_rec709_scene"}, ""),
         ({"chromaticities": (0.713, 0.293, 0.165, 0.83, 0.128, 0.044, 0.3217, 0.3377)}, "the primaries 0.713 0.293 "),
         ({"displayWindow": ((0, 0), (SIZE[1] - 1, SIZE[0] - 3))}, "left out: overscan, the pixels outside"),
         ({"compression": OpenEXR.PIZ_COMPRESSION, "chromaticities": REC_709}, ""),
     ],
-    ids=["DWAA", "PXR24", "ACEScg", "overscan", "as usual"],
+    ids=["DWAA", "PXR24", "Blender's Rec. 2020", "Blender's Rec. 709", "ACEScg", "overscan", "as usual"],
 )
 def test_what_a_header_says_of_values_is_told(
     tmp_path: Path, capsys: pytest.CaptureFixture[str], header: dict[str, object], told: str
@@ -134,4 +136,4 @@ def test_what_a_header_says_of_values_is_told(
     map_path = write_map(tmp_path / "map.yaml", {"channels": CHANNELS})
     main(["import", "exr", str(folder), "--map", str(map_path), "--out", str(tmp_path / "clip")])
     out = capsys.readouterr().out
-    assert (told in out) if told else not any(word in out for word in ("lossy", "primaries", "overscan"))
+    assert (told in out) if told else not any(word in out for word in ("lossy", "not converted", "overscan"))
