@@ -13,9 +13,10 @@ ROOT = Path(nte.__file__).parent
 # A module may import what stands in rows above its own here, and what is in its own package; not its neighbours in a
 # row. A package stands for all of its modules. Rows may name what is not there yet.
 LAYERS = (
-    "version errors shipped released",
+    "memory version",
+    "errors shipped released",
     "files",
-    "config console elsewhere interrupt machine memory options overlap progress text_table",
+    "config console elsewhere interrupt machine options overlap progress text_table",
     "frames jobs unfinished",
     "cluster color motion",
     "denoiser viewer",
