@@ -82,7 +82,8 @@ def _parse(path: Path) -> _Name:
 
 def _refuse_folders(names: Sequence[_Name]) -> None:
     """Raise NteError for files of several folders, unless each has its own: in turn, they would pass as one."""
-    folders = sorted({name.path.parent for name in names})
+    given = {name.path.parent for name in names}
+    folders = sorted({folder.resolve(): folder for folder in given}.values())  # a/../b is b
     if 1 < len(folders) < len(names):
         what = f"{folders[0]} and {folders[1]}: the frames lie in {len(folders)} folders"
         raise NteError(f"{what}: choose those of one, or link all into one if they are one sequence")

@@ -91,4 +91,5 @@ def test_frames_of_two_folders_are_one_sequence_only_if_each_has_its_own() -> No
     """A pattern such as `*/beauty.*.exr` would join a shot of frames 1 and 2 and another of frames 3 and 4."""
     with pytest.raises(NteError, match="a and b: the frames lie in 2 folders: choose those of one"):
         by_number([Path("a/beauty.1.exr"), Path("a/beauty.2.exr"), Path("b/beauty.3.exr"), Path("b/beauty.4.exr")])
+    assert list(by_number([Path("a/1.exr"), Path("b/../a/2.exr"), Path("a/3.exr")])) == [1, 2, 3]
     assert list(by_number([Path("1/beauty.1.exr"), Path("2/beauty.2.exr"), Path("3/beauty.3.exr")])) == [1, 2, 3]
