@@ -55,7 +55,11 @@ def copy_exr(source: Path, out: Path, planes: Planes, dark_counts: bool = True) 
             alone = f"{part.header.get('name', '')}.{name}" if several and "." not in name else name
             key: str | Place = alone if alone in left else (number, name)
             if key in left:
-                channel.pixels = _placed(left.pop(key), channel.pixels, part.header, dark_counts)
+                plane, size = left.pop(key), window_size(part.header["displayWindow"])
+                if plane.shape != size:
+                    both = f"{size[1]}x{size[0]}, the new pixels are {plane.shape[1]}x{plane.shape[0]}"
+                    raise NteError(f"{source}: is {both}: expected one size; was the file replaced after it was read?")
+                channel.pixels = _placed(plane, channel.pixels, part.header, dark_counts)
             else:
                 channel.pixels = np.ascontiguousarray(channel.pixels)
     if left:
@@ -74,9 +78,6 @@ def _placed(
 ) -> npt.NDArray[np.generic]:
     """Return the stored pixels of a data window, with those inside the display window replaced by `plane`."""
     data, display = np.array(header["dataWindow"]), np.array(header["displayWindow"])
-    size = window_size(header["displayWindow"])
-    if plane.shape != size:
-        raise NteError(f"the new pixels are {plane.shape[1]}x{plane.shape[0]}, the file is {size[1]}x{size[0]}")
     low, high = np.maximum(data[0], display[0]), np.minimum(data[1], display[1]) + 1
     kind = stored.dtype if _keeps(stored.dtype, plane, dark_counts) else np.dtype(np.float32)
     placed = np.array(stored, kind)

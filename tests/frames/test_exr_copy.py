@@ -103,7 +103,7 @@ def test_a_channel_that_is_not_there_and_another_size_write_nothing(tmp_path: Pa
     written(tmp_path / "a.exr", {"type": OpenEXR.scanlineimage}, stored(SHOWN))
     for planes, message in (
         ({"color.R": np.zeros(SHOWN, np.float32)}, r"a\.exr: has no channel 'color.R' to replace"),
-        ({"ViewLayer.Depth.Z": np.zeros((3, 4), np.float32)}, r"new pixels are 4x3, the file is 10x7"),
+        ({"ViewLayer.Depth.Z": np.zeros((3, 4), np.float32)}, r"\.exr: is 10x7, the new pixels are 4x3"),
     ):
         with pytest.raises(NteError, match=message):
             copy_exr(tmp_path / "a.exr", tmp_path / "b.exr", planes)
