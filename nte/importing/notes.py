@@ -170,17 +170,25 @@ class _StoredNormals:
 
 
 class CoarseVectors:
-    """Record of vectors that are stored in coarse steps: half floats around 0.5 are 1 px of a full HD image apart."""
+    """Record of vectors and positions in coarse steps: half floats around 0.5 are 1 px of a full HD image apart."""
 
     def __init__(self) -> None:
         self._steps: dict[str, float] = {}
+        self._position = 0.0
 
     def look(self, name: str, step: float) -> None:
         """Add a channel of vectors of a frame, whose values are `step` pixels apart."""
         self._steps[name] = max(step, self._steps.get(name, 0.0))
 
+    def look_at_positions(self, step: float) -> None:
+        """Add the positions of a frame, whose values are `step` scene units apart; 0 if they are no half floats."""
+        self._position = max(step, self._position)
+
     def notes(self) -> Iterator[str]:
-        """Write a line for each channel whose steps are greater than a tenth of a pixel."""
+        """Write a line for positions in half floats, and for each channel with steps above a tenth of a pixel."""
+        if self._position:
+            steps = f"in steps of {self._position:.2g} scene units"
+            yield f"coarse: position is stored in half floats, {steps}; cameras come from it: write 32-bit floats"
         for name, step in self._steps.items():
             if step > _COARSE:
                 yield f"coarse: {name} is stored in half floats, in steps of {step:.2g} px: write 32-bit floats"

@@ -153,6 +153,8 @@ class ForeignSequence:
         if name in VECTORS:
             pixels = convert_vectors(np.ones_like(values), getattr(self.how, name).convention())
             self.coarse.look(name, step(stored, source, found) * float(np.abs(pixels).max()))
+        if name == "position":
+            self.coarse.look_at_positions(step(stored, source, found))
         if CHANNELS[name].kind == "id":
             return self.ids.keep(values, half=stored[found.names[0][0]].dtype == np.float16)
         return values

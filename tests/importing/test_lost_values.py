@@ -9,7 +9,7 @@ import OpenEXR
 import pytest
 
 from nte.cli import main
-from nte.frames.exr import REC_709
+from nte.frames.exr import REC_709, write_exr
 from tests.importing.producers import SIZE, named, scene, write_layers, write_map
 from tests.synthetic import Pixels
 
@@ -137,3 +137,19 @@ def test_what_a_header_says_of_values_is_told(
     main(["import", "exr", str(folder), "--map", str(map_path), "--out", str(tmp_path / "clip")])
     out = capsys.readouterr().out
     assert (told in out) if told else not any(word in out for word in ("lossy", "not converted", "overscan"))
+
+
+@pytest.mark.parametrize("kind", [np.float16, np.float32])
+def test_positions_in_half_floats_are_told(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], kind: type[np.floating]
+) -> None:
+    """Cameras are recovered from them, and from cameras the sky's motion, which is a quarter of a pixel off at 20."""
+    (tmp_path / "shots").mkdir()
+    for i, planes in enumerate(layers(lambda f: {})):
+        stored = {name: np.ascontiguousarray(plane, np.float32) for name, plane in planes.items()}
+        position = {f"P.{c}": np.full(SIZE, 20, kind) for c in "XYZ"}
+        write_exr(tmp_path / "shots" / f"shot.{i}.exr", stored | position)
+    map_path = write_map(tmp_path / "map.yaml", {"channels": CHANNELS | {"position": "P"}})
+    main(["import", "exr", str(tmp_path / "shots"), "--map", str(map_path), "--out", str(tmp_path / "clip")])
+    told = "coarse: position is stored in half floats, in steps of 0.016 scene units" in capsys.readouterr().out
+    assert told == (kind is np.float16)
