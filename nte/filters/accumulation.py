@@ -27,7 +27,7 @@ from nte.frames.scalars import known_exposure
 Mask = npt.NDArray[np.bool_]
 
 STRIP = 64  # px; rows of an image that are worked on at once, a multiple of a block
-MOST = 30.0  # a frame so many times as bright as its history, or as dark, begins another one
+MOST = 30.0  # a frame so many times as bright as the first of its history, or as dark, begins another one
 FLOOR = 0.3  # added to the albedo before light is divided by it
 # The rule for hidden surfaces of nte.motion.geometric, which is PyTorch's; a test holds the two together.
 HIDDEN_PX, BEHIND = 0.5, 1.1
@@ -53,6 +53,7 @@ class History(NamedTuple):
     denoised: Pixels  # (3, H, W): light after the spatial denoiser, divided by the texture
     slope: Pixels  # (H, W): of its logarithm, per px
     exposure: np.float32  # in whose scale logarithms are compared, of the first frame; NaN for a black one
+    level: float  # mean logarithm of that frame
 
 
 def accumulate(
@@ -76,11 +77,11 @@ def accumulate(
     if surface.depth is not None:
         depth = np.where(surface.depth[0] > 0, surface.depth[0], depth)
     flat = np.zeros_like(depth)
-    if history is None or surface.motion is None or not _comparable(log := _log(light, history.exposure), history.log):
+    if history is None or surface.motion is None or not _suits(history, log := _log(light, history.exposure)):
         exposure = known_exposure(color[None])[0]
-        return color, History(
-            light, _log(light, exposure), flat + 1, depth, np.stack([flat, flat]), light, flat, exposure
-        )
+        log = _log(light, exposure)
+        level = float(log.mean())
+        return color, History(light, log, flat + 1, depth, np.stack([flat, flat]), light, flat, exposure, level)
     old, length, beside = history, flat + 1, np.stack([flat, flat])
     texture_in_blocks = in_blocks(texture)
     glance = denoise_blocks(in_blocks(light) * texture_in_blocks) / texture_in_blocks
@@ -102,7 +103,7 @@ def accumulate(
         blocks = np.pad(blocks, [(0, 0), (1, 1), (1, 1)], mode="edge")
         of_strips = [blocks[:, rows.start // BLOCK : rows.stop // BLOCK + 2] for rows in strips]
         list(pool.map(add, strips, found, of_strips))
-    return light * texture, History(light, log, length, depth, beside, light, flat, history.exposure)
+    return light * texture, History(light, log, length, depth, beside, light, flat, history.exposure, history.level)
 
 
 def _threads() -> int:
@@ -127,10 +128,13 @@ def _texture(color: Pixels, albedo: Pixels | None) -> Pixels:
     return np.where(albedo.any(0), albedo, 1) + np.float32(FLOOR)
 
 
-def _comparable(log: Pixels, before: Pixels) -> bool:
-    """Whether two logarithms of light are of a size, so that one exposure suits both; false for black, and for NaN."""
-    now, then = float(log.mean()), float(before.mean())
-    return now < MOST * then and then < MOST * now
+def _suits(history: History, log: Pixels) -> bool:
+    """Whether the exposure of a history suits a frame of this logarithm; never if either is black.
+
+    The first frame decides, not the last: light that fades slowly ends below all that can be told apart.
+    """
+    now, first = float(log.mean()), history.level
+    return now < MOST * first and first < MOST * now
 
 
 def _log(light: Pixels, exposure: np.float32) -> Pixels:

@@ -194,6 +194,14 @@ def test_a_sequence_that_begins_with_another_brightness_finds_its_changes(factor
     assert (mean / clean).mean() < 1.15
 
 
+@pytest.mark.parametrize("factor", [0.5, 2.0])
+def test_light_that_fades_for_long_leaves_no_trace(factor: float) -> None:
+    """Halved in every frame, it soon is black in the exposure of the first one."""
+    scene = Scene(noise=0.5)
+    mean, color, clean, _ = run(scene, 20, {frame: factor**frame for frame in range(20)})
+    assert abs(float((mean / clean).mean() / (color / clean).mean()) - 1) < 0.05
+
+
 def test_there_are_indices_for_as_many_pixels_as_8k_has() -> None:
     place = np.float32([[[7679.5]], [[4319.5]]])
     assert _index(place, np.float32([7680, 4320])[:, None, None]).item() == 7680 * 4320 - 1
