@@ -107,8 +107,9 @@ def accumulate(
 
 
 def _threads() -> int:
-    """As many as OIDN has, which takes its turn afterwards."""
-    return int(os.environ.get("OIDN_NUM_THREADS") or 0) or os.cpu_count() or 1
+    """As many as OIDN has, which takes its turn afterwards, and for which what is no number is not given."""
+    given = os.environ.get("OIDN_NUM_THREADS", "").strip()
+    return (int(given) if given.isdecimal() else 0) or os.cpu_count() or 1
 
 
 def with_denoised(history: History, denoised: Pixels, surface: Surface) -> History:

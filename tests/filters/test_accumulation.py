@@ -214,6 +214,14 @@ def test_strips_are_as_the_whole_image(monkeypatch: pytest.MonkeyPatch) -> None:
     np.testing.assert_array_equal(run(scene, 6)[0], whole[0])
 
 
+@pytest.mark.parametrize("threads", ["auto", "-1", "1.5", "0", " 2 "])
+def test_a_number_of_threads_that_is_none_is_as_if_not_given(monkeypatch: pytest.MonkeyPatch, threads: str) -> None:
+    """So it is to OIDN itself."""
+    usual = run(Scene(), 2)
+    monkeypatch.setenv("OIDN_NUM_THREADS", threads)
+    np.testing.assert_array_equal(run(Scene(), 2)[0], usual[0])
+
+
 def test_a_constant_stays_constant() -> None:
     color, history = np.full((3, 9, 7), 3.0, np.float32), None
     still = Surface(None, np.zeros((2, 9, 7), np.float32), np.ones((1, 9, 7), np.float32), None)
