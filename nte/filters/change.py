@@ -79,11 +79,13 @@ def judged(found: Pixels, glance: Pixels, exposure: np.float32) -> Pixels:
 
 
 def _apart(found: Pixels, glance: Pixels, exposure: np.float32) -> Pixels:
-    """The squared difference (H/4, W/4) of the glance and the light before, of logarithms, in the colour with most."""
-    count = found[6]
-    before = found[8:] + (1 - count) * glance  # nothing differs where nothing is known
-    apart = np.square(np.log1p(glance * exposure) - np.log1p(before * exposure)).max(0)
-    total, weight = _blurred(np.stack([count * apart, count]), SCALES[1])
+    """The squared difference (H/4, W/4) of the glance and the light before, of logarithms, in the colour with most.
+
+    Only of blocks that are known as a whole: in others the glance sees light of other surfaces, such as lamps, too.
+    """
+    whole = np.asarray(found[6] == 1, np.float32)
+    apart = np.square(np.log1p(glance * exposure) - np.log1p(found[8:] * exposure)).max(0)
+    total, weight = _blurred(np.stack([whole * apart, whole]), SCALES[1])
     return np.asarray(total / np.maximum(weight, 1e-3), np.float32)
 
 

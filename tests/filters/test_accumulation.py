@@ -173,6 +173,21 @@ def test_light_that_changes_its_colour_alone_leaves_no_trace(noise: float) -> No
     assert abs((mean / clean).mean((1, 2)) - (scene.noisy(clean, 8) / clean).mean((1, 2))).max() < 0.05
 
 
+def test_a_lamp_takes_no_history_from_what_is_beside_it() -> None:
+    """A lamp itself has none, as it has no albedo, and cuts through blocks."""
+    scene, history = Scene(noise=0.3, contrast=0.3), None
+    lamp = np.s_[:, 22:37, 33:50]
+    for frame in range(9):
+        clean, albedo = scene.clean(0)
+        clean[lamp], albedo[lamp] = 50, 0
+        color, surface = scene.noisy(clean, frame), scene.surface(albedo)
+        mean, history = accumulate(color, surface, history, 8, glance(albedo))
+        history = with_denoised(history, _by_oidn(_interleaved(mean), _interleaved(albedo), clean_aux=True), surface)
+    assert (history.length[lamp[1:]] == 1).all()
+    above, far = history.length[16:22, 33:50].mean(), history.length[:8].mean()
+    assert above > 0.7 * far
+
+
 def test_a_screen_has_no_history() -> None:
     """It has no albedo, and what it shows moves otherwise than it does."""
     scene, history = Scene((3.0, 0.0), noise=0.02), None
