@@ -39,20 +39,22 @@ def _sums(planes: Pixels) -> Pixels:
 
 
 def statistics(change: Pixels, error: Pixels, light: Pixels, valid: npt.NDArray[np.bool_]) -> Pixels:
-    """What tells a change from noise, as sums over blocks (11, ⌈H/4⌉, ⌈W/4⌉) divided by their pixels.
+    """What tells a change from noise, as sums over blocks (12, ⌈H/4⌉, ⌈W/4⌉) divided by their pixels.
 
     change (3, H, W): of the logarithm of light. error (H, W): that a slope makes. light (3, H, W): denoised before.
-    Summed are the change in each colour, its squares, how many are valid, the squared error, and the light before.
+    Summed are the change in each colour, its squares, how many are valid, the squared error, the light before, and how
+    many are not valid. What sticks out of the picture is neither.
     """
     height, width = valid.shape
-    planes = np.zeros((11, height + -height % BLOCK, width + -width % BLOCK), np.float32)
-    parts = slice(3), slice(3, 6), 6, 7, slice(8, 11)
-    changes, squares, count, slopes, before = (planes[part, :height, :width] for part in parts)
+    planes = np.zeros((12, height + -height % BLOCK, width + -width % BLOCK), np.float32)
+    parts = slice(3), slice(3, 6), 6, 7, slice(8, 11), 11
+    changes, squares, count, slopes, before, unknown = (planes[part, :height, :width] for part in parts)
     count[:] = valid
     np.multiply(change, count, out=changes)  # np.where takes ten times as long
     np.multiply(changes, changes, out=squares)
     np.multiply(error * error, count, out=slopes)
     np.multiply(light, count, out=before)
+    np.subtract(1, count, out=unknown)
     return _sums(planes) / np.float32(BLOCK**2)
 
 
@@ -83,9 +85,11 @@ def _apart(found: Pixels, glance: Pixels, exposure: np.float32) -> Pixels:
 
     Only of blocks that are known as a whole: in others the glance sees light of other surfaces, such as lamps, too.
     """
-    whole = np.asarray(found[6] == 1, np.float32)
-    apart = np.square(np.log1p(glance * exposure) - np.log1p(found[8:] * exposure)).max(0)
-    total, weight = _blurred(np.stack([whole * apart, whole]), SCALES[1])
+    *before, unknown = found[8:]
+    count = found[6] * (unknown == 0)
+    before = np.stack(before) / np.maximum(count, 1 / BLOCK**2)
+    apart = np.square(np.log1p(glance * exposure) - np.log1p(before * exposure)).max(0)
+    total, weight = _blurred(np.stack([count * apart, count]), SCALES[1])
     return np.asarray(total / np.maximum(weight, 1e-3), np.float32)
 
 
