@@ -51,6 +51,7 @@ def test_another_thread_may_enter_the_block_and_changes_nothing() -> None:
 @pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
 def test_an_interruption_of_which_a_library_makes_another_error_stays_one(number: signal.Signals) -> None:
     """OmegaConf has `finally` blocks that fail, and in which an interruption is lost."""
+    outside = signal.signal(signal.SIGINT, signal.default_int_handler)  # a shell's background jobs ignore it
     before = [signal.getsignal(each) for each in (signal.SIGINT, signal.SIGTERM)]
 
     def library() -> None:
@@ -64,6 +65,7 @@ def test_an_interruption_of_which_a_library_makes_another_error_stays_one(number
     with pytest.raises(AttributeError), terminable():
         raise AttributeError
     assert [signal.getsignal(each) for each in (signal.SIGINT, signal.SIGTERM)] == before
+    signal.signal(signal.SIGINT, outside)
 
 
 @pytest.mark.slow
