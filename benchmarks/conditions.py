@@ -6,13 +6,15 @@ frames behind a cut to the next clip, less than that of a sequence that starts t
 are than the references.
 """
 
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from itertools import pairwise
 from pathlib import Path
 
 import numpy as np
+import torch
 
 from benchmarks.command import make_parser, run
+from nte.color import psnr
 from nte.denoiser import Session
 from nte.frames.clip import Clip, Pixels, find_clips
 from nte.frames.frame import Frame
@@ -49,10 +51,10 @@ def denoised(
         yield np.asarray(session.denoise(frame)[0]), np.asarray(frame["reference"][0])
 
 
-def psnr(frames: Iterator[tuple[Pixels, Pixels]], exposure: float) -> Pixels:
-    """PSNR of each frame, dB, after the display transform."""
+def quality(frames: Iterable[tuple[Pixels, Pixels]], exposure: float) -> Pixels:
+    """PSNR of each image against its reference, dB, after the display transform."""
     errors = [display(image, exposure) - display(reference, exposure) for image, reference in frames]
-    return np.array([-10 * np.log10(np.square(error).mean()) for error in errors])
+    return np.array([float(psnr(torch.tensor(np.square(error).mean()))) for error in errors])
 
 
 def exposure_of(clip: Clip) -> float:
@@ -66,24 +68,29 @@ def figures(spec: str, clips: Sequence[Clip]) -> dict[str, float]:
     def note(name: str, value: float) -> None:
         found.setdefault(name, []).append(float(value))
 
+    def begun() -> Session:
+        return Session(load_denoiser(spec))
+
     for clip in clips:
-        plain = list(denoised(Session(load_denoiser(spec)), clip))
-        for index, value in enumerate(psnr(iter(plain), exposure_of(clip))[:5]):
+        exposure, plain = exposure_of(clip), list(denoised(begun(), clip))
+        of_plain = quality(plain, exposure)
+        for index, value in enumerate(of_plain[:5]):
             note(f"frame {index}: PSNR", value)
         image, reference = (np.mean([pair[i] for pair in plain], axis=0) for i in (0, 1))
         note("brighter than the references, %", 100 * (image.mean() / reference.mean() - 1))
-        for name, factor in (("1/16", 1 / 16), ("1", 1.0), ("16", 16.0)):
-            lit = denoised(Session(load_denoiser(spec)), clip, scaled(factor))
-            note(f"light x {name}: PSNR", psnr(lit, exposure_of(clip) / factor)[FIRST:].mean())
-        kept = list(denoised(Session(load_denoiser(spec)), clip, converged))[FIRST:]
+        note("light x 1: PSNR", of_plain[FIRST:].mean())
+        for name, factor in (("1/16", 1 / 16), ("16", 16.0)):
+            lit = denoised(begun(), clip, scaled(factor))
+            note(f"light x {name}: PSNR", quality(lit, exposure / factor)[FIRST:].mean())
+        kept = list(denoised(begun(), clip, converged))[FIRST:]
         changes = [abs(image - clean) / (clean + 0.01 * clean.mean()) for image, clean in kept]
         most = np.quantile(changes, NOISELESS, axis=(1, 2, 3)).mean()
         note("without noise: 99.9th percentile of the change, %", 100 * most)
     for before, behind in pairwise(clips):
-        session, exposure = Session(load_denoiser(spec)), exposure_of(behind)
+        session, exposure = begun(), exposure_of(behind)
         list(denoised(session, before))
-        after = psnr(denoised(session, behind, start=CUT), exposure)
-        fresh = psnr(denoised(Session(load_denoiser(spec)), behind, start=CUT), exposure)
+        after = quality(denoised(session, behind, start=CUT), exposure)
+        fresh = quality(denoised(begun(), behind, start=CUT), exposure)
         for index in BEHIND:
             if index < len(after):
                 note(f"frame {index} behind a cut: PSNR lost", fresh[index] - after[index])

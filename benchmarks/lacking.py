@@ -6,35 +6,33 @@ the same channels, and its gain in the clip where it is least, and where it is m
 
 import warnings
 from collections.abc import Sequence
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 
 from benchmarks.command import make_parser, run
+from benchmarks.conditions import FIRST, denoised, exposure_of, quality
 from nte.denoiser import MissingChannelWarning, Session
 from nte.frames.clip import Clip, find_clips
-from nte.frames.scalars import sequence_scalars
-from nte.frames.show import display
+from nte.frames.frame import Frame
 from nte.registry import load_denoiser
 from nte.released import DEFAULT
 from nte.text_table import aligned
 
 WANTED = ("albedo", "normal", "depth", "motion")
 LACKING = ((), ("depth",), ("normal",), ("albedo",), ("motion",), ("albedo", "normal", "depth"), WANTED)
-FIRST = 3
 
 
 def psnr_of(spec: str, clip: Clip, lacking: Sequence[str]) -> float:
     """PSNR, dB: the mean over the frames of a clip from FIRST on."""
-    session, found = Session(load_denoiser(spec)), []
-    exposure = float(sequence_scalars(clip.frame(0))[0][0])
-    for index in range(len(clip)):
-        frame = clip.frame(index, ["color", *(name for name in WANTED if name not in lacking)])
-        image = display(session.denoise(frame)[0], exposure)
-        if index >= FIRST:
-            error = image - display(clip.frame(index, ["reference"])["reference"][0], exposure)
-            found.append(-10 * np.log10(np.square(error).mean()))
-    return float(np.mean(found))
+    names = ["color", "reference", *(name for name in WANTED if name not in lacking)]
+
+    def without(frame: Frame) -> Frame:
+        return replace(frame, channels={name: frame[name] for name in names})
+
+    frames = denoised(Session(load_denoiser(spec)), clip, without)
+    return float(quality(frames, exposure_of(clip))[FIRST:].mean())
 
 
 def main(arguments: Sequence[str]) -> None:

@@ -76,7 +76,7 @@ def judged(found: Pixels, glance: Pixels, exposure: np.float32) -> Pixels:
     slopes = SLOPE * slopes
     noise = np.maximum(np.mean(squares, 0) - slopes, 1e-6 * count)
     allowed = GLANCE * noise / np.maximum(count, 1e-3) + ALIKE
-    kept *= 1 / (1 + (_apart(found, glance, exposure) / allowed) ** 2)
+    kept /= 1 + (_apart(found, glance, exposure) / allowed) ** 2
     return np.stack([kept, noise, slopes])
 
 

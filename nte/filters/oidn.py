@@ -89,27 +89,19 @@ class Oidn(Filter[OidnOptions]):
             guides = [arrays[name][i] for name in guided]
             if self.accumulates:
                 surface = Surface(*(arrays[name][i] if name in arrays else None for name in known))
-                look = partial(self._glance, [in_blocks(guide) for guide in guides], bool(frame.clean_guides))
-                image, accumulated = accumulate(image, surface, histories[i], self.options.accumulate, look)
-            denoised.append(self._clean(image, guides, *self._switches(frame)))
+                small, clean = [in_blocks(guide) for guide in guides], bool(frame.clean_guides)
+                glance = partial(self._clean, guides=small, prefilter=False, clean_aux=clean, quality="fast")
+                image, accumulated = accumulate(image, surface, histories[i], self.options.accumulate, glance)
+            denoised.append(self._clean(image, guides, *self._switches(frame), self.options.quality))
             if self.accumulates:
                 histories[i] = with_denoised(accumulated, denoised[-1], surface)
         return Result(np.stack(denoised)), tuple(histories)
 
-    def _clean(self, image: Pixels, guides: list[Pixels], prefilter: bool, clean_aux: bool) -> Pixels:
+    def _clean(self, image: Pixels, guides: list[Pixels], prefilter: bool, clean_aux: bool, quality: str) -> Pixels:
         """Let OIDN denoise one image (3, H, W)."""
         image, *guides = (_interleaved(values) for values in (image, *guides))
         if prefilter:
             guides = list(self._prefilters(guides))
-        return self._denoised(image, guides, clean_aux, self.options.quality)
-
-    def _glance(self, guides: list[Pixels], clean_aux: bool, image: Pixels) -> Pixels:
-        """Let OIDN denoise a small image (3, H, W) quickly, of means over blocks as its guides are."""
-        image, *guides = (_interleaved(values) for values in (image, *guides))
-        return self._denoised(image, guides, clean_aux, "fast")
-
-    def _denoised(self, image: Pixels, guides: list[Pixels], clean_aux: bool, quality: str) -> Pixels:
-        """Run OIDN on interleaved images (H, W, 3), and return its result (3, H, W)."""
         with _its_errors():
             denoised = self._denoise(image, *guides, hdr=True, clean_aux=clean_aux, quality=quality)
         return np.ascontiguousarray(denoised.transpose(2, 0, 1), np.float32)
