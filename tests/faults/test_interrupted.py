@@ -67,7 +67,9 @@ def test_it_ends_in_a_line_and_is_started_again(
         if was_done:  # a signal while Python itself ends is nothing that a command could tell
             assert code in (0, INTERRUPTED, -number), f"{told}\n{errors}"
         else:
-            assert (code, lines) == (INTERRUPTED, [SAID]), f"{told}\n{errors}"
+            # `python -m` kills itself by SIGINT, shown by a shell as 130, if an exec of a text was interrupted.
+            assert code in (INTERRUPTED, -signal.SIGINT), f"{told}\n{errors}"
+            assert lines == [SAID], f"{told}\n{errors}"
         assert not [path for path in out.rglob("*") if path.suffix == ".tmp"], told
         assert main(words(out)) in ((0, 2) if was_done else (0,)), told
         assert contents(out) == expected, told
