@@ -3,7 +3,7 @@
 from pathlib import Path
 
 from nte.errors import NteError
-from nte.files import only_writer, refuse_to_replace, remove
+from nte.files import refuse_to_replace, remove
 from nte.filters.estimated import EstimateOptions, Estimator, Noise
 from nte.frames.clip import Clip, as_layers, frame_path
 from nte.frames.clip_info import write_clip_info
@@ -12,6 +12,7 @@ from nte.frames.usable import known_cap, light_cap, usable_frame
 from nte.motion.correspondence import rejection_mask
 from nte.progress import Progress
 from nte.unfinished import begin, finish, is_unfinished
+from nte.writers import only_writer
 
 KAPPA, ETA = 2.0, 1.6  # parameters of the mask, the same as those of align_accumulate
 _REPLACED = ("motion.", "forward_motion.", "motion_error.", "motion_mask.")

@@ -16,7 +16,7 @@ LAYERS = (
     "memory version",
     "errors shipped released",
     "files",
-    "config console elsewhere interrupt machine options overlap progress text_table",
+    "config console elsewhere interrupt machine options overlap progress text_table writers",
     "frames jobs unfinished",
     "cluster color motion",
     "denoiser viewer",

@@ -31,8 +31,9 @@ def add(commands: Commands) -> None:
 def _bench(options: argparse.Namespace) -> None:
     from nte.evaluation.benchmark.bench import bench, require_quality, require_threads
     from nte.evaluation.benchmark.plot import write_plot
-    from nte.files import only_writer_of, write_whole
+    from nte.files import write_whole
     from nte.registry import with_provider
+    from nte.writers import only_writer_of
 
     if options.plot and options.plot.suffix != ".svg":
         raise NteError(f"--plot {options.plot}: expected a name that ends in .svg")

@@ -55,8 +55,8 @@ def _merge(options: argparse.Namespace) -> None:
     from nte.burst.files import merge_files
     from nte.burst.merge import RADII
     from nte.burst.noise import NoiseModel
-    from nte.files import only_writer_of
     from nte.progress import Progress
+    from nte.writers import only_writer_of
 
     noise = NoiseModel(*options.noise) if options.noise else None
     radii = tuple(options.radii) if options.radii else RADII

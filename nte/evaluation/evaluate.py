@@ -10,13 +10,14 @@ from nte.evaluation.report.page import write_report
 from nte.evaluation.results import Evaluation, gathered
 from nte.evaluation.table_files import CSV, LATEX
 from nte.evaluation.units import ClipScores, ClipUnit, elsewhere, require_scorable, score_clip
-from nte.files import already_there, only_writer
+from nte.files import already_there
 from nte.frames.clip import Clip, clip_labels, find_clips
 from nte.jobs import require_jobs
 from nte.registry import load_denoiser
 from nte.unfinished import MARK, begin, finish, is_unfinished
 from nte.viewer.page import clear
 from nte.viewer.recorder import FOLDER, Recording
+from nte.writers import only_writer
 
 OURS = ("metrics.json", CSV, LATEX, "index.html", "layers")  # all that an evaluation writes, and that force replaces
 CHANNELS = ("albedo", "normal", "depth", "motion")  # that the report shows besides what is compared

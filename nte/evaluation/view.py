@@ -13,12 +13,13 @@ from nte.denoiser import Denoiser, Session, require_channels
 from nte.errors import DISTRIBUTION, NteError
 from nte.evaluation.metric_table import Row
 from nte.evaluation.record import record_extras, record_frame, record_kernels, record_output
-from nte.files import already_there, only_writer
+from nte.files import already_there
 from nte.frames.channels import reference_of
 from nte.frames.clip import Clip, clip_labels, find_clips
 from nte.unfinished import begin, finish, is_unfinished
 from nte.viewer.page import PAGE, clear, write_page
 from nte.viewer.recorder import FOLDER, Recorder, Recording, recorder_of
+from nte.writers import only_writer
 
 if TYPE_CHECKING:
     from nte.evaluation.score_clip import ClipRun

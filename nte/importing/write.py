@@ -7,13 +7,14 @@ from pathlib import Path
 from typing import Any
 
 from nte.errors import NteError
-from nte.files import already_there, make_folder, only_writer, refuse_other_writers, sweep, temporary_name
+from nte.files import already_there, make_folder, sweep, temporary_name
 from nte.frames.clip import Clip, Pixels, frame_path, write_frame
 from nte.frames.clip_info import write_clip_info
 from nte.frames.guides import guides_are_clean
 from nte.importing.cameras import Camera
 from nte.progress import Progress
 from nte.version import __version__
+from nte.writers import only_writer, refuse_other_writers
 
 
 def refuse_existing(out: Path, force: bool) -> None:

@@ -8,7 +8,7 @@ import onnx
 import torch
 
 from nte.errors import NteError
-from nte.files import make_folder, only_writer_of, refuse_to_replace, write_whole
+from nte.files import make_folder, refuse_to_replace, write_whole
 from nte.frames.channels import CHANNELS, Channel, Kind, width_of
 from nte.models.cost import cost_of
 from nte.models.trainable import TrainableDenoiser
@@ -21,6 +21,7 @@ from nte.runtime.tracing import traced
 from nte.runtime.trial import CHECK_FRAMES, difference
 from nte.runtime.vectors import FRAMES, INDEX, write_vectors
 from nte.version import __version__
+from nte.writers import only_writer_of
 
 SMALLEST = 16
 

@@ -18,7 +18,7 @@ from onnxruntime.quantization import CalibrationDataReader, QuantFormat, quantiz
 
 from nte.denoiser import Result
 from nte.errors import NteError
-from nte.files import make_folder, only_writer_of, write_whole
+from nte.files import make_folder, write_whole
 from nte.filters.prior import complete
 from nte.frames.channels import CHANNELS, TARGETS
 from nte.frames.clip import Clip, Pixels
@@ -29,6 +29,7 @@ from nte.recurrence import NetworkState
 from nte.runtime.description import METADATA_KEY, UNSEALED, seal
 from nte.runtime.session import OnnxDenoiser
 from nte.runtime.trial import difference
+from nte.writers import only_writer_of
 
 Precision: TypeAlias = Literal["f16", "int8"]
 SIZE = 64, 96  # of the frames by which both are compared

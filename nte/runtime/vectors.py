@@ -14,7 +14,7 @@ import numpy as np
 import numpy.typing as npt
 
 from nte.errors import NteError
-from nte.files import make_folder, only_writer, only_writer_of, refuse_to_replace, remove, write_whole
+from nte.files import make_folder, refuse_to_replace, remove, write_whole
 from nte.frames.frame import Frame
 from nte.recurrence import FORWARD, NetworkState, begin, hand_on
 from nte.runtime.description import METADATA_KEY, read_description, recurrent_of, require_seal
@@ -22,6 +22,7 @@ from nte.runtime.onnx_engine import session_for
 from nte.runtime.onnx_file import metadata_of
 from nte.runtime.providers import OnnxOptions
 from nte.runtime.trial import trial_frames
+from nte.writers import only_writer, only_writer_of
 
 Values: TypeAlias = npt.NDArray[np.float32]
 Listed: TypeAlias = dict[str, dict[str, str | list[int]]]  # input or output → its file and shape

@@ -9,7 +9,7 @@ import numpy as np
 
 from nte.denoiser import Denoiser, Session, require_channels
 from nte.errors import NteError
-from nte.files import only_writer, refuse_to_replace, remove
+from nte.files import refuse_to_replace, remove
 from nte.frames.channels import CHANNELS, GUIDES
 from nte.frames.clip_info import write_clip_info
 from nte.frames.exr_copy import copy_exr
@@ -20,6 +20,7 @@ from nte.progress import Progress
 from nte.sequences.pictures import Denoised, Pictures, PictureSettings
 from nte.sequences.sources import first_frame, guides_are_clean, open_source
 from nte.unfinished import begin, finish, is_unfinished
+from nte.writers import only_writer
 
 
 def denoise_files(

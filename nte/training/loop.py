@@ -8,7 +8,6 @@ from typing import TYPE_CHECKING, cast
 from torch.optim.swa_utils import AveragedModel, get_ema_multi_avg_fn
 
 from nte.errors import NteError
-from nte.files import only_writer
 from nte.interrupt import InterruptFlag
 from nte.models.registry import make_network
 from nte.models.trainable import TrainableDenoiser
@@ -26,6 +25,7 @@ from nte.training.schedule import Schedule
 from nte.training.state import TrainingState
 from nte.training.step import DivergedError, Stepper, make_loss, make_optimiser
 from nte.training.validation import validate
+from nte.writers import only_writer
 
 if TYPE_CHECKING:
     from lightning_fabric import Fabric

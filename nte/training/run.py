@@ -47,7 +47,7 @@ _MAY_CHANGE = (
 
 
 class RunFolder:
-    """The files of one run. Its methods are for the folder's only writer (`nte.files.only_writer`)."""
+    """The files of one run. Its methods are for the folder's only writer (`nte.writers.only_writer`)."""
 
     def __init__(self, folder: Path) -> None:
         self.folder = folder

@@ -24,9 +24,9 @@ from nte.evaluation.evaluate import evaluate
 from nte.evaluation.report.strips import most_different, strip
 from nte.evaluation.score_clip import Shown
 from nte.evaluation.units import ClipScores, evaluate_clip
-from nte.files import only_writer
 from nte.frames.clip import frame_path, read_frame, write_frame
 from nte.frames.clip_info import write_clip_info
+from nte.writers import only_writer
 from tests.evaluation.conftest import noisy_frames
 from tests.synthetic import write_clip
 from tests.training.test_clips import cut_off, scramble

@@ -10,9 +10,9 @@ import pytest
 from safetensors.torch import load_file
 
 from nte.errors import NteError
-from nte.files import only_writer
 from nte.training.checkpoint import write_checkpoint
 from nte.training.loop import train
+from nte.writers import only_writer
 from tests.synthetic import disc_clip, disc_frame, write_clip
 from tests.training.runs import assert_same_run, contents, copied, tiny_config
 

@@ -14,10 +14,11 @@ from nte.evaluation.comparison.schema import Comparison, Situation
 from nte.evaluation.comparison.write import write_results
 from nte.evaluation.metric_table import Row
 from nte.evaluation.units import ClipScores, elsewhere, evaluate_clip
-from nte.files import only_writer, refuse_links, remove, write_whole
+from nte.files import refuse_links, remove, write_whole
 from nte.frames.clip import Clip
 from nte.jobs import require_jobs
 from nte.progress import Progress
+from nte.writers import only_writer
 
 if TYPE_CHECKING:
     from nte.evaluation.comparison.networks import Training

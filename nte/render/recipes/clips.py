@@ -8,7 +8,7 @@ from typing import cast
 import numpy as np
 
 from nte.cluster import on_cluster
-from nte.files import make_folder, only_writer, remove
+from nte.files import make_folder, remove
 from nte.frames.channels import channels_of
 from nte.frames.clip import write_frame
 from nte.frames.clip_info import write_clip_info
@@ -29,6 +29,7 @@ from nte.render.world.seeds import derive_generator, derive_seed
 from nte.render.world.transforms import Floats
 from nte.shipped import shipped
 from nte.version import __version__
+from nte.writers import only_writer
 
 FPS = 24
 Channels = dict[str, Pixels]
