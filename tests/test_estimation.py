@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from nte.cli import main
-from nte.frames.clip import Clip
+from nte.frames.clip import Clip, frame_path, read_frame
 from tests.synthetic import disc_frame, write_clip
 
 pytestmark = pytest.mark.filterwarnings("ignore::nte.motion.correspondence.FewerLevelsWarning")
@@ -46,6 +46,18 @@ def test_the_written_clip_has_the_motion_its_error_and_a_mask(wall: Path, tmp_pa
 def test_known_vectors_of_the_clip_are_kept(wall: Path, tmp_path: Path) -> None:
     assert main(["estimate", str(wall), "--out", str(tmp_path / "known"), "--known", "--noise", "clean"]) == 0
     assert (Clip(tmp_path / "known").frame(1)["motion"][:, :, :20] == 9).all()
+
+
+def test_guides_of_the_clip_are_searched_where_its_light_is_black(wall: Path, tmp_path: Path) -> None:
+    frames = [dict(read_frame(frame_path(wall, index))) for index in range(3)]
+    dark = write_clip(tmp_path / "dark", [frame | {"color": 0 * frame["color"]} for frame in frames])
+    expected, errors = -np.array(SPEED).reshape(1, 2, 1, 1), []
+    for more in ([], ["--guides"]):
+        assert main(["estimate", str(dark), "--out", str(tmp_path / "out"), "--force", *more]) == 0
+        motion = Clip(tmp_path / "out").frame(2)["motion"]
+        errors.append(np.abs(motion - expected)[..., 8:-8, 12:-8].mean())
+    assert errors[0] > 1.9  # black stands still
+    assert errors[1] < 0.2
 
 
 def test_what_cannot_be_is_said_in_a_line(wall: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:

@@ -1,9 +1,14 @@
 """The optical flow that ours is compared with: every method finds a shift, with our sign and axes."""
 
+from pathlib import Path
+
 import pytest
 import torch
 
+from nte.motion.pyramid import count_levels
+from nte.motion.search import SEARCHES
 from nte.motion.warp import warp
+from nte.render.recipes.recipe import read_recipe
 
 pytest.importorskip("cv2")
 pytest.importorskip("gefolki")
@@ -44,3 +49,16 @@ def test_tables_of_costs() -> None:
     lines = [line.split()[-3:] for line in cost_table(rows).splitlines()]
     assert lines[1:] == [["200", "1.00", "10"], ["500", "2.50", "–"]]
     assert pass_table({"level 0": 1.25}).splitlines()[1].split() == ["level", "0", "1.2"]
+
+
+@pytest.mark.parametrize("name", ["correspondence", "correspondence_reduced"])
+def test_methods_are_compared_and_tuned_where_no_level_of_a_search_is_missing(name: str) -> None:
+    recipe = read_recipe(Path(__file__).parents[2] / "datasets" / f"{name}.yaml")
+    for split in (recipe.train, recipe.test):
+        pairs = [group for group in split if group.frames < 6]  # longer clips are for the accumulation
+        assert len({group.scene for group in pairs}) >= 4
+        for group in pairs:
+            assert min(group.width, group.height) >= 512
+            for search in SEARCHES.values():
+                size = min(group.width, group.height) // (2 if search.half else 1)
+                assert count_levels(size, size, len(search.radii)) == len(search.radii)

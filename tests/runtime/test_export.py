@@ -40,6 +40,7 @@ def test_one_file_with_free_sizes_and_its_conventions(model: Path) -> None:
     assert described["format"] == "nte-onnx/2"
     assert described["needs"] == ["color", "albedo", "normal", "depth", "motion"]
     assert set(dimensions) - {*described["state"]} <= described["conventions"].keys()
+    assert "NaN = unknown, 0 = stands still" in described["conventions"]["previous_forward_motion"]
 
 
 @pytest.mark.slow
