@@ -598,6 +598,14 @@ def test_another_layer_in_a_later_frame_is_no_alternative(tmp_path: Path, capsys
     assert "shot.3.exr: 'color': there is final instead, where shot.1.exr has noisy: expected the same passes" in said
 
 
+def test_components_of_other_names_in_a_later_frame_are_named(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    source = write(tmp_path / "shots", [image("a.R", "a.G", "a.B"), image("a.r", "a.g", "a.b")])
+    said = refused(tmp_path, source, {"channels": {"color": "a"}}, capsys)
+    assert "'color': there is a.r a.g a.b instead, where shot.1.exr has a.R a.G a.B: expected the same" in said
+
+
 def test_a_reference_is_needed_where_one_is_given(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     source = write(tmp_path / "shots", [image("R", "G", "B")] * 2)
     about = {"channels": COLOR | {"reference": "clean"}, "optional": True}

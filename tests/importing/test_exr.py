@@ -183,6 +183,21 @@ def test_what_is_missing_is_said(tmp_path: Path, capsys: pytest.CaptureFixture[s
     assert "not checked: that needs albedo and motion" in said
 
 
+def test_each_channel_of_an_optional_map_that_the_files_lack_is_said(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """A layer that is misspelt, also on the command line, would be missed by nobody else."""
+    source, map_path = engine(tmp_path, scene(2))
+    about = {"color": "beauty", "roughness": "rough", "geometric_normal": "Ng"}
+    write_map(map_path, {"channels": about, "optional": True, "normal": {"space": "camera"}})
+    assert run(source, map_path, tmp_path / "clip", "channels.instance=objekt") == 0
+    lacks = "'normal.space' is camera: 'cameras' must name the JSON file of the cameras"
+    said = f"  also without geometric_normal (left out: {lacks}), roughness ('rough'), instance ('objekt')\n"
+    assert said in capsys.readouterr().out
+    assert run(source, map_path, tmp_path / "clip", "channels.instance=object", "--force") == 0
+    assert "instance (" not in capsys.readouterr().out
+
+
 def test_reference_files_of_their_own(tmp_path: Path) -> None:
     frames = scene(2)
     source, map_path = engine(tmp_path, frames)
