@@ -200,6 +200,18 @@ def test_parts_and_views_are_chosen_by_name(tmp_path: Path, stereo: Path, chosen
     ).all()
 
 
+def test_a_number_counts_the_parts_of_all_views(
+    tmp_path: Path, stereo: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """Else the part of another channel would be taken, as soon as one eye is chosen."""
+    about = {"channels": {"color": {"layer": "beauty", "part": 1}, "depth": {"part": 2}}, "view": "right"}
+    found = imported(tmp_path, stereo, about).frame(0)
+    assert (found["color"] == 0.75).all()
+    assert (found["depth"] == 4).all()
+    said = refused(tmp_path, stereo, about, capsys, "view=left", "--force")
+    assert "shot.1.exr: no part '1' of view 'left'; the file has rgb_left, depth" in said
+
+
 def test_a_number_is_the_same_part_in_each_frame(
     tmp_path: Path, stereo: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
@@ -526,6 +538,18 @@ def test_a_component_in_both_cases_is_not_guessed(tmp_path: Path, capsys: pytest
     assert "no C for 'color' (3 components); the file has C.B, C.G, C.R, C.b, C.g, C.r, " in said
     found = imported(tmp_path, source, {"channels": {"color": ["C.r", "C.g", "C.b"], "depth": "z", "normal": "N"}})
     np.testing.assert_array_equal(found.frame(0)["depth"][0, 0], layers["z"])
+
+
+@pytest.mark.parametrize("prefix", ["", "VL"])
+def test_one_component_of_a_coloured_id_has_to_be_named(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], prefix: str
+) -> None:
+    """Ids that are stored as colours, as in a picture of them, under the second of two names."""
+    layers = image("R", "G", "B", *(f"RenderID.{c}" for c in "RGB"))
+    source = write(tmp_path / "shots", [{f"{prefix}.{c}" if prefix else c: plane for c, plane in layers.items()}])
+    about = {"channels": {"color": ".", "instance": "renderId | RenderID"}, "optional": True, "prefix": prefix}
+    said = refused(tmp_path, source, about, capsys)
+    assert "RenderID.R, of which the map may name one by its full name" in said
 
 
 def test_a_prefix_that_fits_nothing_is_named(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
