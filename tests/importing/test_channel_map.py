@@ -796,6 +796,16 @@ def test_a_star_may_be_another_in_each_file(tmp_path: Path) -> None:
     assert list(files_of_pattern(tmp_path, "*/beauty.#.exr")) == [1, 2, 3]
 
 
+def test_a_map_says_which_of_two_numbers_is_the_frame(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """Names with the frame and its time."""
+    for i in (1, 2):
+        write_exr(tmp_path / "in" / f"shot_{i:04d}_{4 * i}ms.exr", image("R", "G", "B"))
+    said = refused(tmp_path, tmp_path / "in", {"channels": COLOR}, capsys)
+    assert "2 numbers differ in the names" in said
+    assert said.endswith("or say in a channel map (--map) which is the frame, as # of a file")
+    assert len(imported(tmp_path, tmp_path / "in", {"channels": COLOR, "file": "shot_#_*ms.exr"})) == 2
+
+
 def test_a_pattern_finds_files_in_linked_folders(tmp_path: Path) -> None:
     """A shot that is put together of links to the folders of its passes; one that leads back ends somewhere."""
     (tmp_path / "passes").mkdir()

@@ -364,6 +364,15 @@ def test_depth_of_the_other_sign_is_told_where_there_is_no_albedo(
     assert "see depth.scale, negative where depth counts downwards" in said
 
 
+def test_cameras_in_a_file_of_windows(tmp_path: Path) -> None:
+    """It begins with the mark of UTF-8, as a channel map may."""
+    source, map_path = engine(tmp_path, scene(2))
+    for path in (tmp_path / "cameras.json", map_path):
+        path.write_text(path.read_text(encoding="utf-8"), encoding="utf-8-sig")
+    assert run(source, map_path, tmp_path / "clip") == 0
+    assert len(Clip(tmp_path / "clip").info["cameras"]) == 2
+
+
 @pytest.mark.parametrize("cameras", ["[" * 100_000, '[{"view": [[' + "9" * 400 + ']], "projection": 0}]'])
 def test_cameras_that_json_can_hardly_mean(tmp_path: Path, capsys: pytest.CaptureFixture[str], cameras: str) -> None:
     source, map_path = engine(tmp_path, scene(2))
