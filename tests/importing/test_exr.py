@@ -364,6 +364,14 @@ def test_depth_of_the_other_sign_is_told_where_there_is_no_albedo(
     assert "see depth.scale, negative where depth counts downwards" in said
 
 
+def test_a_pattern_without_quotes_is_told(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """The shell has replaced it by names, of which only the first would be SOURCE."""
+    source, map_path = engine(tmp_path, scene(2))
+    first, second = map(str, sorted(source.iterdir()))
+    assert main(["import", "exr", first, second, "--map", str(map_path), "--out", str(tmp_path / "clip")]) == 2
+    assert f"'{second}': expected key=value after one SOURCE: quote a pattern" in capsys.readouterr().err
+
+
 def test_cameras_in_a_file_of_windows(tmp_path: Path) -> None:
     """It begins with the mark of UTF-8, as a channel map may."""
     source, map_path = engine(tmp_path, scene(2))
