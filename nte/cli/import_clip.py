@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from nte.cli.parsing import Commands, add_force, command
-from nte.errors import printable
+from nte.errors import NteError, printable
 
 if TYPE_CHECKING:
     from nte.importing.exr import Imported
@@ -45,6 +45,8 @@ def _kind(
 def _import(read: Callable[[argparse.Namespace], "Imported"], options: argparse.Namespace) -> int:
     from nte.importing.outcome import tell  # first: where PyTorch is missing, which the check needs, nothing is written
 
+    if surplus := next((item for item in getattr(options, "overrides", []) if "=" not in item), None):
+        raise NteError(f"'{surplus}': expected key=value after one SOURCE: quote a pattern, 'frames/shot.*.exr'")
     imported = read(options)
     for note in imported.notes:
         print(f"  {printable(note)}")

@@ -114,5 +114,8 @@ def _varying(names: Sequence[_Name]) -> int:
     if len({columns[i] for i in differing}) > 1:
         first = names[0].path
         both = f"such as {first.name} and {next(n.path.name for n in names if n.path != first)}"
-        raise NteError(f"{first.parent}: {len(differing)} numbers differ in the names, {both}: choose by a pattern")
+        raise NteError(
+            f"{first.parent}: {len(differing)} numbers differ in the names, {both}: choose by a pattern, or say in a "
+            "channel map (--map) which is the frame, as # of a file"
+        )
     return differing[-1] if differing else len(columns) - 1

@@ -32,7 +32,7 @@ def load_cameras(path: Path, frames: int) -> list[Camera]:
     for a matrix that is not 4×4, finite and invertible, for row vectors, orthographic, or to [−1, 1].
     """
     try:
-        listed = json.loads(path.read_text(encoding="utf-8"))
+        listed = json.loads(path.read_text(encoding="utf-8-sig"))  # Windows PowerShell writes the mark
         found = [Camera(*(np.array(c[key], np.float64) for key in Camera._fields)) for c in listed]
     except OSError as error:
         raise NteError(f"{path}: cannot be read: {error.strerror}") from error

@@ -80,8 +80,7 @@ def find(stored: Stored, name: str, source: Source, prefix: str = "") -> Found |
 
 def partly_there(stored: Stored, source: Source, prefix: str) -> bool:
     """Tell whether a file has some of the layers that `source` names, so that a channel not found is a fault."""
-    names = [n.strip() for layer in (*source.layer, *source.plus) for n in layer.split(" | ") if n.strip() != _OWN]
-    full = [f"{prefix}.{name}" if prefix else name for name in names]
+    full = _alternatives((*source.layer, *source.plus), prefix)
     return any(name in stored or _below(stored, name) for name in full)
 
 
@@ -136,7 +135,7 @@ def missing(
     more = f" … ({len(have)} in all)" if len(have) > _LISTED else ""
     listed = ", ".join(have[:_LISTED]) + more
     hint = ""
-    if count == 1 and len(source.layer) == 1 and len(_below(stored, source.layer[0])) > 1:
+    if count == 1 and any(len(_below(stored, layer)) > 1 for layer in _alternatives(source.layer, prefix)):
         hint = ", of which the map may name one by its full name"
     if name in ("color", "reference") and source.layer != [_OWN] and {"R", "G", "B"} <= set(stored):
         hint = f"; channels.{name}={_OWN} takes R, G and B"
@@ -147,6 +146,12 @@ def missing(
     needed = f"{count} components" if count > 1 else "1 component"
     below = f" with the prefix '{prefix}'" if prefix else ""
     return NteError(f"{path}: no {wanted}{below} for '{name}' ({needed}); the file has {listed}{hint}")
+
+
+def _alternatives(layers: Sequence[str], prefix: str) -> list[str]:
+    """The full names of all layers in a list of «A | B», besides that of no layer."""
+    names = [name.strip() for layer in layers for name in layer.split(" | ")]
+    return [f"{prefix}.{name}" if prefix else name for name in names if name != _OWN]
 
 
 def _of_layers(stored: Stored, row: Channel, layer: Sequence[str], prefix: str) -> tuple[str, ...]:

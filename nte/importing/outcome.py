@@ -31,6 +31,9 @@ def tell(imported: Imported) -> int:
         if name not in clip.channels:
             source = f" ({imported.called[name]})" if name in imported.called else ""
             print(printable(f"  without {name}{source}: {what}"))
+    known = {*clip.channels, *WITHOUT}
+    if others := ", ".join(f"{name} ({source})" for name, source in imported.called.items() if name not in known):
+        print(printable(f"  also without {others}"))
     report = check(clip)
     print(describe(report))
     if report.verdict != "implausible":

@@ -36,20 +36,23 @@ def part_name(path: Path, parts: Sequence[Part], source: Source) -> str:
 
 
 def _chosen(path: Path, parts: Sequence[Part], source: Source) -> list[Part]:
-    chosen = split_views(path, parts) if source.view else list(parts)
+    """The parts, or their views, that `source` names. A number is that of a part in the file, of whatever view."""
+    cut = (split_views(path, [part]) if source.view else [part] for part in parts)
+    chosen = [(number, part) for number, of_part in enumerate(cut) for part in of_part]
     if source.view:
-        views = sorted({part.view for part in chosen} - {""})
+        views = sorted({part.view for _, part in chosen} - {""})
         if source.view not in views:
             raise NteError(f"{path}: no view '{source.view}'; the file has {', '.join(views) or 'no views'}")
-        chosen = [part for part in chosen if part.view in ("", source.view)]
-    names = [part.name for part in chosen]
+        chosen = [(number, part) for number, part in chosen if part.view in ("", source.view)]
     if not source.part:
-        return chosen
-    if source.part in names:
-        return [part for part in chosen if part.name == source.part]
-    if source.part.isdecimal() and int(source.part) < len(chosen):
-        return [chosen[int(source.part)]]
-    raise NteError(f"{path}: no part '{source.part}'; the file has {', '.join(filter(None, names)) or 'one part'}")
+        return [part for _, part in chosen]
+    index = int(source.part) if source.part.isdecimal() else None
+    named = [part for _, part in chosen if part.name == source.part]
+    if found := named or [part for number, part in chosen if number == index]:
+        return found
+    names = ", ".join(part.name for _, part in chosen if part.name) or "one part"
+    of_view = f" of view '{source.view}'" if source.view else ""
+    raise NteError(f"{path}: no part '{source.part}'{of_view}; the file has {names}")
 
 
 def places(path: Path, parts: Sequence[Part], source: Source) -> Mapping[str, Place]:

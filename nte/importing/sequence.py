@@ -173,8 +173,10 @@ class ForeignSequence:
     def _refuse_change(self, name: str, *ends: tuple[Path, Found | None]) -> None:
         """Raise NteError for a channel that the first file (ends[0]) has in another place than a later one."""
         (has, found), (lacks, instead) = ends if ends[0][1] else ends[::-1]
-        called = found.called if found else ""
-        there = f"there is {instead.called} instead" if instead else "there is none"
+        called, other = (place.called if place else "" for place in (found, instead))
+        if found and instead and called == other:  # whose components have other names
+            called, other = (" ".join(sum(place.names, ())) for place in (found, instead))
+        there = f"there is {other} instead" if instead else "there is none"
         raise NteError(f"{lacks}: '{name}': {there}, where {has.name} has {called}: expected the same passes in each")
 
     @property

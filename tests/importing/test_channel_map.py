@@ -200,6 +200,18 @@ def test_parts_and_views_are_chosen_by_name(tmp_path: Path, stereo: Path, chosen
     ).all()
 
 
+def test_a_number_counts_the_parts_of_all_views(
+    tmp_path: Path, stereo: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """Else the part of another channel would be taken, as soon as one eye is chosen."""
+    about = {"channels": {"color": {"layer": "beauty", "part": 1}, "depth": {"part": 2}}, "view": "right"}
+    found = imported(tmp_path, stereo, about).frame(0)
+    assert (found["color"] == 0.75).all()
+    assert (found["depth"] == 4).all()
+    said = refused(tmp_path, stereo, about, capsys, "view=left", "--force")
+    assert "shot.1.exr: no part '1' of view 'left'; the file has rgb_left, depth" in said
+
+
 def test_a_number_is_the_same_part_in_each_frame(
     tmp_path: Path, stereo: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
@@ -528,6 +540,18 @@ def test_a_component_in_both_cases_is_not_guessed(tmp_path: Path, capsys: pytest
     np.testing.assert_array_equal(found.frame(0)["depth"][0, 0], layers["z"])
 
 
+@pytest.mark.parametrize("prefix", ["", "VL"])
+def test_one_component_of_a_coloured_id_has_to_be_named(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], prefix: str
+) -> None:
+    """Ids that are stored as colours, as in a picture of them, under the second of two names."""
+    layers = image("R", "G", "B", *(f"RenderID.{c}" for c in "RGB"))
+    source = write(tmp_path / "shots", [{f"{prefix}.{c}" if prefix else c: plane for c, plane in layers.items()}])
+    about = {"channels": {"color": ".", "instance": "renderId | RenderID"}, "optional": True, "prefix": prefix}
+    said = refused(tmp_path, source, about, capsys)
+    assert "RenderID.R, of which the map may name one by its full name" in said
+
+
 def test_a_prefix_that_fits_nothing_is_named(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     source = write(tmp_path / "shots", [image("VL.C.R", "VL.C.G", "VL.C.B")])
     said = refused(tmp_path, source, {"channels": {"color": "C"}, "prefix": "VL."}, capsys)
@@ -596,6 +620,14 @@ def test_another_layer_in_a_later_frame_is_no_alternative(tmp_path: Path, capsys
     source = write(tmp_path / "shots", [both, both, only])
     said = refused(tmp_path, source, {"channels": {"color": "noisy | final"}}, capsys)
     assert "shot.3.exr: 'color': there is final instead, where shot.1.exr has noisy: expected the same passes" in said
+
+
+def test_components_of_other_names_in_a_later_frame_are_named(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    source = write(tmp_path / "shots", [image("a.R", "a.G", "a.B"), image("a.r", "a.g", "a.b")])
+    said = refused(tmp_path, source, {"channels": {"color": "a"}}, capsys)
+    assert "'color': there is a.r a.g a.b instead, where shot.1.exr has a.R a.G a.B: expected the same" in said
 
 
 def test_a_reference_is_needed_where_one_is_given(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
@@ -762,6 +794,26 @@ def test_a_star_may_be_another_in_each_file(tmp_path: Path) -> None:
         (tmp_path / f"{number:04d}").mkdir()
         (tmp_path / f"{number:04d}" / f"beauty.{number}.exr").touch()
     assert list(files_of_pattern(tmp_path, "*/beauty.#.exr")) == [1, 2, 3]
+
+
+def test_a_map_says_which_of_two_numbers_is_the_frame(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """Names with the frame and its time."""
+    for i in (1, 2):
+        write_exr(tmp_path / "in" / f"shot_{i:04d}_{4 * i}ms.exr", image("R", "G", "B"))
+    said = refused(tmp_path, tmp_path / "in", {"channels": COLOR}, capsys)
+    assert "2 numbers differ in the names" in said
+    assert said.endswith("or say in a channel map (--map) which is the frame, as # of a file")
+    assert len(imported(tmp_path, tmp_path / "in", {"channels": COLOR, "file": "shot_#_*ms.exr"})) == 2
+
+
+def test_a_pattern_finds_files_in_linked_folders(tmp_path: Path) -> None:
+    """A shot that is put together of links to the folders of its passes; one that leads back ends somewhere."""
+    (tmp_path / "passes").mkdir()
+    (tmp_path / "passes" / "albedo.1.exr").touch()
+    (tmp_path / "shot").mkdir()
+    (tmp_path / "shot" / "albedo").symlink_to(tmp_path / "passes")
+    (tmp_path / "shot" / "again").symlink_to(tmp_path / "shot")
+    assert list(files_of_pattern(tmp_path / "shot", "albedo/albedo.#.exr")) == [1]
 
 
 @pytest.mark.parametrize("how", ["folder", "pattern", "map"])

@@ -183,6 +183,21 @@ def test_what_is_missing_is_said(tmp_path: Path, capsys: pytest.CaptureFixture[s
     assert "not checked: that needs albedo and motion" in said
 
 
+def test_each_channel_of_an_optional_map_that_the_files_lack_is_said(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """A layer that is misspelt, also on the command line, would be missed by nobody else."""
+    source, map_path = engine(tmp_path, scene(2))
+    about = {"color": "beauty", "roughness": "rough", "geometric_normal": "Ng"}
+    write_map(map_path, {"channels": about, "optional": True, "normal": {"space": "camera"}})
+    assert run(source, map_path, tmp_path / "clip", "channels.instance=objekt") == 0
+    lacks = "'normal.space' is camera: 'cameras' must name the JSON file of the cameras"
+    said = f"  also without geometric_normal (left out: {lacks}), roughness ('rough'), instance ('objekt')\n"
+    assert said in capsys.readouterr().out
+    assert run(source, map_path, tmp_path / "clip", "channels.instance=object", "--force") == 0
+    assert "instance (" not in capsys.readouterr().out
+
+
 def test_reference_files_of_their_own(tmp_path: Path) -> None:
     frames = scene(2)
     source, map_path = engine(tmp_path, frames)
@@ -347,6 +362,23 @@ def test_depth_of_the_other_sign_is_told_where_there_is_no_albedo(
     said = capsys.readouterr().out
     assert "no pixel shows a surface: depth is stored as -" in said
     assert "see depth.scale, negative where depth counts downwards" in said
+
+
+def test_a_pattern_without_quotes_is_told(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """The shell has replaced it by names, of which only the first would be SOURCE."""
+    source, map_path = engine(tmp_path, scene(2))
+    first, second = map(str, sorted(source.iterdir()))
+    assert main(["import", "exr", first, second, "--map", str(map_path), "--out", str(tmp_path / "clip")]) == 2
+    assert f"'{second}': expected key=value after one SOURCE: quote a pattern" in capsys.readouterr().err
+
+
+def test_cameras_in_a_file_of_windows(tmp_path: Path) -> None:
+    """It begins with the mark of UTF-8, as a channel map may."""
+    source, map_path = engine(tmp_path, scene(2))
+    for path in (tmp_path / "cameras.json", map_path):
+        path.write_text(path.read_text(encoding="utf-8"), encoding="utf-8-sig")
+    assert run(source, map_path, tmp_path / "clip") == 0
+    assert len(Clip(tmp_path / "clip").info["cameras"]) == 2
 
 
 @pytest.mark.parametrize("cameras", ["[" * 100_000, '[{"view": [[' + "9" * 400 + ']], "projection": 0}]'])
