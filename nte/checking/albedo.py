@@ -30,7 +30,7 @@ VISIBLE = 0.05  # least albedo that tells whether the light steps at all
 TEXTURED = 0.04  # least share of such steps that are strong: fewer lie by chance where shadows end
 FOLLOWS, AGAINST = 0.1, -0.2  # least step of the light in those of albedo; measured: 0.3 to 1.2, −0.03 to 0.03 with the
 # albedo of another clip, −1.5 to −0.2 with 1 − albedo
-ENOUGH = 200  # least number of steps that tell
+ENOUGH = 200  # least number of steps that tell, up and down together
 ENCODED = 1.4  # steps of the light in those of albedo, from which on it is encoded
 BETTER = 0.5  # decoded, the ratio is off from 1 by at most this share
 ALIKE, UNLIKE = 0.9, 0.5  # cosines between colours of steps: of the order that is named, and of the one that is given
@@ -89,8 +89,11 @@ class AlbedoTally:
             names = "".join("RGB"[i] for i in order)
             yield Finding("albedo", f"its components are in the order {names}, as edges in reference show", ORDER)
         light = light[list(order)]
-        strong = _strong(albedo, BRIGHT)
-        given, decoded = (_ratio(strong, values, light) or 0.0 for values in (albedo, _decoded(albedo)))
+        strong, up = _strong(albedo, BRIGHT), albedo[1].mean(0) > albedo[0].mean(0)
+        # Light that falls off along a texture adds to steps one way, and takes from those the other way.
+        each = (albedo, _decoded(albedo))
+        ways = [[_ratio(strong & way, v, light, ENOUGH // 2) or 0.0 for v in each] for way in (up, ~up)]
+        given, decoded = min(ways)
         if given > ENCODED and abs(decoded - 1) < BETTER * (given - 1):
             steps = f"the logarithm of reference steps {given:.3g} times as far at edges of textures"
             yield Finding("albedo", f"is encoded, as sRGB is: {steps}, decoded {decoded:.3g} times", LINEAR)
@@ -130,12 +133,12 @@ def _strong(albedo: Tensor, least: float) -> Tensor:
     return (albedo > least).all(0).all(0) & (steps.abs() > STEP)
 
 
-def _ratio(strong: Tensor, albedo: Tensor, light: Tensor) -> float | None:
+def _ratio(strong: Tensor, albedo: Tensor, light: Tensor, least: int = ENOUGH) -> float | None:
     """Median of how many times as far as that of albedo (2, 3, n) the logarithm of light (3, n) steps; None if unknown.
 
-    strong: bool (n,), steps that tell.
+    strong: bool (n,), steps that tell, of which there must be so many at least.
     """
-    if int(strong.sum()) < ENOUGH:
+    if int(strong.sum()) < least:
         return None
     steps = (albedo[1, :, strong].mean(0) / albedo[0, :, strong].mean(0)).log()
     return float((light[:, strong].mean(0) / steps).median())

@@ -1,6 +1,7 @@
-"""A check that albedo is not another channel of the same frames, in a layer that was taken for it: normals or depth.
+"""A check that albedo is not another channel of the same frames, in a layer that was taken for it.
 
-These move with their surfaces, too, so right vectors lead to them as they lead to albedo.
+Normals and depth move with their surfaces, too, so right vectors lead to them as they lead to albedo. Color counts
+where the reference tells that it is noisy: in an even light without noise it is the albedo.
 """
 
 from collections import defaultdict
@@ -28,7 +29,7 @@ class BorrowedTally:
         self._shares: dict[str, list[float]] = defaultdict(list)  # what albedo may be → share of the pixels of a frame
 
     def add(self, frame: Frame) -> None:
-        """Add a PyTorch frame of batch 1; albedo, and one of normal and depth are needed."""
+        """Add a PyTorch frame of batch 1; albedo, and one of normal, depth, and color with reference are needed."""
         if "albedo" not in frame:
             return
         albedo = frame["albedo"][0].nan_to_num(0, 0, 0)
@@ -39,6 +40,11 @@ class BorrowedTally:
                 for name, half in SHADES.items():
                     apart = albedo - (half * normal + 1 - half).clamp(0, 1)
                     self._shares[name].append(_same(apart[:, shown]))
+        if "color" in frame and "reference" in frame:
+            color, reference = (frame[name][0].nan_to_num(0, 0, 0).clamp(0, 1) for name in ("color", "reference"))
+            shown = (albedo != 0).any(0)
+            if _varies(albedo[:, shown]) and _same((color - reference)[:, shown]) < MOST:
+                self._shares["color"].append(_same((albedo - color)[:, shown]))
         if "depth" in frame:
             depth = frame["depth"][0, 0].nan_to_num(0, 0, 0)
             grey = (albedo - albedo[:1]).abs().amax(0) < SAME

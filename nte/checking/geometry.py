@@ -83,7 +83,7 @@ class GeometryTally:
                 pixels = pixel_centres(depth[None, None])[0, :, hit][:, ::step]
                 self._origins.append(origin_of(position[:, hit][:, ::step], pixels, depth[hit][::step]))
         if "normal" in frame and fits:
-            turn = turn_of(frame["normal"][0].double(), position, hit, depth, axis, steps.norm(dim=0))
+            turn = turn_of(frame["normal"][0].double(), position, hit, depth, axis is not None, steps.norm(dim=0))
             self._turns += [turn] if turn else []
 
     def _add_misses(self, frame: Frame, depth: Tensor) -> None:

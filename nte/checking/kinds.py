@@ -12,6 +12,7 @@ from torch import Tensor
 EXACT = 2e-3  # a function fits if half of the points miss it by less than this share of the depths' spread
 FLAT = 0.02  # points whose least extent is a smaller share of the greatest lie in a plane, and tell no scale
 CENTRED = 0.1  # squared distances from a point are 0 there, up to this share of the median of the squared depths
+THIN = 1e-10  # least share of the greatest singular value of sums of squares; less is rounding, as across a plane
 COARSE = 3.0  # least extent of the points, in steps of their rounding, that tells a scale
 RATES, STEP = 36, 1.26  # exponentials that are tried, from 0.01 on, and the ratio of their rates
 CLOSER = 7  # times that this ratio is narrowed around the best of them
@@ -105,7 +106,7 @@ def _logarithm(linear: Tensor, scaled: Tensor) -> float:
 
 def _solve(rows: Tensor, values: Tensor) -> Tensor:
     """Least squares of rows (n, k) to values (n,), by the normal equations: the rows are centred and of unit size."""
-    solved: Tensor = torch.linalg.pinv(_gram(rows), hermitian=True) @ (rows.T @ values)
+    solved: Tensor = torch.linalg.pinv(_gram(rows), rtol=THIN, hermitian=True) @ (rows.T @ values)
     return solved
 
 

@@ -20,6 +20,7 @@ from nte.motion.geometric import traditional_motion
 from nte.motion.warp import fetch_nearest, pixel_centres
 
 AROUND = 7  # pixels: side of the square whose mean is no noise
+SIGMAS = 5.0  # least correlation, in standard deviations of images that have nothing in common
 SHARED = 0.15  # least correlation that is told; measured: −0.05 to 0.06 in right clips, 0.2 to 1 with shared noise
 LEAST = 0.02  # least root mean square of the noise, in shares of the light: less is the difference of two renders
 MOVING_PX = 0.5  # pixels: mean length of the vectors of a frame in which much moves
@@ -39,6 +40,7 @@ class NoiseTally:
         self._frames = 0
         self._shared: dict[str, list[float]] = defaultdict(list)  # who shares it → correlations
         self._squares: list[float] = []
+        self._pixels = 0  # of all frames that are compared
 
     def add(self, previous: Frame, current: Frame, look: bool = True) -> None:
         """Add two consecutive PyTorch frames of batch 1. look: compare their noise as well, which costs more."""
@@ -56,6 +58,7 @@ class NoiseTally:
             self._repeated.append(current.index)
         elif look and "reference" in current and "reference" in previous:
             before, now = _noise(previous), _noise(current)
+            self._pixels += now.numel()
             self._squares.append(float(now.square().mean()))
             beside = correlate(now[..., 1:], now[..., :-1]), correlate(now[..., 1:, :], now[..., :-1, :])
             self._shared[NEIGHBOURS].append(sum(beside) / 2)
@@ -81,7 +84,8 @@ class NoiseTally:
         if not known or not self._squares or sum(self._squares) < LEAST**2 * len(self._squares):
             return
         shared = {who: sum(found) / len(found) for who, found in self._shared.items()}
-        if told := [f"{who} ({share:.2f})" for who, share in shared.items() if share > SHARED]:
+        least = max(SHARED, SIGMAS / self._pixels**0.5)
+        if told := [f"{who} ({share:.2f})" for who, share in shared.items() if share > least]:
             expected = "noise of its own in each pixel and frame: not denoised, upscaled, accumulated, or of one seed"
             yield Finding("color", f"shares its noise with {', '.join(told)}: correlation", expected, False)
 

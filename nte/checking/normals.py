@@ -16,6 +16,7 @@ from torch import Tensor
 
 from nte.checking.textures import ONE_SURFACE
 from nte.checking.values import Finding
+from nte.motion.warp import pixel_centres
 
 ENOUGH = 200  # least number of surface points that can tell
 SAMPLED = 4096  # points of a frame that are looked at, up to twice as many
@@ -37,13 +38,14 @@ class Turn(NamedTuple):
 
 
 def turn_of(
-    normal: Tensor, position: Tensor, hit: Tensor, depth: Tensor | None, axis: Tensor | None, steps: Tensor
+    normal: Tensor, position: Tensor, hit: Tensor, depth: Tensor | None, spans: bool, steps: Tensor
 ) -> Turn | None:
     """Compare normals (3, H, W) with the surface that the positions (3, H, W) of neighbours span.
 
     hit: bool (H, W), pixels with a position. depth (H, W) tells which neighbours show one surface; without it those do
-    whose positions are evenly spaced. axis: the view axis (3,); None if unknown, and then normals count as facing the
-    camera. steps: (H, W), to which positions are rounded. None if too few pixels can tell.
+    whose positions are evenly spaced. spans: positions span the space, and with depth they tell which side of a surface
+    is seen; else normals count as facing the camera. steps: (H, W), to which positions are rounded. None if too few
+    pixels can tell.
     """
     if min(hit.shape) < 3:
         return None
@@ -68,15 +70,27 @@ def turn_of(
     rounded = 1 - (angles[0].square() + angles[1].square()).sqrt().clamp(max=math.pi / 2).cos()
     surface, normal = (values[:, inside][:, ::step] for values in (surface, normal))
     surface, normal = surface / surface.norm(dim=0), normal / normal.norm(dim=0)
-    # The sign of the cross product depends on the handedness of the space. In a plane the axis is unknown.
-    towards = (axis @ surface if axis is not None else -(surface * normal).sum(0)).median()
-    surface = -surface if float(towards) > 0 else surface
+    away = float(-(surface * normal).sum(0).median()) if depth is None or not spans else _side(position, hit, depth)
+    surface = -surface if away > 0 else surface
     cosine, turned = (surface * normal).sum(0), _turned(surface, normal)
     # Bumps are in no surface, however normals are turned: where they are strong, the rest of the pixels tells.
     smooth = (cosine.abs() > ALONG) | (turned.abs() > ALONG)
     if 2 * int(smooth.sum()) > len(smooth) and int(smooth.sum()) >= ENOUGH:
         cosine, turned, rounded = cosine[smooth], _turned(surface[:, smooth], normal[:, smooth]), rounded[smooth]
     return Turn(float(cosine.mean()), float(cosine.abs().mean()), float(turned.mean()), float(rounded.mean()))
+
+
+def _side(position: Tensor, hit: Tensor, depth: Tensor) -> float:
+    """Tell which way cross products point, of steps to the right and down: above 0 if away from the camera.
+
+    They do if (x z, y z, z), of what is seen at (x, y) with depth z, is a linear function of position that keeps the
+    handedness. The view axis does not tell: a level camera sees the floor and the ceiling along it.
+    """
+    seen = torch.cat([pixel_centres(depth[None, None])[0] / max(hit.shape), torch.ones_like(depth)[None]]) * depth
+    step = max(1, int(hit.sum()) // SAMPLED)
+    points, seen = (values[:, hit][:, ::step] for values in (position, seen))
+    points, seen = (values - values.mean(1, keepdim=True) for values in (points, seen))
+    return float(torch.linalg.lstsq(points.T / points.std(), seen.T / seen.std()).solution.det())
 
 
 def _smooth(surface: Tensor) -> Tensor:
@@ -101,7 +115,8 @@ def judge_turns(turns: Sequence[Turn], shown_by: str) -> Iterator[Finding]:
     away = (1 - given / unsigned) / 2 if unsigned > ALONG else 0.0  # share of the pixels
     if away > SOME:
         where = "most" if given < 0 else f"{away:.0%} of the"
-        found = f"point away from the camera in {where} pixels, as {shown_by} shows"
+        verb = "shows" if shown_by == "position" else "show"
+        found = f"point away from the camera in {where} pixels, as {shown_by} {verb}"
         yield Finding("normal", found, "normals that face the camera", False)
     elif 1 - unsigned > OFF + rounded and 1 - turned < TURNED * (1 - unsigned):
         found = f"not perpendicular to the surfaces of {shown_by}, but one rotation of all makes them so"

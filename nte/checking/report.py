@@ -146,8 +146,9 @@ class _Vectors:
         yield from judge_sky(self.skies)
         yield from (alike := list(judge_spaces(self.spaces)))
         explained = {finding.channel for finding in alike}  # a space that moves along changes along motion, too
-        yield from (finding for finding in judge_changes(self.changes) if finding.channel not in explained)
-        yield from judge_returns(self.returns, self.total_votes())
+        yield from (forth := list(judge_returns(self.returns, self.total_votes())))
+        if not any(finding.fault for finding in forth):  # which say what was hidden, and compare other surfaces
+            yield from (finding for finding in judge_changes(self.changes) if finding.channel not in explained)
 
 
 def check(clip: Clip | Path | str) -> CheckReport:

@@ -28,9 +28,12 @@ def changed_alike(previous: Frame, current: Frame, visible: Tensor) -> Spaces:
     """Tell for normals and positions whether one rigid motion explains how they changed, and they did change.
 
     Both are PyTorch frames of batch 1 with motion. visible: bool mask (1, 1, H, W) of the pixels of `current` whose
-    surface is seen in `previous`. Channels that too few pixels show are left out.
+    surface is seen in `previous`. Channels that too few pixels show are left out, and so are all if cameras say that
+    they stand still.
     """
     found: Spaces = {}
+    if current.view is not None and previous.view is not None and torch.equal(current.view, previous.view):
+        return found
     for name in (name for name in ("normal", "position") if name in previous and name in current):
         now, before = current[name], warp(previous[name], current["motion"].nan_to_num(0, 0, 0)).image
         shown = (torch.cat([now, before], 1).isfinite() & (now != 0).any(1, keepdim=True)).all(1, keepdim=True)

@@ -5,10 +5,12 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+import torch
 
 from nte.checking import CheckReport, check
-from nte.checking.albedo import LINEAR, ORDER, SEEN
+from nte.checking.albedo import LINEAR, ORDER, SEEN, AlbedoTally
 from nte.frames.clip import Clip
+from nte.frames.frame import Frame
 from tests.checking.test_late import SHOTS, noisy
 from tests.checking.test_tone import srgb
 from tests.synthetic import Pixels, disc_frame, smooth_texture, write_clip
@@ -113,3 +115,14 @@ def test_albedo_of_another_picture_is_a_doubt_and_says_nothing_of_vectors(tmp_pa
     assert "it is another picture's" in told(report)[SEEN]
     assert report.verdict == "undecidable"
     assert "motion" not in report.reason
+
+
+def test_light_that_falls_off_along_a_smooth_texture_is_no_encoding() -> None:
+    """It adds to the steps of one half of each wave, and takes from those of the other, which are not as many."""
+    x = np.arange(96) * np.ones((64, 1))
+    wave = np.where(x % 8 < 3, x % 8 / 3, (8 - x % 8) / 5)
+    albedo = np.repeat(0.3 + 0.4 * wave[None], 3, 0)
+    channels = {"albedo": albedo, "reference": albedo * np.exp(-0.15 * x), "instance": np.ones((1, 64, 96))}
+    tally = AlbedoTally()
+    tally.add(Frame({name: torch.tensor(np.float32(values))[None] for name, values in channels.items()}))
+    assert list(tally.judge()) == []

@@ -36,6 +36,13 @@ def test_another_channel_is_no_albedo(tmp_path: Path, taken: str, reference: boo
     assert report.verdict == "implausible"
 
 
+def test_the_noisy_image_is_no_albedo(tmp_path: Path) -> None:
+    frames = [shot | {"color": noisy(shot["color"], i)} for i, shot in enumerate(SHOTS)]
+    frames = [frame | {"albedo": frame["color"].clip(0, 1)} for frame in frames]
+    report = check(Clip(write_clip(tmp_path / "clip", frames)))
+    assert any(f.channel == "albedo" and f.fault and "is color, in" in f.found for f in report.findings)
+
+
 @pytest.mark.parametrize("grey", [False, True])
 def test_albedo_is_no_other_channel(tmp_path: Path, grey: bool) -> None:
     def change(frame: Shot) -> Shot:

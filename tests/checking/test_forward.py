@@ -1,5 +1,6 @@
 """Forward vectors must lead back to where the vectors of the next frame come from."""
 
+from collections import Counter
 from collections.abc import Callable
 from pathlib import Path
 
@@ -7,6 +8,8 @@ import numpy as np
 import pytest
 
 from nte.checking import check
+from nte.checking.forward import Returns
+from nte.checking.report import _Vectors
 from nte.frames.clip import Clip
 from tests.checking.room import room_frame, seen
 from tests.synthetic import Pixels, disc_frame, smooth_texture, write_clip
@@ -79,3 +82,11 @@ def test_some_forward_vectors_that_are_zero_are_noted(tmp_path: Path, lost: slic
     assert told[0].found.startswith("0 where motion is not, in 3")
     assert not told[0].fault
     assert report.verdict == "plausible"
+
+
+def test_wrong_forward_vectors_accuse_no_instances() -> None:
+    """What was hidden follows from them, and so which ids are compared along motion."""
+    changed = {"instance": (10.0, 900.0, 10.0, 1000)}
+    for returns, told in (([], ["instance"]), ([Returns(1000, 1000, Counter())], ["forward_motion"])):
+        found = list(_Vectors(changes=[changed], returns=returns).judge())
+        assert [finding.channel for finding in found] == told

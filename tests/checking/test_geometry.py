@@ -5,9 +5,12 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+import torch
 
 from nte.checking import CheckReport, check
+from nte.checking.geometry import GeometryTally
 from nte.frames.clip import Clip
+from nte.frames.frame import Frame
 from nte.importing.convert import unit
 from tests.checking.room import FOCAL, SIZE, Floats, camera, distances, room_frame
 from tests.synthetic import Pixels, smooth_texture, write_clip
@@ -114,6 +117,21 @@ def test_a_wall_alone_says_nothing_of_sides(tmp_path: Path) -> None:
         frame = {key: np.float32(values) for key, values in (wall | {"normal": normal}).items()}
         report = check(Clip(write_clip(tmp_path / name, [FRAMES[0] | frame] * 2)))
         assert [f.found for f in report.findings if f.channel in ("normal", "depth")] == []
+
+
+@pytest.mark.parametrize("yaw", [0.0, 0.2, 0.5, 0.9])
+def test_a_slanted_wall_alone_is_no_z_buffer(yaw: float) -> None:
+    """In a plane one of the three coordinates is a function of the others, up to rounding."""
+    y, x = np.mgrid[: SIZE[0], : SIZE[1]] + 0.5
+    ray = np.stack([(x - SIZE[1] / 2) / 83, (y - SIZE[0] / 2) / 83, np.ones(SIZE)])
+    facing = np.array([-0.459, 0.138, -0.877])
+    depth = -5 / np.einsum("i,ihw->hw", facing, ray)
+    turn = np.array([[np.cos(yaw), 0, np.sin(yaw)], [0, 1, 0], [-np.sin(yaw), 0, np.cos(yaw)]])
+    world = np.einsum("ij,jhw->ihw", turn, depth * ray) + np.reshape([0.2, 1.6, -5], (3, 1, 1))
+    channels = {"depth": depth[None], "position": world}
+    tally = GeometryTally()
+    tally.add(Frame({name: torch.tensor(np.float32(values))[None] for name, values in channels.items()}))
+    assert list(tally.judge()) == []
 
 
 @pytest.mark.parametrize("without", [(), ("position",)])

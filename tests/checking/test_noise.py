@@ -9,8 +9,9 @@ import pytest
 import torch
 
 from nte.checking import check
-from nte.checking.noise import ALONG, BEFORE, NEIGHBOURS
+from nte.checking.noise import ALONG, BEFORE, NEIGHBOURS, NoiseTally
 from nte.frames.clip import Clip
+from nte.frames.frame import Frame
 from nte.motion.warp import warp
 from tests.checking.test_late import SHOTS, noisy
 from tests.synthetic import Pixels, write_clip
@@ -102,3 +103,13 @@ def test_one_albedo_for_all_is_noted(tmp_path: Path, value: float) -> None:
     frames = [frame | {"albedo": np.full_like(frame["albedo"], value)} for frame in FRAMES]
     report = check(Clip(write_clip(tmp_path / "clip", frames)))
     assert [f.found for f in report.findings if f.channel == "albedo"] == [f"{value:g} everywhere"]
+
+
+@pytest.mark.parametrize("seed", range(8))
+def test_a_few_pixels_share_noise_by_chance(seed: int) -> None:
+    rng = np.random.default_rng(seed)
+    tally = NoiseTally()
+    light = torch.ones(1, 3, 4, 4)
+    frames = [{"color": torch.tensor(rng.exponential(size=(1, 3, 4, 4))).float(), "reference": light} for _ in range(2)]
+    tally.add(*map(Frame, frames))
+    assert list(tally.judge()) == []

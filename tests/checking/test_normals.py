@@ -81,3 +81,20 @@ def test_grass_tells_nothing_of_normals() -> None:
         names = "depth", "position", "normal"
         tally.add(Frame({name: torch.tensor(np.float32(frame[name]))[None] for name in names}, i))
     assert not [f for f in tally.judge() if f.channel == "normal" and (f.fault or f.doubt)]
+
+
+@pytest.mark.parametrize("pitch", [0.05, -0.05, 0.0])
+def test_a_level_camera_sees_the_side_of_the_floor(pitch: float) -> None:
+    """Its normal says nothing of the view axis: in a camera that looks up a little, it points away along that."""
+    y, x = np.mgrid[:64, :96] + 0.5
+    ray = np.stack([(x - 48) / 80, (8 - y) / 80 + pitch, np.ones((64, 96)) - pitch * (8 - y) / 80])
+    down = np.where(ray[1] < -0.05, -1.6 / ray[1].clip(max=-0.05), np.inf)
+    floor = down < 20 / ray[2]
+    along = np.where(floor, down, 20 / ray[2])  # before a wall
+    depth = along * (ray[2] + pitch * ray[1])
+    normal = np.stack([0 * x, 1.0 * floor, -1.0 * ~floor])
+    for sign, told in ((1, []), (-1, ["point away from the camera in most pixels, as position shows"])):
+        channels = {"depth": depth[None], "position": along * ray, "normal": sign * normal}
+        tally = GeometryTally()
+        tally.add(Frame({name: torch.tensor(np.float32(values))[None] for name, values in channels.items()}))
+        assert [finding.found for finding in tally.judge()] == told

@@ -4,9 +4,12 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+import torch
 
 from nte.checking import check
+from nte.checking.spaces import changed_alike
 from nte.frames.clip import Clip
+from nte.frames.frame import Frame
 from tests.checking.room import camera
 from tests.checking.test_geometry import Change, checked, in_view
 from tests.synthetic import Pixels, smooth_texture, write_clip
@@ -63,3 +66,20 @@ def test_jitter_is_no_motion(tmp_path: Path) -> None:
         frames.append({name: values.astype(np.float32) for name, values in frame.items()})
     report = check(Clip(write_clip(tmp_path / "clip", frames)))
     assert not any("takes those" in f.found for f in report.findings)
+
+
+@pytest.mark.parametrize("known", [True, False])
+def test_cameras_that_stand_still_have_no_moving_space(known: bool) -> None:
+    """A ball rolls past: all that is seen turns as one body."""
+    frames = []
+    for i in range(2):
+        y, x = (np.mgrid[:64, :96] + 0.5 - np.reshape([32, 40 + 3 * i], (2, 1, 1))) / 24
+        inside = x**2 + y**2 < 1
+        normal = np.stack([x, y, -np.sqrt(np.maximum(1 - x**2 - y**2, 0))])
+        turned = np.stack([normal[0] + 0.1 * i * normal[2], normal[1], normal[2] - 0.1 * i * normal[0]])
+        channels = {"normal": turned * inside, "motion": np.stack([-3.0 * inside, 0 * x])}
+        camera = torch.eye(4)[None] if known else None
+        shown = {name: torch.tensor(np.float32(values))[None] for name, values in channels.items()}
+        frames.append(Frame(shown, i, view=camera, projection=camera))
+    seen = (frames[1]["normal"] != 0).any(1, keepdim=True)
+    assert changed_alike(*frames, seen) == ({} if known else {"normal": True})
