@@ -83,7 +83,7 @@ class TrainConfig:
     loss: LossConfig = field(default_factory=LossConfig)
     optimiser: OptimiserConfig = field(default_factory=OptimiserConfig)
     phases: list[PhaseConfig] = field(default_factory=lambda: MISSING)
-    precision: str = "32-true"  # or bf16-mixed
+    precision: str = "32-true"  # or bf16-mixed; auto for the one in which a large convolution is faster on the device
     channels_last: bool = (
         False  # true for weights with their channels last in memory: faster on most CPUs, see --profile
     )
@@ -124,7 +124,7 @@ def _check(config: TrainConfig) -> None:
     config.loss.check()
     _one_of("optimiser.name", config.optimiser.name, ("adam", "adamw"))
     _one_of("optimiser.schedule", config.optimiser.schedule, ("constant", "cosine"))
-    _one_of("precision", config.precision, ("32-true", "bf16-mixed"))
+    _one_of("precision", config.precision, ("32-true", "bf16-mixed", "auto"))
     if not is_folder_name(config.name):
         raise NteError(f"'name' is '{config.name}', expected the name of a folder in '{config.runs}'")
     for key in ("frames", "batch", "average"):

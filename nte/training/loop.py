@@ -77,7 +77,8 @@ def _run(
     run: RunFolder, said: str,
 ) -> None:  # fmt: skip
     """Train, from the run's checkpoint if there is one. said: about the weights that a new run begins with."""
-    model, optimiser = fabric.setup(make_loss(denoiser, config), make_optimiser(denoiser, config.optimiser))
+    objective = make_loss(denoiser, config, fabric.device)
+    model, optimiser = fabric.setup(objective, make_optimiser(denoiser, config.optimiser))
     average = AveragedModel(denoiser, multi_avg_fn=get_ema_multi_avg_fn(config.optimiser.ema))  # type: ignore[no-untyped-call]
     state = TrainingState(denoiser, optimiser, average if config.optimiser.ema else None)
     last, data, accumulate = schedule.last, material.data, config.optimiser.accumulate
@@ -86,6 +87,8 @@ def _run(
         run.forget_after(first)
         if said and not first:
             print(said, flush=True)
+        if config.precision == "auto":
+            print(f"precision: {'bf16-mixed' if objective.mixed else '32-true'}, the faster one here", flush=True)
 
     meter = Meter(config.data.batch * config.data.frames * accumulate * fabric.world_size)
     stepper = Stepper(fabric, model, optimiser, config, meter)

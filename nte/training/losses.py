@@ -110,14 +110,14 @@ class SequenceLoss(nn.Module):
     """The loss of a denoiser unrolled over a sequence: the mean of its frames' losses.
 
     The paper sums them, which makes no difference to Adam unless gradients are clipped. All is one module, so that
-    DistributedDataParallel sees the whole recurrence as one forward pass. precision: 32-true, or bf16-mixed for the
-    denoiser's steps. Raises NteError for a configuration that is not valid.
+    DistributedDataParallel sees the whole recurrence as one forward pass. mixed: the denoiser's steps compute in
+    bfloat16. Raises NteError for a configuration that is not valid.
     """
 
-    def __init__(self, denoiser: Denoiser, config: LossConfig, precision: str = "32-true") -> None:
+    def __init__(self, denoiser: Denoiser, config: LossConfig, mixed: bool = False) -> None:
         super().__init__()
         config.check()
-        self.denoiser, self.config, self.mixed = denoiser, config, precision == "bf16-mixed"
+        self.denoiser, self.config, self.mixed = denoiser, config, mixed
         self.target, self.distance = Target(denoiser.target), DISTANCES[config.distance]
 
     def forward(

@@ -72,7 +72,8 @@ def profile_training(config: TrainConfig, device: str = "auto") -> Profile:
         schedule = Schedule(config.optimiser, config.phases, lengths)
         if schedule.last < STEPS + 3:
             raise NteError(f"'phases' have {schedule.last} steps, expected at least {STEPS + 3} for a profile")
-        model, optimiser = fabric.setup(make_loss(denoiser, config), make_optimiser(denoiser, config.optimiser))
+        loss = make_loss(denoiser, config, fabric.device)
+        model, optimiser = fabric.setup(loss, make_optimiser(denoiser, config.optimiser))
         meter = Meter(1, torch.cuda.synchronize if fabric.device.type == "cuda" else None)
         stepper = Stepper(fabric, model, optimiser, config, meter)
         loader = training_loader(material.data, 0, (STEPS + 3) * accumulate, fabric.device.type != "cpu")
@@ -96,6 +97,6 @@ def profile_training(config: TrainConfig, device: str = "auto") -> Profile:
     for event in sorted(profiler.events(), key=lambda event: event.time_range.start):
         if event.is_user_annotation and "#" not in event.name:  # PyTorch's own have a #
             named[event.name] = named.get(event.name, 0.0) + event.time_range.elapsed_us() / 1e6 / slowed
-    kind = torch.bfloat16 if config.precision == "bf16-mixed" else torch.float32
+    kind = torch.bfloat16 if loss.mixed else torch.float32
     peak = 2 * convolution_peak(fabric.device, kind, training=True)
     return Profile(seconds, named, counter.get_total_flops(), peak)

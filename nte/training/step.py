@@ -9,6 +9,7 @@ from torch import Tensor, nn
 from torch.optim import Optimizer
 
 from nte.errors import NteError
+from nte.machine import convolution_peak
 from nte.models.trainable import TrainableDenoiser
 from nte.training.batch import Batch
 from nte.training.config import OptimiserConfig, TrainConfig
@@ -80,11 +81,27 @@ class Stepper:
         self.meter.lap("optimiser")
 
 
-def make_loss(denoiser: TrainableDenoiser, config: TrainConfig) -> SequenceLoss:
-    """Make the loss of the configuration around a denoiser, and give its weights their layout in memory."""
+def make_loss(denoiser: TrainableDenoiser, config: TrainConfig, device: torch.device) -> SequenceLoss:
+    """Make the loss of the configuration around a denoiser, and give its weights their layout in memory.
+
+    Takes three seconds on two cores where the precision is to be measured.
+    """
     if config.channels_last:
         denoiser.to(memory_format=torch.channels_last)  # type: ignore[call-overload]
-    return SequenceLoss(denoiser, config.loss, config.precision)
+    return SequenceLoss(denoiser, config.loss, _is_mixed(config.precision, device))
+
+
+def _is_mixed(precision: str, device: torch.device) -> bool:
+    """Whether a precision of the configuration is bfloat16 on a device.
+
+    What lacks it computes in it all the same, but emulated: a step of the quick start took 4.1 s instead of 0.8 on a
+    processor with AVX2 alone.
+    """
+    if precision != "auto":
+        return precision == "bf16-mixed"
+    with torch.random.fork_rng(devices=[]):  # the speed must not change what the seed draws
+        bfloat16, float32 = (convolution_peak(device, kind, training=True) for kind in (torch.bfloat16, torch.float32))
+    return bfloat16 > float32
 
 
 def make_optimiser(module: nn.Module, config: OptimiserConfig) -> torch.optim.Optimizer:

@@ -66,6 +66,12 @@ def contents(folder: Path) -> dict[str, bytes]:
     }
 
 
+def differing(found: dict[str, bytes], expected: dict[str, bytes]) -> list[str]:
+    """The names of the files that are missing, that are there beside those expected, or that have another content."""
+    every = sorted({*found, *expected})
+    return [name for name in every if found.get(name) != expected.get(name)]
+
+
 def _weights(data: bytes) -> bytes:
     """A checkpoint's tensors, and what is said of them in order: safetensors writes the metadata in any order."""
     length = 8 + int.from_bytes(data[:8], "little")

@@ -14,7 +14,7 @@ import pytest
 from nte.cli import main
 from nte.runtime import trial
 from tests.conftest import Rounds
-from tests.faults.commands import COMMANDS, command, contents
+from tests.faults.commands import COMMANDS, command, contents, differing
 from tests.faults.watched import WARM, watched
 
 pytestmark = [pytest.mark.slow, pytest.mark.filterwarnings("ignore::nte.motion.correspondence.FewerLevelsWarning")]
@@ -99,11 +99,11 @@ def test_the_second_is_refused_while_the_first_writes(
     for number in range(tried):
         out = tmp_path / f"out {number}"
         with standing_still(words(out), out, 1 + int(count * (number + 0.5) / tried)):
-            before = {path: path.read_bytes() for path in out.rglob("*") if path.is_file()}
+            before = contents(out)
             for more in ([], ["--force"]):
                 assert REFUSED.fullmatch(refusal([*words(out), *more], capfd))
-            assert {path: path.read_bytes() for path in out.rglob("*") if path.is_file()} == before
-        assert contents(out) == expected
+            assert not differing(contents(out), before)
+        assert not differing(contents(out), expected)
 
 
 @pytest.mark.parametrize(("first", "second"), [("import", "denoise"), ("denoise", "import"), ("evaluate", "view")])
@@ -154,4 +154,4 @@ def test_of_two_that_start_at_once_one_writes(
         if all(process.exitcode for process in both):
             assert contents(out) == {}
             assert main(words) == 0
-        assert contents(out) == expected
+        assert not differing(contents(out), expected)
