@@ -38,6 +38,7 @@ def load_config(
     choose: Callable[[Callable[[str], Any]], Schema] | None = None,
     check: Callable[[Schema], object] = lambda made: None,
     contained: bool = False,
+    spell_out: Callable[[DictConfig], object] = lambda loaded: None,
 ) -> Schema:
     """Load an instance of the dataclass `schema` from a YAML file and `key=value` overrides.
 
@@ -48,7 +49,9 @@ def load_config(
     with a function from a dotted key to the value that the file or the overrides give it, or None. ${name} may refer to
     another key; resolvers such as ${oc.env:…} are refused, so that a configuration means the same on every machine.
     check: raises NteError, naming the key, for values that are not allowed. contained: refuse a `base` outside the
-    folder of the file that names it. Raises NteError, naming the file and the key, for anything that does not fit.
+    folder of the file that names it. spell_out: changes the values of each file before it is merged with another, for
+    schemas in which one thing can be said in two ways. Raises NteError, naming the file and the key, for anything that
+    does not fit.
     """
     for override in overrides:
         if "=" not in override:
@@ -56,7 +59,7 @@ def load_config(
     source = str(path)
     loaded: DictConfig | None = None
     try:
-        loaded = _read(path, contained)
+        loaded = _read(path, contained, spell_out)
         source = "command line"
         typed = OmegaConf.from_dotlist(list(overrides))
         refuse_resolvers(source, OmegaConf.to_container(typed, resolve=False))
@@ -167,10 +170,13 @@ def _problem_with_value(error: ValidationError) -> str:
     return f"{given} is given, expected {_KINDS[kind]}{', or null' if empty else ''}"
 
 
-def _read(path: Path, contained: bool, trail: tuple[Path, ...] = ()) -> DictConfig:
+def _read(
+    path: Path, contained: bool, spell_out: Callable[[DictConfig], object], trail: tuple[Path, ...] = ()
+) -> DictConfig:
     """The values of a file, merged over those of its base. trail: files that are based on this one."""
     loaded = _read_alone(path)
     refuse_resolvers(str(path), OmegaConf.to_container(loaded, resolve=False))
+    spell_out(loaded)
     if "base" not in loaded:
         return loaded
     named, trail = loaded.pop("base"), (*trail, path.resolve())
@@ -181,7 +187,7 @@ def _read(path: Path, contained: bool, trail: tuple[Path, ...] = ()) -> DictConf
     base = path.parent / named if contained else beside(path, named)
     if base.resolve() in trail:
         raise NteError(f"{path}: 'base' is '{named}', which is based on this file: expected another one")
-    below = _read(base, contained, trail)
+    below = _read(base, contained, spell_out, trail)
     for key, section in loaded.items():
         if isinstance(section, DictConfig) and isinstance(before := below.get(key), DictConfig):
             kind = section.get("kind")

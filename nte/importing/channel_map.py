@@ -9,7 +9,7 @@ from math import isfinite
 from pathlib import Path
 from typing import Any
 
-from omegaconf import MISSING, OmegaConf
+from omegaconf import MISSING, DictConfig, OmegaConf
 from omegaconf.errors import OmegaConfBaseException
 from yaml import YAMLError
 
@@ -26,6 +26,7 @@ _CHOICES = {
     "points": ("to", "from"), "axes": ("xy", "yx"), "y_axis": ("down", "up"), "unit": ("pixels", "uv", "ndc"),
     "space": ("world", "camera"), "along": ("axis", "ray"), "over": ("shutter", "frame"),
 }  # fmt: skip
+_TEXTS = ("file", "part", "view")  # keys of Source that are taken as they are typed: YAML reads *, # and no otherwise
 _LISTS = ("layer", "plus", "where_dark", "scale", "offset", "unknown")  # keys of Source that accept a single value
 
 
@@ -138,11 +139,13 @@ def find_map(name: str | Path) -> Path:
 def load_channel_map(path: Path, overrides: Sequence[str] = ()) -> ChannelMap:
     """Read and check a channel map, with `key=value` overrides.
 
-    The override `channels.depth=Z` replaces the map's entry of a channel; `channels.depth.file=z.#.exr` changes one
-    key of the entry. Raises NteError, naming the file and the key, for a map that is not valid.
+    The override `channels.depth=Z` names another layer and leaves how the map says that it is stored, as a file does
+    that is based on another one; `channels.depth.file=z.#.exr` changes one key of the entry. Raises NteError, naming
+    the file and the key, for a map that is not valid.
     """
-    of_channels = [item for item in overrides if item.startswith("channels.")]
-    found = load_config(ChannelMap, path, [item for item in overrides if item not in of_channels], contained=True)
+    of_channels = [item for item in overrides if item.startswith(("channels.", "channels="))]
+    others = [item for item in overrides if item not in of_channels]
+    found = load_config(ChannelMap, path, others, contained=True, spell_out=_spell_out)
     given = _override(found.channels, of_channels)
     found.channels = {name: _source(path, name, entry, found) for name, entry in given.items()}
     if "color" not in found.channels:
@@ -181,22 +184,38 @@ def needs_camera(how: ChannelMap, name: str) -> str:
     return ""
 
 
+def _keys(entry: Any) -> dict[str, Any]:
+    """The keys of an entry of `channels`: a layer alone stands for itself, without the layers that others add to it."""
+    return dict(entry) if isinstance(entry, dict) else {"layer": entry, "plus": [], "where_dark": []}
+
+
+def _spell_out(loaded: DictConfig) -> None:
+    """Give the keys of all entries of a file, since those of another one are merged into them."""
+    channels = loaded.get("channels")
+    if isinstance(channels, DictConfig):
+        entries = OmegaConf.to_container(channels, resolve=False)
+        assert isinstance(entries, dict)
+        loaded.channels = {name: _keys(entry) for name, entry in entries.items()}
+
+
 def _override(channels: dict[str, Any], overrides: Sequence[str]) -> dict[str, Any]:
-    """The entries of `channels` with the overrides applied; a layer alone counts as the key `layer`."""
+    """The entries of `channels` with the overrides applied."""
     found = dict(channels)
     for item in overrides:
-        key, equals, text = item.removeprefix("channels.").partition("=")
-        name, _, part = key.partition(".")
+        key, equals, text = item.partition("=")
+        name, _, part = key.removeprefix("channels").removeprefix(".").partition(".")
         if not equals or "${" in text:
             raise NteError(f"'{item}': expected key=value, with the value itself")
         try:
-            value = OmegaConf.to_container(OmegaConf.from_dotlist([f"value={text}"]))["value"]  # type: ignore[index,call-overload]
+            value: Any = text
+            if part not in _TEXTS or text[:1] in ("'", '"'):
+                value = OmegaConf.to_container(OmegaConf.from_dotlist([f"value={text}"]))["value"]  # type: ignore[index,call-overload]
         except YAMLError as error:
             raise NteError(f"'{item}': not readable as YAML: {problem_of(error)}") from error
-        if part:
-            entry = found.get(name, {})
-            value = {**(entry if isinstance(entry, dict) else {"layer": entry}), part: value}
-        found[name] = value
+        if not name and not isinstance(value, dict):
+            raise NteError(f"'{item}': expected the layers of channels, such as channels={{color: beauty}}")
+        for one, entry in ({name: {part: value} if part else value} if name else value).items():
+            found[one] = {**_keys(found.get(one, {})), **_keys(entry)}
     return found
 
 
@@ -207,7 +226,7 @@ def _source(path: Path, name: str, given: Any, how: ChannelMap) -> Source:
     if row is None or row.storage == "derived":
         stored = [key for key, r in CHANNELS.items() if r.storage != "derived"]
         raise NteError(f"{where}: no such channel{expected_one_of(name, stored)}")
-    keys = given if isinstance(given, dict) else {"layer": given}
+    keys = _keys(given)
     listed = {key: [value] if key in _LISTS and not isinstance(value, list) else value for key, value in keys.items()}
     # Checked once more: these values are resolved, and two halves may have met to form a resolver.
     refuse_resolvers(str(path), [listed, how.file, how.part, how.view], f"channels.{name}")
@@ -217,13 +236,13 @@ def _source(path: Path, name: str, given: Any, how: ChannelMap) -> Source:
     except (OmegaConfBaseException, OverflowError) as error:
         key = getattr(error, "full_key", None)
         if key and key.startswith("layer"):
-            raise NteError(f"{where}: {given!r}: expected a layer, or {_names(row)}") from error
+            raise NteError(f"{where}: {keys.get('layer')!r}: expected a layer, or {_names(row)}") from error
         raise NteError(f"{where.removesuffix(chr(39))}{f'.{key}' if key else ''}': {problem_with(error)}") from error
-    _require_source(where, row, given, source)
+    _require_source(where, row, keys.get("layer"), source)
     return source
 
 
-def _require_source(where: str, row: Channel, given: Any, source: Source) -> None:
+def _require_source(where: str, row: Channel, layer: Any, source: Source) -> None:
     count = len(row.components)
     # OmegaConf accepts containers in a list of strings or numbers.
     nested = [key for key in _LISTS if any(isinstance(value, dict | list) for value in getattr(source, key))]
@@ -231,7 +250,7 @@ def _require_source(where: str, row: Channel, given: Any, source: Source) -> Non
     if nested or unnamed or len(source.layer) not in (0, 1, count):
         key = f"{nested[0]}: " if nested and nested[0] != "layer" else ""
         expected = "single values" if key else f"a layer, or {_names(row)}"
-        raise NteError(f"{where}: {key}{given!r}: expected {expected}")
+        raise NteError(f"{where}: {key}{getattr(source, nested[0]) if key else layer!r}: expected {expected}")
     for key in ("scale", "offset"):
         numbers = getattr(source, key)
         if len(numbers) not in (1, count) or not all(map(isfinite, numbers)) or (key == "scale" and 0 in numbers):

@@ -225,11 +225,11 @@ class ForeignSequence:
 def _cameras_file(map_path: Path, name: str, typed: bool) -> Path:
     """The file of the cameras. A map's own key names one in its folder; who types a path may name any.
 
-    What is typed lies beside the map, else in the current folder. Raises NteError for a map that leads elsewhere.
+    What is typed lies in the current folder, else beside the map. Raises NteError for a map that leads elsewhere.
     """
     beside = map_path.parent / name
     if typed:
-        return beside if beside.is_file() or not Path(name).is_file() else Path(name)
+        return Path(name) if Path(name).is_file() else beside
     if not is_inside(beside, map_path.parent):
         raise NteError(
             f"{map_path}: 'cameras' is '{name}', which leads out of {map_path.parent}: expected a file in that folder; "

@@ -1,6 +1,7 @@
 """Writer of imported clips: a clip appears under its name only when it is finished."""
 
 import os
+import re
 import shutil
 from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
@@ -16,9 +17,16 @@ from nte.progress import Progress
 from nte.version import __version__
 from nte.writers import only_writer, refuse_other_writers
 
+_PARTS = re.compile(r"clip\.json|frame_\d{4,}\.exr|seed_\d\d|\..*\.tmp")  # of a clip, and what killed writers left
+
 
 def refuse_existing(out: Path, force: bool) -> None:
-    """Raise NteError if `out` exists, unless it is an empty folder or, with `force`, a clip."""
+    """Raise NteError if `out` exists, unless it is an empty folder or, with `force`, a clip and nothing else.
+
+    Also if it is the current folder, since a clip takes the place of its folder.
+    """
+    if out.resolve() == Path.cwd():
+        raise NteError(f"{out}: is the current folder, which the clip would replace: expected the name of a new folder")
     if not out.exists() or (out.is_dir() and not any(out.iterdir())):
         return
     if not force:
@@ -27,6 +35,9 @@ def refuse_existing(out: Path, force: bool) -> None:
         Clip(out)
     except NteError as error:
         raise NteError(f"{out}: is not a clip, so --force does not replace it: {error}") from error
+    others = sorted(path.name for path in out.iterdir() if not _PARTS.fullmatch(path.name))
+    if others:
+        raise NteError(f"{out}: has '{others[0]}', which is no part of a clip and would be lost: move it elsewhere")
 
 
 def write_imported(

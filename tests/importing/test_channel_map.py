@@ -879,3 +879,59 @@ def test_orthographic_cameras_are_refused(tmp_path: Path, capsys: pytest.Capture
     assert main(["import", "exr", str(source), "--map", str(path), "--out", str(tmp_path / "clip")]) == 2
     assert "camera 0: 'projection' is orthographic" in capsys.readouterr().err
     assert not (tmp_path / "clip").exists()
+
+
+UNREAL = {
+    "channels": {
+        "color": ".",
+        "motion": {"layer": "Vec", "scale": 2.0, "offset": -1.0},
+        "albedo": {"layer": "A", "plus": "S"},
+    }
+}
+
+
+def stored_as(channels: dict[str, Source], name: str) -> tuple[list[str], list[str], list[float], list[float]]:
+    source = channels[name]
+    return source.layer, source.plus, source.scale, source.offset
+
+
+@pytest.mark.parametrize("spelled", [{"motion": "other", "albedo": "B"}, {"motion": {"layer": "other"}, "albedo": "B"}])
+def test_a_map_that_names_another_layer_keeps_how_it_is_stored(tmp_path: Path, spelled: dict[str, Any]) -> None:
+    """In a map based on another one as on the command line; what was added to the other layer is not added to it."""
+    below = write_map(tmp_path / "below.yaml", UNREAL)
+    based = load_channel_map(write_map(tmp_path / "map.yaml", {"base": "below.yaml", "channels": spelled})).channels
+    typed = load_channel_map(below, ["channels.motion=other", "channels.albedo=B"]).channels
+    at_once = load_channel_map(below, ["channels={motion: other, albedo: B}"]).channels
+    for found in (based, typed, at_once):
+        assert stored_as(found, "motion") == (["other"], [], [2.0], [-1.0])
+        assert stored_as(found, "albedo") == (["B"], [], [1.0], [0.0])
+        assert stored_as(found, "color") == (["."], [], [1.0], [0.0])
+
+
+def test_a_map_that_says_how_a_layer_is_stored_keeps_its_name(tmp_path: Path) -> None:
+    below = write_map(tmp_path / "below.yaml", {"channels": {"color": ".", "motion": "vel"}})
+    how = {"channels": {"motion": {"scale": 0.5}}}
+    based = load_channel_map(write_map(tmp_path / "map.yaml", {"base": "below.yaml", **how})).channels
+    for found in (based, load_channel_map(below, ["channels={motion: {scale: 0.5}}"]).channels):
+        assert stored_as(found, "motion") == (["vel"], [], [0.5], [0.0])
+
+
+def test_channels_at_once_are_keys_with_values(tmp_path: Path) -> None:
+    with pytest.raises(NteError, match=r"'channels=Z': expected the layers of channels"):
+        load_channel_map(write_map(tmp_path / "map.yaml", UNREAL), ["channels=Z"])
+
+
+@pytest.mark.parametrize(
+    ("typed", "key", "value"),
+    [
+        ("file=*.#.exr", "file", "*.#.exr"),
+        ("file=#/a.exr", "file", "#/a.exr"),
+        ("part=no", "part", "no"),
+        ("view=", "view", ""),
+        ("file='a #.exr'", "file", "a #.exr"),
+    ],
+)
+def test_texts_of_a_channel_are_taken_as_they_are_typed(tmp_path: Path, typed: str, key: str, value: str) -> None:
+    about = {"channels": {"color": {"layer": ".", "view": "left"}}, "view": "right"}
+    found = load_channel_map(write_map(tmp_path / "map.yaml", about), [f"channels.color.{typed}"])
+    assert getattr(found.channels["color"], key) == value

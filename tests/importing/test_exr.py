@@ -327,6 +327,13 @@ def test_only_a_clip_is_replaced_and_only_with_force(tmp_path: Path, capsys: pyt
     (source / "shot.1002.exr").write_text("broken")
     assert run(source, map_path, out, "--force") == 2
     assert len(Clip(out)) == 2
+    (out / "renders").mkdir()
+    assert run(source, map_path, out, "--force") == 2
+    assert (
+        "clip: has 'renders', which is no part of a clip and would be lost: move it elsewhere"
+        in capsys.readouterr().err
+    )
+    assert (out / "renders").is_dir()
     mine = tmp_path / "mine"
     mine.mkdir()
     (mine / "thesis.txt").write_text("…")
@@ -370,6 +377,30 @@ def test_a_pattern_without_quotes_is_told(tmp_path: Path, capsys: pytest.Capture
     first, second = map(str, sorted(source.iterdir()))
     assert main(["import", "exr", first, second, "--map", str(map_path), "--out", str(tmp_path / "clip")]) == 2
     assert f"'{second}': expected key=value after one SOURCE: quote a pattern" in capsys.readouterr().err
+
+
+def test_the_current_folder_is_not_replaced(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """The shell that is in it would be in a folder that is gone."""
+    source, map_path = engine(tmp_path, scene(2))
+    (tmp_path / "here").mkdir()
+    monkeypatch.chdir(tmp_path / "here")
+    assert run(source, map_path, Path()) == 2
+    assert ".: is the current folder, which the clip would replace" in capsys.readouterr().err
+    assert not any(Path().iterdir())
+
+
+def test_typed_cameras_are_those_of_the_current_folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    source, map_path = engine(tmp_path, scene(2))
+    mine = tmp_path / "shot"
+    mine.mkdir()
+    cameras = json.loads((tmp_path / "cameras.json").read_text())
+    cameras[1]["view"][0][3] += 2.0
+    (mine / "cameras.json").write_text(json.dumps(cameras))
+    monkeypatch.chdir(mine)
+    run(source, map_path, tmp_path / "clip", "cameras=cameras.json")
+    assert Clip(tmp_path / "clip").info["cameras"][1]["view"] == cameras[1]["view"]
 
 
 def test_cameras_in_a_file_of_windows(tmp_path: Path) -> None:
