@@ -36,9 +36,8 @@ def files_of_pattern(folder: Path, pattern: str) -> dict[int, Path]:
     """Find the files below `folder` whose names fit a pattern: frame number → file, in order; empty if none fits.
 
     In a pattern # (or ####) is the frame number with any number of digits, * is any part of a name, the same in all
-    files or another in each, and everything else stands for itself. Hidden files and folders are left out; a link to a
-    folder counts as one. Raises NteError for a gap in the numbers, for more than one sequence that fits, and for a
-    pattern with two frame numbers.
+    files or another in each, and everything else stands for itself. Hidden files and folders are left out. Raises
+    NteError for a gap in the numbers, for more than one sequence that fits, and for a pattern with two frame numbers.
     """
     parts = re.split(r"(#+|\*)", Path(pattern).as_posix())
     kinds = {"#": f"({FRAME_NUMBER})", "*": "([^/]*?)"}  # as short as possible: a number belongs to # as a whole
@@ -46,8 +45,7 @@ def files_of_pattern(folder: Path, pattern: str) -> dict[int, Path]:
     marks = [part[0] for part in parts if part[:1] in ("#", "*")]
     if marks.count("#") > 1:
         raise NteError(f"{folder}: the pattern '{pattern}' has # more than once: expected one frame number")
-    there = sorted(folder.glob("/".join("*" * len(Path(pattern).parts))))  # follows links to folders, unlike rglob
-    files = [(path.relative_to(folder).as_posix(), path) for path in there if is_file_or_lost(path)]
+    files = [(path.relative_to(folder).as_posix(), path) for path in sorted(folder.rglob("*")) if is_file_or_lost(path)]
     names = [(name, path) for name, path in files if not re.search(r"(^|/)\.", name)]
     fitting = [(match, path) for name, path in names if (match := expression.fullmatch(name))]
     if "#" not in marks:

@@ -806,16 +806,6 @@ def test_a_map_says_which_of_two_numbers_is_the_frame(tmp_path: Path, capsys: py
     assert len(imported(tmp_path, tmp_path / "in", {"channels": COLOR, "file": "shot_#_*ms.exr"})) == 2
 
 
-def test_a_pattern_finds_files_in_linked_folders(tmp_path: Path) -> None:
-    """A shot that is put together of links to the folders of its passes; one that leads back ends somewhere."""
-    (tmp_path / "passes").mkdir()
-    (tmp_path / "passes" / "albedo.1.exr").touch()
-    (tmp_path / "shot").mkdir()
-    (tmp_path / "shot" / "albedo").symlink_to(tmp_path / "passes")
-    (tmp_path / "shot" / "again").symlink_to(tmp_path / "shot")
-    assert list(files_of_pattern(tmp_path / "shot", "albedo/albedo.#.exr")) == [1]
-
-
 @pytest.mark.parametrize("how", ["folder", "pattern", "map"])
 def test_a_frame_that_is_a_link_to_nothing_is_named(
     tmp_path: Path, capsys: pytest.CaptureFixture[str], how: str
