@@ -19,7 +19,8 @@ from nte.denoiser import Session
 from nte.filters import asvgf
 from nte.filters.composition import COMPONENTS
 from nte.filters.moments import shorten
-from nte.frames.clip import Clip, find_clips
+from nte.frames.clip import Clip
+from nte.frames.clip_files import find_clips
 from nte.frames.frame import Frame
 from nte.registry import load_denoiser
 from nte.text_table import aligned

@@ -23,7 +23,8 @@ from benchmarks.command import make_parser, run
 from nte.checking import CheckReport, check
 from nte.checking.flips import FLIPS, PICTURES, FlipTally
 from nte.checking.late import SHOWN, LateTally
-from nte.frames.clip import Clip, Pixels, find_clips
+from nte.frames.clip import Clip, Pixels
+from nte.frames.clip_files import find_clips
 from nte.frames.frame import Frame
 from nte.frames.sample import FRAMES, PAIRS, spread
 

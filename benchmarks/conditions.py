@@ -16,7 +16,8 @@ import torch
 from benchmarks.command import make_parser, run
 from nte.color import psnr
 from nte.denoiser import Session
-from nte.frames.clip import Clip, Pixels, find_clips
+from nte.frames.clip import Clip, Pixels
+from nte.frames.clip_files import find_clips
 from nte.frames.frame import Frame
 from nte.frames.scalars import sequence_scalars
 from nte.frames.show import display

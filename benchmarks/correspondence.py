@@ -31,7 +31,7 @@ from benchmarks.correspondence_cases import (
 )
 from benchmarks.flow_costs import cost_table, costs, pass_table, passes
 from benchmarks.flows import FLOWS, Find, candidates, ours, zero
-from nte.frames.clip import find_clips
+from nte.frames.clip_files import find_clips
 from nte.motion.correspondence import FewerLevelsWarning
 from nte.motion.search import SEARCHES
 from nte.render.recipes.clips import render_recipe

@@ -16,7 +16,8 @@ from benchmarks.record import record
 from nte.cli.parsing import parse_size
 from nte.denoiser import Denoiser, Noisy, Session
 from nte.evaluation.benchmark.frames import clip_frames
-from nte.frames.clip import frame_path, write_frame
+from nte.frames.clip import write_frame
+from nte.frames.clip_files import frame_path
 from nte.frames.frame import Frame
 from nte.frames.guides import are_clean
 from nte.overlap import sleep_while_waiting

@@ -13,7 +13,8 @@ import torch
 
 from benchmarks.command import make_parser, run
 from nte.color import display, psnr
-from nte.frames.clip import Clip, find_clips
+from nte.frames.clip import Clip
+from nte.frames.clip_files import find_clips
 from nte.frames.frame import Frame
 from nte.frames.scalars import sequence_scalars
 from nte.registry import load_denoiser

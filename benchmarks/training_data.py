@@ -16,7 +16,8 @@ import numpy as np
 
 from benchmarks.command import count, make_parser, run
 from nte.cli.parsing import parse_size
-from nte.frames.clip import Clip, frame_path, write_frame
+from nte.frames.clip import Clip, write_frame
+from nte.frames.clip_files import frame_path
 from nte.frames.clip_info import write_clip_info
 from nte.training.config import DataConfig
 from nte.training.data import TrainingBatches

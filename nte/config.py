@@ -5,7 +5,7 @@ from collections.abc import Callable, Sequence
 from contextlib import suppress
 from dataclasses import fields, is_dataclass
 from pathlib import Path
-from typing import Any, TypeVar, get_args, get_origin, get_type_hints
+from typing import Any, TypeAlias, TypeVar, get_args, get_origin, get_type_hints
 
 from omegaconf import DictConfig, ListConfig, OmegaConf
 from omegaconf.errors import (
@@ -27,6 +27,7 @@ _KINDS = {
 }  # fmt: skip
 _LARGEST = 2**63 - 1  # whole number
 Schema = TypeVar("Schema")
+Said: TypeAlias = Callable[[str], Any]  # a dotted key → the value that the file or an override gives it, or None
 # ${oc.env:HOME} and other function calls, also with a composed name: ${${name}:HOME}
 _RESOLVER = re.compile(r"\$\{[^}]*[:$]")
 
@@ -35,7 +36,7 @@ def load_config(
     schema: type[Schema],
     path: Path,
     overrides: Sequence[str] = (),
-    choose: Callable[[Callable[[str], Any]], Schema] | None = None,
+    choose: Callable[[Said], Schema] | None = None,
     check: Callable[[Schema], object] = lambda made: None,
     contained: bool = False,
     spell_out: Callable[[DictConfig], object] = lambda loaded: None,
@@ -129,9 +130,7 @@ def _refuse_unfit(value: object, hint: object, key: str = "") -> None:
         raise NteError(f"'{key}': {value!r:.40}… is given, expected a number of at most 64 bits")
 
 
-def _chosen(
-    choose: Callable[[Callable[[str], Any]], Schema], loaded: DictConfig, typed: DictConfig, source: str
-) -> Schema:
+def _chosen(choose: Callable[[Said], Schema], loaded: DictConfig, typed: DictConfig, source: str) -> Schema:
     """The defaults that `choose` makes from the values in file and overrides."""
 
     def said(key: str) -> Any:

@@ -5,7 +5,8 @@ from pathlib import Path
 from nte.errors import NteError
 from nte.files import refuse_to_replace, remove
 from nte.filters.estimated import EstimateOptions, Estimator, Noise
-from nte.frames.clip import Clip, as_layers, frame_path
+from nte.frames.clip import Clip, as_layers
+from nte.frames.clip_files import frame_path
 from nte.frames.clip_info import write_clip_info
 from nte.frames.exr import read_layers, write_exr
 from nte.frames.usable import known_cap, light_cap, usable_frame

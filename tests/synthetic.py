@@ -6,7 +6,8 @@ from pathlib import Path
 import numpy as np
 import numpy.typing as npt
 
-from nte.frames.clip import frame_path, write_frame
+from nte.frames.clip import write_frame
+from nte.frames.clip_files import frame_path
 from nte.frames.clip_info import write_clip_info
 from nte.frames.frame import Frame
 

@@ -11,7 +11,8 @@ import pytest
 
 import nte
 from nte.cli import main
-from nte.frames.clip import Clip, frame_path, read_frame
+from nte.frames.clip import Clip, read_frame
+from nte.frames.clip_files import frame_path
 from nte.interrupt import InterruptFlag
 from tests.synthetic import write_clip
 from tests.training.runs import config_file

@@ -6,7 +6,8 @@ import numpy as np
 import pytest
 
 from nte.cli import main
-from nte.frames.clip import Clip, frame_path, read_frame
+from nte.frames.clip import Clip, read_frame
+from nte.frames.clip_files import frame_path
 from tests.synthetic import disc_frame, write_clip
 
 pytestmark = pytest.mark.filterwarnings("ignore::nte.motion.correspondence.FewerLevelsWarning")

@@ -20,7 +20,8 @@ def add(commands: Commands) -> None:
 def _check(options: argparse.Namespace) -> int:
     from nte.checking import check, describe, draw, undrawable
     from nte.files import make_folder, refuse_to_replace
-    from nte.frames.clip import Clip, find_clips
+    from nte.frames.clip import Clip
+    from nte.frames.clip_files import find_clips
     from nte.frames.show import write_png
 
     folders = find_clips(options.clips)

@@ -11,7 +11,8 @@ from nte.evaluation.results import Evaluation, gathered
 from nte.evaluation.table_files import CSV, LATEX
 from nte.evaluation.units import ClipScores, ClipUnit, elsewhere, require_scorable, score_clip
 from nte.files import already_there
-from nte.frames.clip import Clip, clip_labels, find_clips
+from nte.frames.clip import Clip
+from nte.frames.clip_files import clip_labels, find_clips
 from nte.jobs import require_jobs
 from nte.registry import load_denoiser
 from nte.unfinished import MARK, begin, finish, is_unfinished

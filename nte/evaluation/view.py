@@ -15,7 +15,8 @@ from nte.evaluation.metric_table import Row
 from nte.evaluation.record import record_extras, record_frame, record_kernels, record_output
 from nte.files import already_there
 from nte.frames.channels import reference_of
-from nte.frames.clip import Clip, clip_labels, find_clips
+from nte.frames.clip import Clip
+from nte.frames.clip_files import clip_labels, find_clips
 from nte.unfinished import begin, finish, is_unfinished
 from nte.viewer.page import PAGE, clear, write_page
 from nte.viewer.recorder import FOLDER, Recorder, Recording, recorder_of

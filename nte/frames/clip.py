@@ -1,6 +1,5 @@
 """A clip on disk: a folder with clip.json and one layered OpenEXR file per frame."""
 
-import os
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from functools import cached_property
 from pathlib import Path
@@ -10,18 +9,13 @@ import numpy.typing as npt
 
 from nte.errors import NteError
 from nte.frames.channels import CHANNELS
+from nte.frames.clip_files import frame_path
 from nte.frames.clip_info import read_clip_info
 from nte.frames.exr import HALF_MAX, HALF_TINY, read_exr, write_exr
 from nte.frames.frame import About, Frame
 
 Pixels = npt.NDArray[np.float32]
 _OF_ONE_SAMPLE = ("indirect_radiance", "indirect_direction", "time", "shutter_motion", "shutter_depth")
-
-
-def frame_path(folder: Path, index: int, seed: int = 0) -> Path:
-    """Return the path of a clip's frame: frame_0007.exr, or seed_01/frame_0007.exr for a further noise seed."""
-    name = f"frame_{index:04d}.exr"
-    return folder / f"seed_{seed:02d}" / name if seed else folder / name
 
 
 def write_frame(path: Path, channels: Mapping[str, Pixels]) -> None:
@@ -232,35 +226,3 @@ def _mean_of_seeds(name: str, seeds: Sequence[Pixels]) -> Pixels:
     count = known.sum(0, dtype=np.float32)
     total = np.where(known, seeds, 0).sum(0, dtype=np.float32)
     return np.where(count > 0, total / count.clip(min=1), np.float32(np.nan))
-
-
-def find_clips(paths: Iterable[Path]) -> list[Path]:
-    """Find every clip at or below the paths, each once; the clips of one folder come in the order of their names.
-
-    Hidden folders below a path are left out: a clip that is still being imported lies in one. Raises NteError for a
-    path that does not exist, is a file or has no clip in it, and if no path is given.
-    """
-    found: dict[Path, Path] = {}
-    for path in map(Path, paths):
-        if not path.is_dir():
-            what = "is a file" if path.exists() else "does not exist"
-            raise NteError(f"{path}: {what}: expected a clip (a folder with clip.json) or a folder of clips")
-        folders = (info.parent for info in path.rglob("clip.json"))
-        below = sorted(f for f in folders if not any(name[0] == "." for name in f.relative_to(path).parts))
-        if not below:
-            raise NteError(f"{path}: no clip in it: expected clip.json, which nte import writes, in or below it")
-        for folder in below:
-            found.setdefault(folder.resolve(), folder)
-    if not found:
-        raise NteError("no clips are named: give at least one clip or folder of clips")
-    return list(found.values())
-
-
-def clip_labels(folders: Sequence[Path]) -> list[str]:
-    """Make a short unique name for each clip: the folder's name, with its parents if several folders have that name."""
-    resolved = [folder.resolve() for folder in folders]
-    names = [folder.name for folder in resolved]
-    common = Path(os.path.commonpath([folder.parent for folder in resolved])) if resolved else Path()
-    return [
-        folder.relative_to(common).as_posix() if names.count(folder.name) > 1 else folder.name for folder in resolved
-    ]

@@ -1,9 +1,8 @@
 """The facts of a clip: clip.json, which makes a folder a clip."""
 
 import json
-from collections.abc import Mapping
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeAlias
 
 import numpy as np
 
@@ -11,9 +10,10 @@ from nte.errors import NteError
 from nte.files import make_folder, write_whole
 
 FORMAT = "nte-clip/1"
+Info: TypeAlias = dict[str, Any]  # what clip.json says, by its keys
 
 
-def write_clip_info(folder: Path, info: Mapping[str, Any]) -> None:
+def write_clip_info(folder: Path, info: Info) -> None:
     """Write clip.json, the last file of a clip: a folder without it is not finished.
 
     Raises NteError if it cannot be written.
@@ -23,7 +23,7 @@ def write_clip_info(folder: Path, info: Mapping[str, Any]) -> None:
     write_whole(folder / "clip.json", lambda temporary: temporary.write_text(text, encoding="utf-8"))
 
 
-def read_clip_info(folder: Path) -> dict[str, Any]:
+def read_clip_info(folder: Path) -> Info:
     """Read and check clip.json. Raises NteError, naming the key, for what is missing or cannot be."""
     path = folder / "clip.json"
     if not path.is_file():

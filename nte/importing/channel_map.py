@@ -7,42 +7,21 @@ from collections.abc import Sequence
 from dataclasses import dataclass, field
 from math import isfinite
 from pathlib import Path
-from typing import Any
 
-from omegaconf import MISSING, DictConfig, OmegaConf
-from omegaconf.errors import OmegaConfBaseException
-from yaml import YAMLError
+from omegaconf import MISSING
 
-from nte.config import load_config, problem_of, problem_with, refuse_resolvers
+from nte.config import load_config
 from nte.errors import NteError, expected_one_of
-from nte.frames.channels import CHANNELS, Channel
+from nte.importing.source import Entry, Source, override, read_source, spell_out
 from nte.motion.conventions import UNITS, Convention
 
 MAPS = Path(__file__).parent / "maps"  # the maps that ship with nte, NAME.yaml each
-SKY = "sky"  # an entry of `unknown` that stands for the vectors of misses
 NORMALS = ("normal", "geometric_normal")  # channels that follow the map's group `normal`
 DEPTHS = ("depth", "shutter_depth")  # channels that follow the group `depth`
 _CHOICES = {
     "points": ("to", "from"), "axes": ("xy", "yx"), "y_axis": ("down", "up"), "unit": ("pixels", "uv", "ndc"),
     "space": ("world", "camera"), "along": ("axis", "ray"), "over": ("shutter", "frame"),
 }  # fmt: skip
-_TEXTS = ("file", "part", "view")  # keys of Source that are taken as they are typed: YAML reads *, # and no otherwise
-_LISTS = ("layer", "plus", "where_dark", "scale", "offset", "unknown")  # keys of Source that accept a single value
-
-
-@dataclass
-class Source:
-    """The place of a channel's values in the files, and how they are stored. A layer alone stands for {layer: …}."""
-
-    layer: list[str] = field(default_factory=list)  # a layer, or its components one by one; empty: R, G, B of no layer
-    plus: list[str] = field(default_factory=list)  # layers that are added if the file has them
-    where_dark: list[str] = field(default_factory=list)  # layers that are added only in pixels that are still dark
-    file: str = ""  # pattern of this channel's own files below SOURCE: # is the frame number, * anything
-    part: str = ""  # name or number of a part of a multi-part file
-    view: str = ""  # view of a stereo file
-    scale: list[float] = field(default_factory=lambda: [1.0])  # value = stored · scale + offset;
-    offset: list[float] = field(default_factory=lambda: [0.0])  # each is one number, or one for each component
-    unknown: list[str] = field(default_factory=list)  # stored values of unknown vectors; `sky`: the vectors of misses
 
 
 @dataclass
@@ -101,7 +80,7 @@ class Depths:
 class ChannelMap:
     """A channel map: `channels` is required; the rest says where the files differ from nte's conventions."""
 
-    channels: dict[str, Any] = field(default_factory=lambda: MISSING)  # nte's channel → a layer, components or a Source
+    channels: dict[str, Entry] = field(default_factory=lambda: MISSING)  # nte's channel → where it is
     prefix: str = ""  # text before every layer's name; * stands for any, if there is only one
     prefix_not: list[str] = field(default_factory=list)  # prefixes that * does not stand for, if there is another
     file: str = ""  # file, part and view of the channels that name none themselves
@@ -145,9 +124,11 @@ def load_channel_map(path: Path, overrides: Sequence[str] = ()) -> ChannelMap:
     """
     of_channels = [item for item in overrides if item.startswith(("channels.", "channels="))]
     others = [item for item in overrides if item not in of_channels]
-    found = load_config(ChannelMap, path, others, contained=True, spell_out=_spell_out)
-    given = _override(found.channels, of_channels)
-    found.channels = {name: _source(path, name, entry, found) for name, entry in given.items()}
+    found = load_config(ChannelMap, path, others, contained=True, spell_out=spell_out)
+    common = Source(file=found.file, part=found.part, view=found.view)
+    found.channels = {
+        name: read_source(path, name, entry, common) for name, entry in override(found.channels, of_channels).items()
+    }
     if "color" not in found.channels:
         raise NteError(f"{path}: 'channels.color' is missing: name the layer with the noisy image")
     for group in ("motion", "forward_motion", "shutter_motion", "normal", "depth"):
@@ -182,88 +163,3 @@ def needs_camera(how: ChannelMap, name: str) -> str:
     if name in DEPTHS and how.depth.along == "ray" and not (how.cameras or how.vertical_fov):
         return "'depth.along' is ray: give 'vertical_fov' in degrees, or 'cameras'"
     return ""
-
-
-def _keys(entry: Any) -> dict[str, Any]:
-    """The keys of an entry of `channels`: a layer alone stands for itself, without the layers that others add to it."""
-    return dict(entry) if isinstance(entry, dict) else {"layer": entry, "plus": [], "where_dark": []}
-
-
-def _spell_out(loaded: DictConfig) -> None:
-    """Give the keys of all entries of a file, since those of another one are merged into them."""
-    channels = loaded.get("channels")
-    if isinstance(channels, DictConfig):
-        entries = OmegaConf.to_container(channels, resolve=False)
-        assert isinstance(entries, dict)
-        loaded.channels = {name: _keys(entry) for name, entry in entries.items()}
-
-
-def _override(channels: dict[str, Any], overrides: Sequence[str]) -> dict[str, Any]:
-    """The entries of `channels` with the overrides applied."""
-    found = dict(channels)
-    for item in overrides:
-        key, equals, text = item.partition("=")
-        name, _, part = key.removeprefix("channels").removeprefix(".").partition(".")
-        if not equals or "${" in text:
-            raise NteError(f"'{item}': expected key=value, with the value itself")
-        try:
-            value: Any = text
-            if part not in _TEXTS or text[:1] in ("'", '"'):
-                value = OmegaConf.to_container(OmegaConf.from_dotlist([f"value={text}"]))["value"]  # type: ignore[index,call-overload]
-        except YAMLError as error:
-            raise NteError(f"'{item}': not readable as YAML: {problem_of(error)}") from error
-        if not name and not isinstance(value, dict):
-            raise NteError(f"'{item}': expected the layers of channels, such as channels={{color: beauty}}")
-        for one, entry in ({name: {part: value} if part else value} if name else value).items():
-            found[one] = {**_keys(found.get(one, {})), **_keys(entry)}
-    return found
-
-
-def _source(path: Path, name: str, given: Any, how: ChannelMap) -> Source:
-    """The checked Source of an entry of `channels`, completed by the map's own file, part and view."""
-    where = f"{path}: 'channels.{name}'"
-    row = CHANNELS.get(name)
-    if row is None or row.storage == "derived":
-        stored = [key for key, r in CHANNELS.items() if r.storage != "derived"]
-        raise NteError(f"{where}: no such channel{expected_one_of(name, stored)}")
-    keys = _keys(given)
-    listed = {key: [value] if key in _LISTS and not isinstance(value, list) else value for key, value in keys.items()}
-    # Checked once more: these values are resolved, and two halves may have met to form a resolver.
-    refuse_resolvers(str(path), [listed, how.file, how.part, how.view], f"channels.{name}")
-    try:
-        merged = OmegaConf.merge(OmegaConf.structured(Source(file=how.file, part=how.part, view=how.view)), listed)
-        source: Source = OmegaConf.to_object(merged)  # type: ignore[assignment]
-    except (OmegaConfBaseException, OverflowError) as error:
-        key = getattr(error, "full_key", None)
-        if key and key.startswith("layer"):
-            raise NteError(f"{where}: {keys.get('layer')!r}: expected a layer, or {_names(row)}") from error
-        raise NteError(f"{where.removesuffix(chr(39))}{f'.{key}' if key else ''}': {problem_with(error)}") from error
-    _require_source(where, row, keys.get("layer"), source)
-    return source
-
-
-def _require_source(where: str, row: Channel, layer: Any, source: Source) -> None:
-    count = len(row.components)
-    # OmegaConf accepts containers in a list of strings or numbers.
-    nested = [key for key in _LISTS if any(isinstance(value, dict | list) for value in getattr(source, key))]
-    unnamed = any(not part.strip() for name in source.layer if isinstance(name, str) for part in name.split("|"))
-    if nested or unnamed or len(source.layer) not in (0, 1, count):
-        key = f"{nested[0]}: " if nested and nested[0] != "layer" else ""
-        expected = "single values" if key else f"a layer, or {_names(row)}"
-        raise NteError(f"{where}: {key}{getattr(source, nested[0]) if key else layer!r}: expected {expected}")
-    for key in ("scale", "offset"):
-        numbers = getattr(source, key)
-        if len(numbers) not in (1, count) or not all(map(isfinite, numbers)) or (key == "scale" and 0 in numbers):
-            raise NteError(f"{where}: '{key}' is {numbers}, expected a number, or {count}, one for each component")
-    if source.unknown and row.kind != "motion":
-        raise NteError(f"{where}: 'unknown' is for motion vectors")
-    for value in source.unknown:
-        try:
-            float(0 if value == SKY else value)
-        except ValueError:
-            raise NteError(f"{where}: 'unknown' has '{value}', expected stored values or {SKY}") from None
-
-
-def _names(row: Channel) -> str:
-    count = len(row.components)
-    return f"the names of {count} channels" if count > 1 else "the name of its channel"

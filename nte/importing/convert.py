@@ -11,8 +11,9 @@ from nte.errors import needs_extra
 from nte.frames.channels import VECTORS
 from nte.frames.clip import Pixels
 from nte.importing.cameras import Camera, camera_of_fov
-from nte.importing.channel_map import DEPTHS, NORMALS, SKY, ChannelMap
+from nte.importing.channel_map import DEPTHS, NORMALS, ChannelMap
 from nte.importing.ids import UNNAMED
+from nte.importing.source import SKY
 from nte.motion.conventions import Convention
 
 LEAST_NORMAL = 0.1  # each normal has a greater component; what is smaller is a rounded 0

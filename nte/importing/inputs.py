@@ -6,8 +6,9 @@ from pathlib import Path
 
 from nte.errors import NteError
 from nte.frames.numbering import by_number
-from nte.importing.channel_map import ChannelMap, Source, needs_camera
+from nte.importing.channel_map import ChannelMap, needs_camera
 from nte.importing.files import files_of_pattern, numbered_files
+from nte.importing.source import Source
 
 
 @dataclass(frozen=True)

@@ -13,7 +13,7 @@ from nte.errors import NteError
 from nte.frames.channels import CHANNELS, VECTORS, Channel
 from nte.frames.clip import Pixels
 from nte.frames.exr import HALF_MAX, Part
-from nte.importing.channel_map import SKY, Source
+from nte.importing.source import SKY, Source
 
 Stored = Mapping[str, npt.NDArray[np.generic]]  # full layered name → (H, W), float16, float32 or uint32
 _OWN = "."  # stands for the components that belong to no layer: R, G, B

@@ -10,8 +10,8 @@ import numpy.typing as npt
 from nte.errors import NteError
 from nte.frames.exr import Part, merge_parts, split_views
 from nte.frames.exr_copy import Place
-from nte.importing.channel_map import Source
 from nte.importing.layers import Found, Stored
+from nte.importing.source import Source
 
 
 def choose(path: Path, parts: Sequence[Part], source: Source) -> Stored:

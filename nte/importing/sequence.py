@@ -14,7 +14,7 @@ from nte.frames.exr import Part, read_parts
 from nte.frames.exr_copy import Place
 from nte.frames.frame import About, Array
 from nte.importing.cameras import Camera, load_cameras
-from nte.importing.channel_map import Source, find_map, load_channel_map, needs_camera
+from nte.importing.channel_map import find_map, load_channel_map, needs_camera
 from nte.importing.convert import convert_vectors, fill_unknown, to_ours, with_motion
 from nte.importing.ids import Ids
 from nte.importing.inputs import Input, plan
@@ -22,6 +22,7 @@ from nte.importing.layers import Found, Stored, find, find_prefix, missing, part
 from nte.importing.notes import CoarseVectors, LeftInFiles, LostValues, OddValues
 from nte.importing.parts import choose, outside, part_name, places
 from nte.importing.sky import with_sky_motion
+from nte.importing.source import Source
 from nte.importing.still import with_still_geometry
 
 

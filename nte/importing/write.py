@@ -1,7 +1,6 @@
 """Writer of imported clips: a clip appears under its name only when it is finished."""
 
 import os
-import re
 import shutil
 from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
@@ -9,15 +8,14 @@ from typing import Any
 
 from nte.errors import NteError
 from nte.files import already_there, make_folder, sweep, temporary_name
-from nte.frames.clip import Clip, Pixels, frame_path, write_frame
+from nte.frames.clip import Clip, Pixels, write_frame
+from nte.frames.clip_files import frame_path, is_clip_file
 from nte.frames.clip_info import write_clip_info
 from nte.frames.guides import guides_are_clean
 from nte.importing.cameras import Camera
 from nte.progress import Progress
 from nte.version import __version__
 from nte.writers import only_writer, refuse_other_writers
-
-_PARTS = re.compile(r"clip\.json|frame_\d{4,}\.exr|seed_\d\d|\..*\.tmp")  # of a clip, and what killed writers left
 
 
 def refuse_existing(out: Path, force: bool) -> None:
@@ -35,8 +33,8 @@ def refuse_existing(out: Path, force: bool) -> None:
         Clip(out)
     except NteError as error:
         raise NteError(f"{out}: is not a clip, so --force does not replace it: {error}") from error
-    others = sorted(path.name for path in out.iterdir() if not _PARTS.fullmatch(path.name))
-    if others:
+    files = (path.relative_to(out).as_posix() for path in out.rglob("*") if path.is_symlink() or not path.is_dir())
+    if others := sorted(name for name in files if not is_clip_file(name)):
         raise NteError(f"{out}: has '{others[0]}', which is no part of a clip and would be lost: move it elsewhere")
 
 

@@ -10,7 +10,8 @@ import numpy as np
 from nte.errors import NteError, needs_extra
 from nte.files import is_file_or_lost
 from nte.frames.channels import CHANNELS
-from nte.frames.clip import Clip, Pixels, frame_path, read_frame
+from nte.frames.clip import Clip, Pixels, read_frame
+from nte.frames.clip_files import frame_path
 from nte.frames.exr import read_parts
 from nte.frames.exr_copy import Planes
 from nte.frames.frame import About, Frame

@@ -12,7 +12,8 @@ from typing import NamedTuple
 
 from nte.errors import NteError
 from nte.frames.channels import PRIOR, way_to
-from nte.frames.clip import Clip, find_clips, frame_path
+from nte.frames.clip import Clip
+from nte.frames.clip_files import find_clips, frame_path
 from nte.frames.exr_header import missing_end
 from nte.recurrence import FORWARD
 from nte.training.config import DataConfig, folder_and_share

@@ -1,14 +1,14 @@
 """The schema of a training configuration: every choice of a run."""
 
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
 from omegaconf import MISSING
 
-from nte.config import load_config
+from nte.config import Said, load_config
 from nte.errors import NteError, expected_one_of
 from nte.files import is_folder_name
 from nte.models.registry import DEFAULT, network_type
@@ -112,7 +112,7 @@ def read_train_config(path: Path, overrides: Sequence[str] = ()) -> TrainConfig:
     return load_config(TrainConfig, path, overrides, _of_its_network)
 
 
-def _of_its_network(said: Callable[[str], Any]) -> TrainConfig:
+def _of_its_network(said: Said) -> TrainConfig:
     """The default configuration with the kind of network that `network.kind` names, or with DEFAULT."""
     kind = said("network.kind")
     kind = DEFAULT if kind is None else kind

@@ -8,7 +8,8 @@ import pytest
 
 from nte.checking import CheckReport, check
 from nte.checking.residuals import Mean
-from nte.frames.clip import Clip, find_clips
+from nte.frames.clip import Clip
+from nte.frames.clip_files import find_clips
 
 DATA, MODEL = Path("data/quickstart"), "demo/quickstart.onnx"
 BASELINES = ("noisy", "taa:clamp=none", "taa", "taa:clamp=clip")

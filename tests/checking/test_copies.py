@@ -8,7 +8,8 @@ import pytest
 
 from nte.checking import CheckReport, check
 from nte.errors import NteError
-from nte.frames.clip import Clip, frame_path, write_frame
+from nte.frames.clip import Clip, write_frame
+from nte.frames.clip_files import frame_path
 from tests.checking.test_late import SHOTS, noisy
 from tests.synthetic import Pixels, write_clip
 

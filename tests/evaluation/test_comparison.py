@@ -24,7 +24,8 @@ from nte.evaluation.evaluate import evaluate
 from nte.evaluation.report.strips import most_different, strip
 from nte.evaluation.score_clip import Shown
 from nte.evaluation.units import ClipScores, evaluate_clip
-from nte.frames.clip import frame_path, read_frame, write_frame
+from nte.frames.clip import read_frame, write_frame
+from nte.frames.clip_files import frame_path
 from nte.frames.clip_info import write_clip_info
 from nte.writers import only_writer
 from tests.evaluation.conftest import noisy_frames

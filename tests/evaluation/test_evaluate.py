@@ -20,7 +20,8 @@ from nte.evaluation.metrics import score
 from nte.evaluation.results import Evaluation, means_of
 from nte.evaluation.score_clip import ClipRun, mean
 from nte.files import temporary_name
-from nte.frames.clip import clip_labels, find_clips, frame_path, write_frame
+from nte.frames.clip import write_frame
+from nte.frames.clip_files import clip_labels, find_clips, frame_path
 from nte.frames.clip_info import write_clip_info
 from nte.frames.reference import BadReferenceWarning
 from nte.frames.scalars import estimate_exposure

@@ -11,7 +11,8 @@ import torch
 
 from nte.cli import main
 from nte.errors import lacking_memory
-from nte.frames.clip import frame_path, write_frame
+from nte.frames.clip import write_frame
+from nte.frames.clip_files import frame_path
 from nte.frames.clip_info import write_clip_info
 from tests.faults.limited import WARM
 

@@ -7,7 +7,8 @@ import numpy as np
 import pytest
 
 from nte.errors import NteError
-from nte.frames.clip import Clip, find_clips, frame_path, read_frame, write_frame
+from nte.frames.clip import Clip, read_frame, write_frame
+from nte.frames.clip_files import find_clips, frame_path
 from nte.frames.clip_info import write_clip_info
 from nte.frames.exr import read_layers, write_exr
 from tests.synthetic import Pixels, disc_clip, disc_frame, write_clip

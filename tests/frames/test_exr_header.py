@@ -10,7 +10,8 @@ import OpenEXR
 import pytest
 
 from nte.errors import NteError
-from nte.frames.clip import Clip, frame_path, write_frame
+from nte.frames.clip import Clip, write_frame
+from nte.frames.clip_files import frame_path
 from nte.frames.exr import read_layers, write_exr
 from nte.frames.exr_header import unbelievable
 from tests.synthetic import disc_clip, disc_frame

@@ -17,21 +17,13 @@ from nte.errors import NteError
 from nte.frames.clip import Clip
 from nte.frames.exr import Part, write_exr
 from nte.importing.cameras import camera_of_fov
-from nte.importing.channel_map import (
-    MAPS,
-    ChannelMap,
-    Depths,
-    Normals,
-    ShutterVectors,
-    Source,
-    Vectors,
-    load_channel_map,
-)
+from nte.importing.channel_map import MAPS, ChannelMap, Depths, Normals, ShutterVectors, Vectors, load_channel_map
 from nte.importing.exr import import_exr
 from nte.importing.files import files_of_pattern, numbered_files
 from nte.importing.ids import UNNAMED, Ids
 from nte.importing.layers import Found
 from nte.importing.parts import outside
+from nte.importing.source import Source
 from tests.importing.producers import SIZE, SKY_ROWS, named, rotation, scene, write_layers, write_map
 from tests.synthetic import Pixels
 

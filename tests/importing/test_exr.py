@@ -327,13 +327,17 @@ def test_only_a_clip_is_replaced_and_only_with_force(tmp_path: Path, capsys: pyt
     (source / "shot.1002.exr").write_text("broken")
     assert run(source, map_path, out, "--force") == 2
     assert len(Clip(out)) == 2
-    (out / "renders").mkdir()
-    assert run(source, map_path, out, "--force") == 2
-    assert (
-        "clip: has 'renders', which is no part of a clip and would be lost: move it elsewhere"
-        in capsys.readouterr().err
-    )
-    assert (out / "renders").is_dir()
+    for name in ("renders/1.png", "seed_01/notes.txt"):
+        mine = out / name
+        mine.parent.mkdir()
+        mine.write_text("…")
+        assert run(source, map_path, out, "--force") == 2
+        assert (
+            f"clip: has '{name}', which is no part of a clip and would be lost: move it elsewhere"
+            in capsys.readouterr().err
+        )
+        assert mine.is_file()
+        mine.unlink()
     mine = tmp_path / "mine"
     mine.mkdir()
     (mine / "thesis.txt").write_text("…")

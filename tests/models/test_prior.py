@@ -10,7 +10,8 @@ from nte.denoiser import MissingChannelWarning, Session
 from nte.errors import NteError
 from nte.evaluation.evaluate import evaluate
 from nte.filters.prior import complete
-from nte.frames.clip import Clip, frame_path, write_frame
+from nte.frames.clip import Clip, write_frame
+from nte.frames.clip_files import frame_path
 from nte.frames.frame import Frame
 from nte.info import describe
 from nte.models.registry import make_network

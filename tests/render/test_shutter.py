@@ -8,7 +8,7 @@ import pytest
 
 from nte.errors import NteError
 from nte.frames import Clip
-from nte.frames.clip import find_clips
+from nte.frames.clip_files import find_clips
 from nte.frames.exr import read_exr
 from nte.render.engine import backend
 from nte.render.engine.mesh_stage import MeshStage

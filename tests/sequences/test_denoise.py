@@ -11,7 +11,8 @@ from nte.cli import main
 from nte.denoiser import Noisy, Result, Session
 from nte.errors import NteError
 from nte.filters.taa import Taa, TaaOptions
-from nte.frames.clip import Clip, frame_path, read_frame
+from nte.frames.clip import Clip, read_frame
+from nte.frames.clip_files import frame_path
 from nte.frames.clip_info import write_clip_info
 from nte.frames.exr import read_layers, write_exr
 from nte.frames.frame import Frame

@@ -13,7 +13,8 @@ from nte.cli import main
 from nte.denoiser import Noisy
 from nte.errors import NteError
 from nte.filters.taa import Taa, TaaOptions
-from nte.frames.clip import Clip, frame_path, read_frame, write_frame
+from nte.frames.clip import Clip, read_frame, write_frame
+from nte.frames.clip_files import frame_path
 from nte.frames.show import quantise, show
 from nte.frames.views import find_view
 from nte.sequences.denoise import denoise_files

@@ -9,7 +9,8 @@ from nte.cli import main
 from nte.denoiser import Noisy, Result
 from nte.errors import NteError
 from nte.filters.taa import Taa
-from nte.frames.clip import Clip, frame_path, read_frame, write_frame
+from nte.frames.clip import Clip, read_frame, write_frame
+from nte.frames.clip_files import frame_path
 from nte.frames.exr import read_layers
 from nte.frames.frame import Frame
 from nte.frames.numbering import by_number

@@ -10,7 +10,8 @@ import pytest
 import torch
 
 from nte.errors import NteError
-from nte.frames.clip import Clip, frame_path, read_frame, write_frame
+from nte.frames.clip import Clip, read_frame, write_frame
+from nte.frames.clip_files import frame_path
 from nte.frames.exr_header import missing_end
 from nte.training.clips import BrokenClipWarning, open_clips, open_weighted, require_clip, tell_missing
 from nte.training.config import DataConfig

@@ -10,7 +10,8 @@ import pytest
 import torch
 
 from nte.errors import NteError
-from nte.frames.clip import Clip, frame_path
+from nte.frames.clip import Clip
+from nte.frames.clip_files import frame_path
 from nte.frames.scalars import sequence_scalars
 from nte.motion.geometric import scatter_forward_motion
 from nte.training.batch import Batch, as_frames, collate

@@ -9,7 +9,8 @@ import pytest
 
 from nte.cli import main
 from nte.frames.channels import reference_of
-from nte.frames.clip import Clip, frame_path, write_frame
+from nte.frames.clip import Clip, write_frame
+from nte.frames.clip_files import frame_path
 from nte.training.run import load_run
 from tests.synthetic import Pixels, disc_frame, write_clip
 from tests.training.runs import assert_same_run, interrupted_after, metrics

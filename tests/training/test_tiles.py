@@ -13,7 +13,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from nte.errors import NteError
-from nte.frames.clip import Clip, frame_path, read_frame, write_frame
+from nte.frames.clip import Clip, read_frame, write_frame
+from nte.frames.clip_files import frame_path
 from nte.frames.reference import BadReferenceWarning
 from nte.training.config import DataConfig
 from nte.training.data import TrainingBatches, training_loader

@@ -9,7 +9,8 @@ from nte.evaluation.comparison.clips import matching_clips, require_same_channel
 from nte.evaluation.comparison.numbers import Method
 from nte.evaluation.comparison.schema import Comparison, Situation
 from nte.evaluation.units import ClipUnit
-from nte.frames.clip import Clip, clip_labels
+from nte.frames.clip import Clip
+from nte.frames.clip_files import clip_labels
 
 
 @dataclass

@@ -7,11 +7,11 @@ from pathlib import Path
 from nte.config import load_config, to_yaml
 from nte.errors import NteError
 from nte.files import is_abandoned, make_folder, refuse_links, sweep, write_whole
-from nte.frames.clip import frame_path, read_frame
+from nte.frames.clip import read_frame
+from nte.frames.clip_files import frame_path, is_clip_file
 from nte.render.recipes.recipe import SHARP, SPLITS, ClipPlan, Recipe, recipe_text
 
 _BEGUN = re.compile(r"\.recipe\.yaml\.\w+\.tmp")  # left by a process that was killed before its first rendering
-_OURS = re.compile(r"(seed_\d{2}/)?(\.?frame_\d{4}\.exr(\.\w+\.tmp)?|\.?clip\.json(\.\w+\.tmp)?)")
 
 
 def claim(out: Path, recipe: Recipe, force: bool, folder: Path = Path()) -> None:
@@ -72,7 +72,7 @@ def remove_leftovers(clip: Path) -> None:
     machines have two clocks. It goes when a clip here is completed by a process of that machine.
     """
     for path in clip.rglob("*.tmp"):
-        if _OURS.fullmatch(path.relative_to(clip).as_posix()):
+        if is_clip_file(path.relative_to(clip).as_posix()):
             with suppress(FileNotFoundError):  # its writer has renamed it
                 if is_abandoned(path):
                     path.unlink()
@@ -83,7 +83,7 @@ def _remove_clips(out: Path) -> None:
     for split in (*SPLITS, *(f"{SHARP}/{split}" for split in SPLITS)):
         for clip in sorted((out / split).glob("*_[0-9][0-9][0-9]*")):
             for path in sorted(clip.rglob("*"), reverse=True):
-                if path.is_file() and _OURS.fullmatch(path.relative_to(clip).as_posix()):
+                if path.is_file() and is_clip_file(path.relative_to(clip).as_posix()):
                     path.unlink()
             for folder in [*sorted(clip.glob("seed_[0-9][0-9]")), clip]:
                 if folder.is_dir() and not any(folder.iterdir()):
