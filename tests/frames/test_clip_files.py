@@ -17,8 +17,10 @@ def test_frames_of_a_clip_are_its_files_also_while_they_are_written(index: int, 
 
 @pytest.mark.parametrize(
     "name",
-    ["notes.txt", "frame_0001.png", "frame_01.exr", "clip.json.bak", "seed_01/notes.txt", "seed_1/frame_0001.exr"]
-    + ["other/frame_0001.exr", ".frame_0001.exr", ".mine.tmp", "frame_0001.exr.tmp", "a/seed_01/frame_0001.exr"],
+    [
+        *("notes.txt", "frame_0001.png", "frame_01.exr", "clip.json.bak", "seed_01/notes.txt", "seed_1/frame_0001.exr"),
+        *("other/frame_0001.exr", ".frame_0001.exr", ".mine.tmp", "frame_0001.exr.tmp", "a/seed_01/frame_0001.exr"),
+    ],
 )
 def test_what_somebody_else_put_there_is_none(name: str) -> None:
     assert not is_clip_file(name)
