@@ -9,6 +9,7 @@ from typing import Any, ClassVar, Generic, Literal, NamedTuple, Protocol, TypeVa
 import numpy as np
 
 from nte.errors import NteError, expected_one_of
+from nte.frames.ahead import with_next
 from nte.frames.bad import BadPixelReport
 from nte.frames.channels import way_to
 from nte.frames.frame import Array, Frame
@@ -226,7 +227,7 @@ def denoise(denoiser: Denoiser, frames: Iterable[Frame], extras: tuple[str, ...]
     True
     """
     session = Session(denoiser)
-    return (session.step(frame, extras) for frame in frames)
+    return (session.step(frame, extras) for frame in with_next(frames, denoiser.optional))
 
 
 class Session:

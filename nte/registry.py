@@ -57,7 +57,8 @@ def load_denoiser(spec: str | Path, device: str = "cpu", threads: int = 0) -> De
     if model := model_of(spec):
         from nte.runtime.session import OnnxDenoiser
 
-        return complete(OnnxDenoiser(model[0], _onnx_options(spec, model[1], device, threads)))
+        where = _onnx_options(spec, model[1], device, threads)
+        return complete(OnnxDenoiser(model[0], where), ahead=where.ahead)
     path = Path(spec)
     if isfile(path / "config.yaml") or path.suffix == ".safetensors":
         load_run = load("nte.training.run", "load_run", "train", spec)

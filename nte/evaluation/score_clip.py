@@ -15,6 +15,7 @@ from nte.evaluation.metrics import Scores, region_mean, regions_of, score, tempo
 from nte.evaluation.record import record_extras, record_frame, record_kernels, record_output
 from nte.evaluation.targets import Truth, displayed, picture, read_truth
 from nte.evaluation.timed import Timed
+from nte.frames.ahead import with_next
 from nte.frames.channels import reference_of
 from nte.frames.clip import Clip
 from nte.frames.frame import Array, Frame
@@ -71,12 +72,13 @@ class ClipRun:
         self.shown: dict[str, Shown] = {}  # by target
         self.failed: dict[str, str] = {}  # spec → what went wrong
         self._depth: Tensor | None = None  # depth of the previous frame
+        self._frames = with_next(clip, [name for denoiser in denoisers.values() for name in denoiser.optional])
         self._told: set[str] = set()  # targets with a warning about bad pixels
 
     @torch.no_grad()
     def advance(self, index: int) -> None:
         """Read a frame, let every denoiser step, and score the outputs. Frames must come in order from 0."""
-        frame = self.clip.frame(index).torch()
+        frame = next(self._frames).torch()
         on_device = frame.torch(self.device)
         before = self.truths
         self._known = sequence_exposure(frame, self._known)

@@ -14,6 +14,7 @@ from nte.errors import DISTRIBUTION, NteError
 from nte.evaluation.metric_table import Row
 from nte.evaluation.record import record_extras, record_frame, record_kernels, record_output
 from nte.files import already_there
+from nte.frames.ahead import with_next
 from nte.frames.channels import reference_of
 from nte.frames.clip import Clip
 from nte.frames.clip_files import clip_labels, find_clips
@@ -136,11 +137,12 @@ class _Plain:
     def __init__(self, clip: Clip, denoisers: Mapping[str, Denoiser], recorder: Recorder) -> None:
         self.clip, self.recorder = clip, recorder
         self.sessions = {name: Session(denoiser) for name, denoiser in denoisers.items()}
+        self._frames = with_next(clip, [name for denoiser in denoisers.values() for name in denoiser.optional])
         recorder.centre(recorder.recording.first)  # of which kernels are kept
 
     def advance(self, index: int) -> None:
-        """Read a frame, let every denoiser step, and record the outputs."""
-        frame = self.clip.frame(index)
+        """Read a frame, let every denoiser step, and record the outputs. Frames must come in order from 0."""
+        frame = next(self._frames)
         targets = list(dict.fromkeys(session.denoiser.target for session in self.sessions.values()))
         record_frame(self.recorder, frame, targets)
         for name, session in list(self.sessions.items()):

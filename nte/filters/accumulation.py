@@ -71,15 +71,15 @@ def accumulate(
     Costs a fetch of fourteen components and about sixty operations a pixel, in as many threads as OIDN takes, and the
     denoiser of blocks.
     """
-    texture = _texture(color, surface.albedo)
+    texture = texture_of(color, surface.albedo)
     light = color / texture
     depth = np.full(color.shape[1:], np.inf, np.float32)
     if surface.depth is not None:
         depth = np.where(surface.depth[0] > 0, surface.depth[0], depth)
     flat = np.zeros_like(depth)
-    if history is None or surface.motion is None or not _suits(history, log := _log(light, history.exposure)):
+    if history is None or surface.motion is None or not _suits(history, log := logarithm(light, history.exposure)):
         exposure = known_exposure(color[None])[0]
-        log = _log(light, exposure)
+        log = logarithm(light, exposure)
         level = float(log.mean())
         return color, History(light, log, flat + 1, depth, np.stack([flat, flat]), light, flat, exposure, level)
     old, length, beside = history, flat + 1, np.stack([flat, flat])
@@ -96,7 +96,7 @@ def accumulate(
 
     # In strips, which caches hold and threads share.
     strips = [slice(top, top + STRIP) for top in range(0, len(depth), STRIP)]
-    with ThreadPoolExecutor(_threads()) as pool:
+    with ThreadPoolExecutor(threads()) as pool:
         found = list(pool.map(lambda rows: _fetch(old, surface, depth, rows), strips))
         sums = list(pool.map(lambda rows, part: _statistics(log[:, rows], part), strips, found))
         blocks = judged(np.concatenate(sums, 1), glance, old.exposure)
@@ -106,7 +106,7 @@ def accumulate(
     return light * texture, History(light, log, length, depth, beside, light, flat, history.exposure, history.level)
 
 
-def _threads() -> int:
+def threads() -> int:
     """As many as OIDN has, which takes its turn afterwards, and for which what is no number is not given."""
     given = os.environ.get("OIDN_NUM_THREADS", "").strip()
     return (int(given) if given.isdecimal() else 0) or os.cpu_count() or 1
@@ -114,15 +114,15 @@ def _threads() -> int:
 
 def with_denoised(history: History, denoised: Pixels, surface: Surface) -> History:
     """Put the denoised frame (3, H, W) into the history that it leaves."""
-    light = denoised / _texture(denoised, surface.albedo)
-    log: Pixels = np.pad(_log(light.mean(0), history.exposure), 1, mode="edge")
+    light = denoised / texture_of(denoised, surface.albedo)
+    log: Pixels = np.pad(logarithm(light.mean(0), history.exposure), 1, mode="edge")
     inner = log[1:-1, 1:-1]
     across = np.maximum(abs(log[1:-1, 2:] - inner), abs(log[1:-1, :-2] - inner))
     down = np.maximum(abs(log[2:, 1:-1] - inner), abs(log[:-2, 1:-1] - inner))
     return history._replace(denoised=light, slope=np.sqrt(across * across + down * down))
 
 
-def _texture(color: Pixels, albedo: Pixels | None) -> Pixels:
+def texture_of(color: Pixels, albedo: Pixels | None) -> Pixels:
     """What light is divided by: no texture where the albedo is black, as on emitters and metals of some renderers."""
     if albedo is None:
         return np.ones_like(color)
@@ -138,7 +138,7 @@ def _suits(history: History, log: Pixels) -> bool:
     return now < MOST * first and first < MOST * now
 
 
-def _log(light: Pixels, exposure: np.float32) -> Pixels:
+def logarithm(light: Pixels, exposure: np.float32) -> Pixels:
     return np.asarray(np.log1p(light * exposure), np.float32)
 
 

@@ -63,21 +63,29 @@ def judged(found: Pixels, glance: Pixels, exposure: np.float32) -> Pixels:
 
     found: the statistics. glance (3, H/4, W/4): the light of this frame, denoised by itself.
     """
-    kept = np.ones(found.shape[1:], np.float32)
-    for deviation in SCALES:
-        *sums, count = _blurred(found[:7], deviation)
-        count = np.maximum(count, 1e-3)
-        mean, square = np.stack(sums).reshape(2, 3, *count.shape) / count
-        of_mean = np.maximum(square - mean * mean, 1e-6) / (count * _pixels(deviation))
-        # Noise alone has 1 in the mean, in each colour.
-        significance = np.maximum(mean * mean / of_mean - 1, 0).max(0)
-        kept = np.minimum(kept, DOUBT / (DOUBT + significance))
+    kept = DOUBT / (DOUBT + significance(found))
     *squares, count, slopes = _blurred(found[3:8], NOISE)
     slopes = SLOPE * slopes
     noise = np.maximum(np.mean(squares, 0) - slopes, 1e-6 * count)
     allowed = GLANCE * noise / np.maximum(count, 1e-3) + ALIKE
     kept /= 1 + (_apart(found, glance, exposure) / allowed) ** 2
     return np.stack([kept, noise, slopes])
+
+
+def significance(found: Pixels) -> Pixels:
+    """How much a change stands out of the noise (H/4, W/4), in the neighbourhood and the colour where it does most.
+
+    found: the statistics. It is mean² / variance of the mean − 1, and 0 where nothing is known.
+    """
+    most = np.zeros(found.shape[1:], np.float32)
+    for deviation in SCALES:
+        *sums, count = _blurred(found[:7], deviation)
+        count = np.maximum(count, 1e-3)
+        mean, square = np.stack(sums).reshape(2, 3, *count.shape) / count
+        of_mean = np.maximum(square - mean * mean, 1e-6) / (count * _pixels(deviation))
+        # Noise alone has 1 in the mean, in each colour.
+        most = np.maximum(most, (mean * mean / of_mean - 1).max(0))
+    return most
 
 
 def _apart(found: Pixels, glance: Pixels, exposure: np.float32) -> Pixels:

@@ -14,6 +14,7 @@ from torch import Tensor
 from nte.color import display, luminance, per_sequence, undisplay
 from nte.denoiser import Denoiser, Filter, Result, State, require_size, sanitised
 from nte.filters.blocks import restarts
+from nte.frames.ahead import NEXT
 from nte.frames.channels import GUIDES
 from nte.frames.frame import Array, Frame
 from nte.frames.scalars import sequence_exposure
@@ -25,7 +26,12 @@ from nte.options import Options
 
 # The noise of the images, by which the search is chosen: a key of SEARCHES, or `auto` to measure it.
 Noise: TypeAlias = Literal["auto", "clean", "moderate", "noisy", "strong"]
-_TOLD_BY_OTHERS = ("motion", "forward_motion", "previous_forward_motion")  # given vectors would contradict estimates
+_TOLD_BY_OTHERS = (
+    "motion",
+    "forward_motion",
+    "previous_forward_motion",
+    *NEXT,
+)  # given vectors would contradict estimates
 
 
 def matched_grey(color: Tensor, exposure: Tensor) -> Tensor:

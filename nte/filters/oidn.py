@@ -5,7 +5,7 @@ Afra, «Intel Open Image Denoise», 2019–; used through the package pyoidn. It
 
 import threading
 import weakref
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
 from functools import partial
@@ -17,12 +17,15 @@ from nte.denoiser import Filter, Result, State, refuse_other_size, sanitised
 from nte.errors import NteError, lacking_memory, needs_extra
 from nte.filters.accumulation import History, Surface, accumulate, with_denoised
 from nte.filters.change import in_blocks
+from nte.filters.look_ahead import Next, with_next
+from nte.frames.ahead import NEXT
 from nte.frames.clip import Pixels
 from nte.frames.frame import Frame
 from nte.options import Allowed, Options
 
 GUIDES = ("albedo", "normal")
 MOTION = ("motion", "depth", "previous_forward_motion")  # what accumulation takes
+_TO_NEXT = "forward_motion"  # and to look ahead, beside the channels of the next frame
 
 _Handle: TypeAlias = Any  # a device or a filter of pyoidn, which is not typed
 
@@ -37,7 +40,7 @@ class OidnOptions(Options, name="oidn"):
     `cleanAux`); with noisy guides it then copies their noise into the image; None does so for guides that are clean or
     prefiltered. None is typed `auto`. accumulate: at most so many frames are averaged before OIDN sees them, each pixel
     for as long as its light does not seem to have changed (nte.filters.accumulation); 1 is OIDN as it comes, frame by
-    frame.
+    frame. ahead: also see the next frame, where a sequence has it, which takes accumulate (nte.filters.look_ahead).
     """
 
     quality: Literal["high", "balanced", "fast"] = "high"
@@ -45,6 +48,12 @@ class OidnOptions(Options, name="oidn"):
     prefilter: bool | None = None
     target: Literal["color", "glossy", "indirect"] = "color"
     accumulate: Annotated[int, Allowed("a number of frames from 1 to 64", lambda n: 1 <= n <= 64)] = 1
+    ahead: bool = False
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        if self.ahead and (self.accumulate == 1 or self.target != "color"):
+            raise NteError(f"{self.name}: ahead adds the next frame's color to what is accumulated: give accumulate=8")
 
 
 class Oidn(Filter[OidnOptions]):
@@ -71,6 +80,8 @@ class Oidn(Filter[OidnOptions]):
         self.accumulates = self.options.accumulate > 1
         if self.accumulates:
             self.optional, self.wants = (*GUIDES, *MOTION), ("motion",)
+        if self.options.ahead:
+            self.optional, self.wants = (*self.optional, _TO_NEXT, *NEXT), ("motion", _TO_NEXT)
         self._denoise = pyoidn.denoise
         self._prefilters = _Prefilters(self.options.quality)
 
@@ -80,22 +91,34 @@ class Oidn(Filter[OidnOptions]):
         whole = frame.numpy()
         arrays = {name: np.asarray(whole[name], np.float32) for name in (*self.needs, *self.optional) if name in whole}
         guided = [name for name in GUIDES if name in frame] if "albedo" in frame else []  # normals need an albedo
-        # Light from a glossy reflection has no texture to divide by, and what a noisy one divides becomes darker.
-        divides = self.target != "glossy" and bool(frame.clean_guides)
-        known = "albedo" if divides else "", *MOTION
         histories = self._histories(frame, state)
         denoised = []
-        for i, image in enumerate(arrays[self.target]):
-            guides = [arrays[name][i] for name in guided]
-            if self.accumulates:
-                surface = Surface(*(arrays[name][i] if name in arrays else None for name in known))
-                small, clean = [in_blocks(guide) for guide in guides], bool(frame.clean_guides)
-                glance = partial(self._clean, guides=small, prefilter=False, clean_aux=clean, quality="fast")
-                image, accumulated = accumulate(image, surface, histories[i], self.options.accumulate, glance)
+        for i, noisy in enumerate(arrays[self.target]):
+            given = {name: values[i] for name, values in arrays.items()}
+            guides = [given[name] for name in guided]
+            if not self.accumulates:
+                denoised.append(self._clean(noisy, guides, *self._switches(frame), self.options.quality))
+                continue
+            surface, after = self._seen(given, bool(frame.clean_guides))
+            small, clean = [in_blocks(guide) for guide in guides], bool(frame.clean_guides)
+            glance = partial(self._clean, guides=small, prefilter=False, clean_aux=clean, quality="fast")
+            image, accumulated = accumulate(noisy, surface, histories[i], self.options.accumulate, glance)
+            if after:
+                image = with_next(noisy, surface, accumulated, after, glance)
             denoised.append(self._clean(image, guides, *self._switches(frame), self.options.quality))
-            if self.accumulates:
-                histories[i] = with_denoised(accumulated, denoised[-1], surface)
+            histories[i] = with_denoised(accumulated, denoised[-1], surface)
         return Result(np.stack(denoised)), tuple(histories)
+
+    def _seen(self, given: Mapping[str, Pixels], clean_guides: bool) -> tuple[Surface, Next | None]:
+        """What accumulation takes from the channels (C, H, W) of an image: of its surfaces, and of the next frame."""
+        # Light from a glossy reflection has no texture to divide by, and what a noisy one divides becomes darker.
+        divides = self.target != "glossy" and clean_guides
+        albedo, next_albedo = (given.get(name) if divides else None for name in ("albedo", "next_albedo"))
+        surface = Surface(albedo, *(given.get(name) for name in MOTION))
+        there = _TO_NEXT in given and "next_color" in given
+        return surface, Next(
+            given["next_color"], next_albedo, given.get("next_depth"), given.get("next_motion"), given[_TO_NEXT]
+        ) if there else None
 
     def _clean(self, image: Pixels, guides: list[Pixels], prefilter: bool, clean_aux: bool, quality: str) -> Pixels:
         """Let OIDN denoise one image (3, H, W)."""

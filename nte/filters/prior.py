@@ -10,16 +10,18 @@ from nte.frames.frame import Array, Frame
 from nte.recurrence import FORWARD
 
 
-def complete(denoiser: Denoiser, device: str = "cpu") -> Denoiser:
+def complete(denoiser: Denoiser, device: str = "cpu", ahead: bool = False) -> Denoiser:
     """Put a network that builds on another denoiser's image on top of that one; any other denoiser stays as it is.
 
-    Raises NteError for a `prior` that is no denoiser by name, since a model's file must not name other files to be
-    loaded, or that denoises something else.
+    ahead: let the denoiser below see the next frame. Raises NteError if it cannot, and for a `prior` that is no
+    denoiser by name, since a model's file must not name other files to be loaded, or that denoises something else.
     """
     if not denoiser.prior:
+        if ahead:
+            raise NteError(f"{label_of(denoiser)} does not look ahead: it builds on no other denoiser: leave out ahead")
         return denoiser
     try:
-        return OnTop(denoiser, load_filter(denoiser.prior, device))
+        return OnTop(denoiser, load_filter(denoiser.prior + (",ahead=true" if ahead else ""), device))
     except NteError as error:
         raise NteError(f"prior: {error}") from error
 

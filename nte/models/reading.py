@@ -13,6 +13,7 @@ from torch import Tensor, nn
 
 from nte.color import compress, divisor, per_sequence
 from nte.errors import NteError, expected_one_of
+from nte.frames.ahead import NEXT
 from nte.frames.channels import CHANNELS, PRIOR, REFERENCES, TARGETS, TEXTURES, Channel, width_of
 from nte.frames.usable import (
     ABSOLUTE,
@@ -26,7 +27,7 @@ from nte.models.trainable import NetworkConfig
 from nte.recurrence import FORWARD
 
 # Channels that no feature can be made of: what is learned, the future, another frame's pixels, and names of objects.
-_NO_FEATURES = {*REFERENCES, PRIOR, "reference_a", "reference_b", "forward_motion", FORWARD}
+_NO_FEATURES = {*REFERENCES, PRIOR, "reference_a", "reference_b", "forward_motion", FORWARD, *NEXT}
 _NO_FEATURES |= {name for name, row in CHANNELS.items() if row.kind == "id"}
 
 

@@ -51,7 +51,8 @@ class OnnxOptions(Options, name="exported model"):
     """Where and how an exported model runs.
 
     provider: one of PROVIDERS. index: number of its device, where it has several. threads: of the CPU; None (typed
-    auto) lets the provider choose. precision: bf16 lets OpenVINO compute in bfloat16 where it likes.
+    auto) lets the provider choose. precision: bf16 lets OpenVINO compute in bfloat16 where it likes. ahead: let the
+    Open Image Denoise that a model builds on see the next frame, too, where a sequence has it.
     """
 
     provider: Literal["cpu", "openvino", "cuda", "tensorrt", "directml", "coreml", "webgpu"] = "cpu"
@@ -64,6 +65,7 @@ class OnnxOptions(Options, name="exported model"):
         ),
     ] = None
     precision: Literal["f32", "bf16"] = "f32"
+    ahead: bool = False
 
     def __post_init__(self) -> None:
         super().__post_init__()

@@ -3,6 +3,7 @@
 from collections import Counter
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import replace
+from itertools import islice
 from pathlib import Path
 
 import numpy as np
@@ -10,6 +11,7 @@ import numpy as np
 from nte.denoiser import Denoiser, Session, require_channels
 from nte.errors import NteError
 from nte.files import refuse_to_replace, remove
+from nte.frames.ahead import NEXT, with_next
 from nte.frames.channels import CHANNELS, GUIDES
 from nte.frames.clip_info import write_clip_info
 from nte.frames.exr_copy import copy_exr
@@ -45,7 +47,9 @@ def denoise_files(
     """
     if exposure is not None and not 0 < exposure < float("inf"):
         raise NteError(f"exposure is {exposure}, expected a positive number")
-    source = open_source(sources, denoiser.target, map_name, overrides, wanted)
+    source = open_source(
+        sources, denoiser.target, map_name, overrides, wanted, ahead=not NEXT.keys().isdisjoint(denoiser.optional)
+    )
     files = source.files[source.warm_up :]
     written = [out / path.name for path in files]
     pictures = pictures or PictureSettings()
@@ -81,7 +85,8 @@ def denoise_files(
         unknown = source.clip is None or source.clip.clean_guides is None
         # With guides that it cannot trust, Open Image Denoise denoises each of them first, for twice the time.
         clean = guides_are_clean(sources, denoiser.target, map_name, overrides) if trusts and unknown else None
-        images = _denoised(ahead(source.frames), Session(denoiser), exposure, source.warm_up, first, clean)
+        frames = islice(with_next(ahead(source.frames), denoiser.optional), len(source.files))
+        images = _denoised(frames, Session(denoiser), exposure, source.warm_up, first, clean)
         with drawn.videos():
             for done in behind(write, images):
                 progress.advance(1)

@@ -39,25 +39,35 @@ Part = Callable[[Sequence[int]], slice]  # the frame numbers of a sequence → t
 
 
 def open_source(
-    sources: Sequence[Path], target: str, map_name: str | None, overrides: Sequence[str], wanted: range | None = None
+    sources: Sequence[Path],
+    target: str,
+    map_name: str | None,
+    overrides: Sequence[str],
+    wanted: range | None = None,
+    ahead: bool = False,
 ) -> Source:
     """Find out what the sources are: a clip, frames with nte's channels, or frames of another renderer.
 
-    wanted: numbers of the frames to denoise, in their names, or indices of a clip's; None for all. Raises NteError for
-    a range that is not wholly there.
+    wanted: numbers of the frames to denoise, in their names, or indices of a clip's; None for all. ahead: the frames
+    have one more than the files have, if there is one after the range. Raises NteError for a range that is not wholly
+    there.
     """
     if wanted is None:
         return _open(sources, target, map_name, overrides, lambda numbers: slice(None))
 
+    warm_up = 0
+
     def part(numbers: Sequence[int]) -> slice:
+        nonlocal warm_up
         first, end = wanted.start - numbers[0], wanted.stop - numbers[0]
         if not 0 <= first < end <= len(numbers):
             asked = f"frames {wanted.start} to {wanted.stop - 1}"
             raise NteError(f"{asked}: the sequence has {numbers[0]} to {numbers[-1]}: expected a range in it")
-        return slice(max(first - WARM_UP, 0), end)
+        warm_up = min(first, WARM_UP)
+        return slice(first - warm_up, end + ahead)
 
     source = _open(sources, target, map_name, overrides, part)
-    return source._replace(warm_up=len(source.files) - len(wanted))
+    return source._replace(files=source.files[: warm_up + len(wanted)], warm_up=warm_up)
 
 
 def first_frame(sources: Sequence[Path], target: str, map_name: str | None, overrides: Sequence[str]) -> Frame:

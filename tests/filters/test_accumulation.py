@@ -1,8 +1,5 @@
 """Light accumulated before a spatial denoiser: noise falls where nothing changes, and nothing lags behind."""
 
-from collections.abc import Callable
-from typing import NamedTuple
-
 import numpy as np
 import pytest
 import torch
@@ -14,50 +11,9 @@ from nte.filters.change import in_blocks
 from nte.frames.clip import Pixels
 from nte.motion.geometric import dual_motion
 from nte.registry import load_denoiser
+from tests.filters.noisy_scene import H, Scene, W, by_oidn, error, glance, interleaved
 
 pyoidn = pytest.importorskip("pyoidn")
-
-H, W = 60, 83  # no multiples of a block
-
-
-class Scene(NamedTuple):
-    """A slanted, coloured texture that moves under coloured light."""
-
-    motion: tuple[float, float] = (0.0, 0.0)  # px a frame, of what is seen
-    noise: float = 1.0  # standard deviation, relative to the light
-    contrast: float = 1.0  # of the texture
-
-    def clean(self, frame: int, light: float = 1.0) -> tuple[Pixels, Pixels]:
-        """(color, albedo), each (3, H, W)."""
-        y, x = np.mgrid[:H, :W] + 0.5
-        u, v = x - frame * self.motion[0], y - frame * self.motion[1]
-        stripes = 0.5 + 0.4 * self.contrast * np.sin(0.9 * u + 0.5 * v)
-        albedo = np.stack([stripes, 0.3 + 0 * u, 1 - stripes])
-        shade = light * (1 + 0.5 * np.sin(0.11 * u - 0.07 * v)) * np.array([1.0, 0.7, 0.4])[:, None, None]
-        return np.float32(albedo * shade), np.float32(albedo)
-
-    def noisy(self, clean: Pixels, seed: int) -> Pixels:
-        shape = 1 / self.noise**2
-        draws = np.random.default_rng(seed).gamma(shape, 1 / shape, (H, W))
-        return np.float32(clean * draws)
-
-    def surface(self, albedo: Pixels) -> Surface:
-        motion = np.broadcast_to(-np.float32(self.motion)[:, None, None], (2, H, W)).copy()
-        return Surface(albedo, motion, np.ones((1, H, W), np.float32), -motion)
-
-
-def glance(albedo: Pixels | None = None) -> Callable[[Pixels], Pixels]:
-    """What OIDN makes of a small image, quickly."""
-    guides = [] if albedo is None else [_interleaved(in_blocks(albedo))]
-    return lambda blocks: _by_oidn(_interleaved(blocks), *guides, quality="fast", clean_aux=bool(guides))
-
-
-def _interleaved(image: Pixels) -> Pixels:
-    return np.ascontiguousarray(image.transpose(1, 2, 0))
-
-
-def _by_oidn(*images: Pixels, **options: object) -> Pixels:
-    return np.float32(pyoidn.denoise(*images, hdr=True, **options).transpose(2, 0, 1))
 
 
 def run(scene: Scene, frames: int, lights: dict[int, float] | None = None) -> tuple[Pixels, Pixels, Pixels, History]:
@@ -70,11 +26,6 @@ def run(scene: Scene, frames: int, lights: dict[int, float] | None = None) -> tu
         mean, history = accumulate(color, surface, history, 8, glance(albedo))
         history = with_denoised(history, clean, surface)
     return mean, color, clean, history
-
-
-def error(image: Pixels, clean: Pixels, margin: int = 6) -> float:
-    """The mean squared relative error of an image, without its border."""
-    return float(np.square(image / clean - 1)[:, margin:-margin, margin:-margin].mean())
 
 
 def test_noise_falls_where_nothing_changes() -> None:
@@ -144,7 +95,7 @@ def test_shadows_of_slats_that_run_leave_no_trace(noise: float) -> None:
         clean = np.where(slats, np.float32(0.1), np.float32(1)) * clean
         color, surface = scene.noisy(clean, frame), scene.surface(albedo)
         mean, history = accumulate(color, surface, history, 8, glance(albedo))
-        history = with_denoised(history, _by_oidn(_interleaved(mean), _interleaved(albedo)), surface)
+        history = with_denoised(history, by_oidn(interleaved(mean), interleaved(albedo)), surface)
     trace = np.log1p(mean) - np.log1p(clean)
     of_noise = np.log1p(color) - np.log1p(clean)
     assert np.square(trace)[:, 6:-6, 6:-6].mean() < 1.2 * np.square(of_noise)[:, 6:-6, 6:-6].mean()
@@ -182,7 +133,7 @@ def test_a_lamp_takes_no_history_from_what_is_beside_it() -> None:
         clean[lamp], albedo[lamp] = 50, 0
         color, surface = scene.noisy(clean, frame), scene.surface(albedo)
         mean, history = accumulate(color, surface, history, 8, glance(albedo))
-        history = with_denoised(history, _by_oidn(_interleaved(mean), _interleaved(albedo), clean_aux=True), surface)
+        history = with_denoised(history, by_oidn(interleaved(mean), interleaved(albedo), clean_aux=True), surface)
     assert (history.length[lamp[1:]] == 1).all()
     above, far = history.length[16:22, 33:50].mean(), history.length[:8].mean()
     assert above > 0.7 * far

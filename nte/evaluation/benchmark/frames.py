@@ -8,6 +8,7 @@ import numpy as np
 import numpy.typing as npt
 
 from nte.errors import NteError
+from nte.frames.ahead import NEXT, with_next
 from nte.frames.channels import CHANNELS, LP, Channel
 from nte.frames.clip import Clip, Pixels
 from nte.frames.frame import Frame
@@ -22,10 +23,12 @@ def clip_frames(folder: Path, size: tuple[int, int] | None, channels: Iterable[s
     size: (height, width) to scale to, by the nearest pixel, with vectors in proportion; None keeps the clip's own.
     """
     clip = Clip(folder)
-    wanted = [name for name in channels if name in clip.channels]
+    asked = list(channels)
+    wanted = [name for name in (*asked, *(NEXT[name] for name in asked if name in NEXT)) if name in clip.channels]
 
     def frame(index: int) -> Frame:
-        found = clip.frame(index % len(clip), wanted)
+        read = (clip.frame(i % len(clip), wanted) for i in (index, index + 1))
+        found = next(with_next(read, asked))
         return found if size in (None, found.size) else scaled(found, size)
 
     return frame
