@@ -19,6 +19,7 @@ class Input:
     source: Source
     files: Sequence[Path]
     needed: bool  # false if the channel may be missing from every frame
+    renumbered: bool = False  # a single file whose number, perhaps that of its samples, is not that of color's
 
 
 def plan(source: Path | Sequence[Path], reference: Path | None, how: ChannelMap) -> tuple[list[int], list[Input]]:
@@ -55,7 +56,10 @@ def plan(source: Path | Sequence[Path], reference: Path | None, how: ChannelMap)
                 f"{where}: '{name}' has {len(files)} frames ({first}), 'color' has {len(expected)} ({second}): "
                 "expected the same frame numbers"
             )
-    channels = [Input(name, s, list(files.values()), name in needed) for name, (s, files) in inputs.items()]
+    channels = [
+        Input(name, s, list(files.values()), name in needed, list(files) != list(expected))
+        for name, (s, files) in inputs.items()
+    ]
     return list(expected), channels
 
 

@@ -233,6 +233,49 @@ def test_the_eyes_of_a_stereo_image_are_not_mixed(
         assert f"shot.1.exr: no {key} '{value}'; the file has {have}" in said
 
 
+def in_parts(path: Path, *parts: tuple[dict[str, Any], Layers]) -> None:
+    """One file; each part has its own attributes, such as name and view."""
+    path.parent.mkdir(exist_ok=True)
+    with OpenEXR.File([OpenEXR.Part({"type": OpenEXR.scanlineimage, **about}, dict(p)) for about, p in parts]) as file:
+        file.write(str(path))
+
+
+@pytest.mark.parametrize("light", ["VL.Combined.", ""])
+def test_a_part_of_its_own_need_not_have_the_prefix_of_the_image(tmp_path: Path, light: str) -> None:
+    """It may have none, or another one; what it has must not be left out because the image is called otherwise."""
+    layers = image(*(f"{light}{c}" for c in "RGB"), "depth.Z", "N.X", "N.Y", "N.Z")
+    cut = {"rgb": layers.keys() - {"depth.Z", "N.X", "N.Y", "N.Z"}, "d": {"depth.Z"}, "n": {"N.X", "N.Y", "N.Z"}}
+    parts = [({"name": name}, {key: layers[key] for key in keys}) for name, keys in cut.items()]
+    in_parts(tmp_path / "shots" / "shot.1.exr", *parts)
+    color = {"layer": "Combined" if light else ".", "part": "rgb"}
+    channels = {"color": color, "depth": {"layer": "Z", "part": "d"}, "normal": {"layer": "N", "part": "n"}}
+    found = imported(tmp_path, tmp_path / "shots", {"channels": channels, "prefix": "*", "optional": True}).frame(0)
+    np.testing.assert_array_equal(found["depth"][0, 0], layers["depth.Z"])
+    normal = np.stack([layers[f"N.{c}"] for c in "XYZ"])
+    np.testing.assert_allclose(found["normal"][0], normal / np.linalg.norm(normal, axis=0), atol=1e-3)
+
+
+@pytest.mark.parametrize("change", [("view=left",), ("channels.color.view=left",)])
+def test_the_reference_of_an_eye_may_be_a_file_of_one_eye(
+    tmp_path: Path, stereo: Path, capsys: pytest.CaptureFixture[str], change: tuple[str, ...]
+) -> None:
+    clean = image(*(f"beauty.{c}" for c in "RGB"))
+    reference = write(tmp_path / "clean", [clean] * 2)
+    more = (*change, "--reference", str(reference))
+    found = imported(tmp_path, stereo, {"channels": {"color": "beauty"}}, *more).frame(1)
+    assert (found["color"] == 0.25).all()
+    np.testing.assert_allclose(found["reference"][0], [clean[f"beauty.{c}"] for c in "RGB"], rtol=1e-3)
+    about = {"channels": {"color": "beauty"}}  # the image itself must be that of the eye
+    assert "shot.1.exr: no view 'left'; the file has no views" in refused(
+        tmp_path / "clean", reference, about, capsys, *change
+    )
+    right = [({"name": "a", "view": "right"}, clean), ({"name": "b", "view": "centre"}, clean)]
+    for i in (1, 2):
+        in_parts(reference / f"shot.{i}.exr", *right)
+    (tmp_path / "none").mkdir()
+    assert "no view 'left'; the file has centre, right" in refused(tmp_path / "none", stereo, about, capsys, *more)
+
+
 @pytest.mark.parametrize(
     ("ids", "kept"),
     [
