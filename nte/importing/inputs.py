@@ -1,7 +1,7 @@
 """The files that a channel map asks for: which channel comes from which file of each frame."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 from nte.errors import NteError
@@ -31,7 +31,8 @@ def plan(source: Path | Sequence[Path], reference: Path | None, how: ChannelMap)
     folder = source if isinstance(source, Path) else source[0].parent
     wanted = {name: (folder, s) for name, s in how.channels.items() if not needs_camera(how, name)}
     if reference is not None:
-        wanted["reference"] = (reference, how.channels.get("reference", how.channels["color"]))
+        own, noisy = how.channels.get("reference"), how.channels["color"]
+        wanted["reference"] = (reference, replace(own, layer=own.layer or noisy.layer) if own else noisy)
     needed = set(wanted) if not how.optional else {"color", *(["reference"] if reference is not None else [])}
     inputs: dict[str, tuple[Source, dict[int, Path]]] = {}
     known: dict[tuple[Path, str], dict[int, Path]] = {}

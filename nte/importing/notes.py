@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 import numpy.typing as npt
 
-from nte.frames.channels import CHANNELS
+from nte.frames.channels import CHANNELS, VECTORS
 from nte.frames.clip import Pixels
 from nte.frames.exr import REC_709, Part
 from nte.importing.channel_map import NORMALS, ChannelMap
@@ -69,7 +69,7 @@ class OddValues:
     def look(self, channels: Mapping[str, Pixels], files: Mapping[str, Path]) -> None:
         """Add a frame of channels (C, H, W). files: channel → the file that it was read from."""
         for name, values in channels.items():
-            usable = np.isfinite(values)
+            usable = np.isfinite(values) | (np.isnan(values) & bool(CHANNELS[name].nan_means))
             if CHANNELS[name].kind in ("radiance", "reflectance"):
                 usable &= values >= 0
             if odd := int((~usable).any(0).sum()):
@@ -80,7 +80,7 @@ class OddValues:
         """Write a line for each channel that has unusable pixels, naming the first file with some."""
         for name, number in self._pixels.items():
             where = f"{number} pixels of {name}, first in {self._first[name]}"
-            if CHANNELS[name].kind == "motion":
+            if name in VECTORS:
                 yield f"unknown: {where}; they move as the camera turns or as their neighbours"
             else:
                 yield f"bad: {where}: NaN, infinite or negative"

@@ -14,7 +14,7 @@ from nte.frames.exr import Part, read_parts
 from nte.frames.exr_copy import Place
 from nte.frames.frame import About, Array
 from nte.importing.cameras import Camera, load_cameras
-from nte.importing.channel_map import find_map, load_channel_map, needs_camera
+from nte.importing.channel_map import NORMALS, find_map, load_channel_map, needs_camera
 from nte.importing.convert import convert_vectors, fill_unknown, to_ours, with_motion
 from nte.importing.ids import Ids
 from nte.importing.inputs import Input, plan
@@ -132,7 +132,9 @@ class ForeignSequence:
             aspect = parts[self.files[index]][0].aspect
             ours = to_ours(given, self.how, self.cameras[index] if self.cameras else None, aspect)
             self.lost.look(given, ours)
-            self.odd.look(ours, {channel.name: channel.files[index] for channel in self.inputs})
+            hit = ours["depth"] > 0 if "depth" in ours else True
+            normals = {name: np.where(hit, given[name], 0) for name in NORMALS if name in given}  # with their NaN
+            self.odd.look({**ours, **normals}, {channel.name: channel.files[index] for channel in self.inputs})
             yield ours
 
     def _read(self, channel: Input, index: int, parts: Sequence[Part]) -> Array:

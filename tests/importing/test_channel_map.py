@@ -506,6 +506,23 @@ def test_a_part_without_a_layer_counts_where_parts_are_numbered() -> None:
     np.testing.assert_array_equal(found, empty)
 
 
+def test_the_sky_has_no_shadows_vectors_and_what_is_meant_is_not_called_unknown(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """NaN says in these vectors that there is no shadow: nobody fills them, and they are no fault."""
+    depth = np.ones(SMALL, np.float32)
+    depth[0] = 0
+    vectors = np.full((2, *SMALL), 3, np.float32)
+    vectors[:, 2] = np.nan
+    layers = image("R", "G", "B") | {"Z": depth} | named("s", "XY", vectors)
+    channels = COLOR | {"depth": "Z", "shadow_motion": {"layer": "s", "unknown": "sky"}}
+    found = imported(tmp_path, write(tmp_path / "shots", [layers]), {"channels": channels}).frame(0)["shadow_motion"]
+    np.testing.assert_array_equal(found[0, 0, :, 0], [np.nan, 3, np.nan, 3, 3, 3])
+    said = capsys.readouterr().out
+    assert "unknown: " not in said
+    assert "bad: " not in said
+
+
 def test_a_value_that_is_not_said_to_be_unknown_is_kept(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     source = write(tmp_path / "shots", moving(holes(0.0)))
     clip = imported(tmp_path, source, {"channels": COLOR | {"motion": "v", "depth": "z"}})
@@ -556,6 +573,28 @@ def test_of_two_sets_of_components_a_channel_takes_its_own(tmp_path: Path) -> No
     found = imported(tmp_path, write(tmp_path / "shots", [layers]), about).frame(0)
     np.testing.assert_allclose(found["color"][0], [layers[c] for c in "RGB"], rtol=1e-3)
     np.testing.assert_array_equal(found["position"][0], [layers[c] for c in "XYZ"])
+
+
+@pytest.mark.parametrize("more", [{}, {"prefix": "*"}])
+def test_a_layer_below_a_layer_is_not_its_only_component(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], more: dict[str, Any]
+) -> None:
+    """As of a depth of another kind, or under a prefix with a dot."""
+    layers = image("VL.1.R", "VL.1.G", "VL.1.B", "VL.1.depth.mean.Z")
+    source = write(tmp_path / "shots", [layers])
+    about = {"channels": {"color": ".", "depth": "depth"}, "prefix": "VL.1", **more}
+    assert "no depth with the prefix 'VL.1' for 'depth'" in refused(tmp_path, source, about, capsys)
+    write(source, [layers | image("VL.1.depth.Z")])
+    assert imported(tmp_path, source, about).frame(0)["depth"].any()
+
+
+def test_a_channel_alone_in_its_file_is_found_under_a_prefix_with_a_dot(tmp_path: Path) -> None:
+    depth = image("VL.1.Z")
+    write(tmp_path / "shots", [image("VL.1.R", "VL.1.G", "VL.1.B")], "rgb")
+    write(tmp_path / "shots", [depth], "z")
+    channels = {"color": {"layer": ".", "file": "rgb.#.exr"}, "depth": {"layer": ".", "file": "z.#.exr"}}
+    found = imported(tmp_path, tmp_path / "shots", {"channels": channels, "prefix": "*"}).frame(0)
+    np.testing.assert_array_equal(found["depth"][0, 0], depth["VL.1.Z"])
 
 
 def test_components_named_in_whole_words(tmp_path: Path) -> None:
@@ -960,3 +999,22 @@ def test_texts_of_a_channel_are_taken_as_they_are_typed(tmp_path: Path, typed: s
     about = {"channels": {"color": {"layer": ".", "view": "left"}}, "view": "right"}
     found = load_channel_map(write_map(tmp_path / "map.yaml", about), [f"channels.color.{typed}"])
     assert getattr(found.channels["color"], key) == value
+
+
+@pytest.mark.parametrize(
+    ("typed", "value"),
+    [
+        ("prefix=*", "*"),
+        ("prefix=Layer #1", "Layer #1"),
+        ("prefix=größe 😀: 1", "größe 😀: 1"),
+        ("prefix=007", "007"),
+        ("view=", ""),
+        ("part=no", "no"),
+        ("file=#.exr", "#.exr"),
+        ("result='A | B'", "A | B"),
+        ('prefix="*"', "*"),
+    ],
+)
+def test_texts_of_a_map_are_taken_as_they_are_typed(tmp_path: Path, typed: str, value: str) -> None:
+    path = write_map(tmp_path / "map.yaml", {"channels": COLOR, "prefix": "VL", "view": "right"})
+    assert getattr(load_channel_map(path, [typed]), typed.partition("=")[0]) == value

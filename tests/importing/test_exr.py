@@ -211,6 +211,17 @@ def test_reference_files_of_their_own(tmp_path: Path) -> None:
     np.testing.assert_array_equal(Clip(tmp_path / "clip").frame(1)["reference"][0], frames[1]["reference"])
 
 
+def test_what_a_map_says_of_the_reference_leaves_the_layer_that_of_color(tmp_path: Path) -> None:
+    """As the page says: the map's layer, or that of color; R, G and B of the same file may be another picture."""
+    frames = scene(2)
+    layers = [named("beauty", "RGB", f["reference"]) | dict(zip("RGB", f["albedo"], strict=True)) for f in frames]
+    source = write_layers(tmp_path / "noisy", [named("beauty", "RGB", f["color"]) for f in frames])
+    clean = write_layers(tmp_path / "clean", layers)
+    map_path = write_map(tmp_path / "map.yaml", {"channels": {"color": "beauty", "reference": {"scale": 2}}})
+    run(source, map_path, tmp_path / "clip", "--reference", str(clean))
+    np.testing.assert_allclose(Clip(tmp_path / "clip").frame(1)["reference"][0], 2 * frames[1]["reference"], rtol=1e-6)
+
+
 def test_a_single_reference_of_another_number_is_told(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     """The numbers may be those of samples, or of two frames."""
     layers = {c: np.ones((8, 12), np.float32) for c in "RGB"}
