@@ -24,6 +24,7 @@ from nte.motion.whole_shift import whole_shift
 # count as noise. A large window sees faint differences; a small one sees thin things that a large one would dilute.
 WINDOWS = ((7, 1.0), (3, 3.0))
 _SUBSTITUTE = 0.1  # weight of a filled defect of the reference, low since any other frame knows better
+_PART = 1e-3  # of a pixel fetched between others: a defect's share from here on counts; rounding makes smaller ones
 _WHITE = 1 - 1e-4  # a sensor value from here on is saturated; the margin allows for rounding to 16 bits
 RADII = (16, 8, 4, 2)  # radii of the search's patches; (10, 4, 2, 2) and (8, 8, 4, 4) gain the same or less
 
@@ -84,6 +85,8 @@ def merge_burst(
             mixed = torch.ones_like(weights)
         else:
             fetched, valid = warp(frame, motion)
+            if defects is not None:
+                valid = valid & (warp(defects.to(frame.dtype), motion).image < _PART)
             mixed = _mixed(motion)
         weight = _weight(reference, fetched, mixed, noise) * valid
         total += weight * fetched

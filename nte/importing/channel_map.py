@@ -12,7 +12,7 @@ from omegaconf import MISSING
 
 from nte.config import load_config
 from nte.errors import NteError, expected_one_of
-from nte.importing.source import Entry, Source, override, read_source, spell_out
+from nte.importing.source import Entry, Source, as_typed, override, read_source, spell_out
 from nte.motion.conventions import UNITS, Convention
 
 MAPS = Path(__file__).parent / "maps"  # the maps that ship with nte, NAME.yaml each
@@ -123,7 +123,7 @@ def load_channel_map(path: Path, overrides: Sequence[str] = ()) -> ChannelMap:
     the file and the key, for a map that is not valid.
     """
     of_channels = [item for item in overrides if item.startswith(("channels.", "channels="))]
-    others = [item for item in overrides if item not in of_channels]
+    others = [as_typed(item) for item in overrides if item not in of_channels]
     found = load_config(ChannelMap, path, others, contained=True, spell_out=spell_out)
     common = Source(file=found.file, part=found.part, view=found.view)
     found.channels = {

@@ -51,8 +51,8 @@ def to_ours(
         ours |= {name: np.where(hit, ours[name], 0) for name in of_surfaces if name in ours}
         if "instance" in ours:
             ours["instance"] = np.where(hit & (ours["instance"] == 0), np.float32(UNNAMED), ours["instance"])
-        for name in VECTORS:
-            if name in ours and SKY in how.channels[name].unknown:
+        for name, source in how.channels.items():
+            if name in ours and SKY in source.unknown:
                 ours[name] = np.where(hit, ours[name], np.nan)
     return ours
 

@@ -1,7 +1,7 @@
 """The files that a channel map asks for: which channel comes from which file of each frame."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 from nte.errors import NteError
@@ -19,6 +19,7 @@ class Input:
     source: Source
     files: Sequence[Path]
     needed: bool  # false if the channel may be missing from every frame
+    renumbered: bool = False  # a single file whose number, perhaps that of its samples, is not that of color's
 
 
 def plan(source: Path | Sequence[Path], reference: Path | None, how: ChannelMap) -> tuple[list[int], list[Input]]:
@@ -30,7 +31,8 @@ def plan(source: Path | Sequence[Path], reference: Path | None, how: ChannelMap)
     folder = source if isinstance(source, Path) else source[0].parent
     wanted = {name: (folder, s) for name, s in how.channels.items() if not needs_camera(how, name)}
     if reference is not None:
-        wanted["reference"] = (reference, how.channels.get("reference", how.channels["color"]))
+        own, noisy = how.channels.get("reference"), how.channels["color"]
+        wanted["reference"] = (reference, replace(own, layer=own.layer or noisy.layer) if own else noisy)
     needed = set(wanted) if not how.optional else {"color", *(["reference"] if reference is not None else [])}
     inputs: dict[str, tuple[Source, dict[int, Path]]] = {}
     known: dict[tuple[Path, str], dict[int, Path]] = {}
@@ -55,7 +57,10 @@ def plan(source: Path | Sequence[Path], reference: Path | None, how: ChannelMap)
                 f"{where}: '{name}' has {len(files)} frames ({first}), 'color' has {len(expected)} ({second}): "
                 "expected the same frame numbers"
             )
-    channels = [Input(name, s, list(files.values()), name in needed) for name, (s, files) in inputs.items()]
+    channels = [
+        Input(name, s, list(files.values()), name in needed, list(files) != list(expected))
+        for name, (s, files) in inputs.items()
+    ]
     return list(expected), channels
 
 

@@ -175,8 +175,9 @@ def _components(stored: Stored, row: Channel, layer: str) -> tuple[str, ...]:
     below = _below(stored, layer)
     count = len(row.components)
     if count == 1:
-        if len(below) == 1:
-            return tuple(below.values())
+        direct = [full for component, full in below.items() if "." not in component]  # not those of a layer below it
+        if len(direct) == 1:
+            return tuple(direct)
         grey = [stored[below[c]] for c in "rgb" if c in below]
         if len(grey) == 3 and all(np.array_equal(grey[0], other, equal_nan=True) for other in grey[1:]):
             return (below["r"],)

@@ -7,13 +7,14 @@ from pathlib import Path
 import numpy as np
 import numpy.typing as npt
 
-from nte.frames.channels import CHANNELS
+from nte.frames.channels import CHANNELS, VECTORS
 from nte.frames.clip import Pixels
 from nte.frames.exr import REC_709, Part
 from nte.importing.channel_map import NORMALS, ChannelMap
 from nte.importing.convert import LEAST_NORMAL, decoded
 
 _OURS = ("", "lin_rec709_scene", "data", "unknown")  # colour spaces of which there is nothing to tell
+_SQUARE = 1e-3  # greatest distance from 1 of an aspect of square pixels
 _CUT = -0.1, 1.1  # albedo beyond this range has another scale
 _OF_TWO = 2.1  # the same, where a specular and a transmitted colour are added
 _UNIT = 0.05  # greatest distance from 1 of the median length of normals that is not worth a word
@@ -22,7 +23,7 @@ _MANY = 0.01  # share of the pixels beyond that range from which on the user is 
 
 
 class LeftInFiles:
-    """Record of what is not kept of files: subsampled channels, overscan, values as they were, and colour spaces."""
+    """Record of what is not kept of files: subsampled channels, overscan, values and colours, pixels' shapes."""
 
     def __init__(self) -> None:
         self._subsampled: set[str] = set()
@@ -30,6 +31,7 @@ class LeftInFiles:
         self._lossy: set[str] = set()
         self._primaries: set[tuple[float, ...]] = set()
         self._spaces: set[str] = set()
+        self._aspects: set[float] = set()
 
     def look(self, parts: Sequence[Part]) -> None:
         """Add the parts of a file."""
@@ -38,6 +40,7 @@ class LeftInFiles:
         self._lossy |= {part.lossy for part in parts if part.lossy}
         self._primaries |= {part.primaries for part in parts if not np.allclose(part.primaries, REC_709, atol=1e-3)}
         self._spaces |= {part.space for part in parts if part.space not in _OURS}
+        self._aspects |= {part.aspect for part in parts if abs(part.aspect - 1) > _SQUARE}
 
     def notes(self) -> Iterator[str]:
         """Write a line for each of them."""
@@ -52,6 +55,8 @@ class LeftInFiles:
             yield f"not converted: colours have the primaries {shown}, and are shown as if they were those of Rec. 709"
         for space in sorted(self._spaces):
             yield f"not converted: the files call their colours {space}, which are shown as if they were {_OURS[1]}"
+        for aspect in sorted(self._aspects):
+            yield f"not square: pixels are {aspect:.4g} times as wide as high; filters and pictures take them as square"
 
 
 class OddValues:
@@ -64,7 +69,7 @@ class OddValues:
     def look(self, channels: Mapping[str, Pixels], files: Mapping[str, Path]) -> None:
         """Add a frame of channels (C, H, W). files: channel → the file that it was read from."""
         for name, values in channels.items():
-            usable = np.isfinite(values)
+            usable = np.isfinite(values) | (np.isnan(values) & bool(CHANNELS[name].nan_means))
             if CHANNELS[name].kind in ("radiance", "reflectance"):
                 usable &= values >= 0
             if odd := int((~usable).any(0).sum()):
@@ -75,7 +80,7 @@ class OddValues:
         """Write a line for each channel that has unusable pixels, naming the first file with some."""
         for name, number in self._pixels.items():
             where = f"{number} pixels of {name}, first in {self._first[name]}"
-            if CHANNELS[name].kind == "motion":
+            if name in VECTORS:
                 yield f"unknown: {where}; they move as the camera turns or as their neighbours"
             else:
                 yield f"bad: {where}: NaN, infinite or negative"

@@ -1,6 +1,7 @@
 """Choice of the parts and views of a foreign EXR file that hold a channel."""
 
 from collections.abc import Mapping, Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -28,6 +29,11 @@ def choose(path: Path, parts: Sequence[Part], source: Source) -> Stored:
     except NteError as error:
         key = "view=NAME" if any(part.view for part in chosen) else "part=NAME"
         raise NteError(f"{error} in the channel map, or with {key}") from error
+
+
+def without_view(parts: Sequence[Part], source: Source) -> Source:
+    """Return `source` without its view if a file has no views at all: there is nothing to choose."""
+    return source if any(part.view or part.views for part in parts) else replace(source, view="")
 
 
 def part_name(path: Path, parts: Sequence[Part], source: Source) -> str:

@@ -14,13 +14,13 @@ from nte.frames.exr import Part, read_parts
 from nte.frames.exr_copy import Place
 from nte.frames.frame import About, Array
 from nte.importing.cameras import Camera, load_cameras
-from nte.importing.channel_map import find_map, load_channel_map, needs_camera
+from nte.importing.channel_map import NORMALS, find_map, load_channel_map, needs_camera
 from nte.importing.convert import convert_vectors, fill_unknown, to_ours, with_motion
 from nte.importing.ids import Ids
 from nte.importing.inputs import Input, plan
-from nte.importing.layers import Found, Stored, find, find_prefix, missing, partly_there, read, step
+from nte.importing.layers import Found, find, find_prefix, missing, partly_there, read, step
 from nte.importing.notes import CoarseVectors, LeftInFiles, LostValues, OddValues
-from nte.importing.parts import choose, outside, part_name, places
+from nte.importing.parts import choose, outside, part_name, places, without_view
 from nte.importing.sky import with_sky_motion
 from nte.importing.source import Source
 from nte.importing.still import with_still_geometry
@@ -97,7 +97,7 @@ class ForeignSequence:
         parts = read_parts(path)
         stored, place = choose(path, parts, source), places(path, parts, source)
         layer = Source(layer=[self.how.result]) if self.how.result else source
-        prefix = self._prefix(color, index, stored)
+        prefix = self._prefix(color, index, parts)
         found = find(stored, "color", layer, prefix)
         if found is None:
             raise NteError(f"{path}: no layer {' '.join(layer.layer)} for the denoised image to replace: see 'result'")
@@ -132,13 +132,18 @@ class ForeignSequence:
             aspect = parts[self.files[index]][0].aspect
             ours = to_ours(given, self.how, self.cameras[index] if self.cameras else None, aspect)
             self.lost.look(given, ours)
-            self.odd.look(ours, {channel.name: channel.files[index] for channel in self.inputs})
+            hit = ours["depth"] > 0 if "depth" in ours else True
+            normals = {name: np.where(hit, given[name], 0) for name in NORMALS if name in given}  # with their NaN
+            self.odd.look({**ours, **normals}, {channel.name: channel.files[index] for channel in self.inputs})
             yield ours
 
     def _read(self, channel: Input, index: int, parts: Sequence[Part]) -> Array:
-        name, source, path = channel.name, channel.source, channel.files[index]
+        name, path = channel.name, channel.files[index]
+        if name != "color":  # an eye's reference may be a file of one eye
+            channel = replace(channel, source=without_view(parts, channel.source))
+        source = channel.source
         stored = choose(path, parts, source)
-        prefix = self._prefix(channel, index, stored)
+        prefix = self._prefix(channel, index, parts)
         found = find(stored, name, source, prefix)
         if found is None and (channel.needed or partly_there(stored, source, prefix)):
             raise missing(path, stored, name, source, prefix, parts)
@@ -160,16 +165,23 @@ class ForeignSequence:
             return self.ids.keep(values, half=stored[found.names[0][0]].dtype == np.float16)
         return values
 
-    def _prefix(self, channel: Input, index: int, stored: Stored) -> str:
+    def _prefix(self, channel: Input, index: int, parts: Sequence[Part]) -> str:
         """The prefix of the layers' names in the file of frame `index` that holds `channel`.
 
-        If the map leaves it open, the file's noisy image decides, or the channel itself in a file of its own.
+        If the map leaves it open, the file's noisy image decides, or the channel itself where that does not fit it: in
+        a file or a part of its own.
         """
         if self.how.prefix != "*":
             return self.how.prefix
-        path, color = channel.files[index], self.inputs[0]
-        lead = color if path == color.files[index] else channel
-        return find_prefix(path, stored, lead.name, lead.source, self.how.prefix_not)
+        path, source = channel.files[index], channel.source
+        stored = choose(path, parts, source)
+        color = self.inputs[0]
+        if path == color.files[index]:
+            of_color = choose(path, parts, color.source)
+            prefix = find_prefix(path, of_color, color.name, color.source, self.how.prefix_not)
+            if not source.part or find(stored, channel.name, source, prefix):
+                return prefix
+        return find_prefix(path, stored, channel.name, source, self.how.prefix_not)
 
     def _refuse_change(self, name: str, *ends: tuple[Path, Found | None]) -> None:
         """Raise NteError for a channel that the first file (ends[0]) has in another place than a later one."""
@@ -204,6 +216,10 @@ class ForeignSequence:
         for name, (_, found) in self.first.items():
             if found and CHANNELS[name].components == RGB and found.names[0][0].rpartition(".")[2] in ("X", "x"):
                 yield f"not converted: {name} is stored as X, Y and Z, which are shown as if they were R, G and B"
+        for channel in self.inputs:
+            if channel.renumbered and not channel.source.file:  # which would name it
+                both = f"{channel.files[0].name} is taken for {self.files[0].name}, whose number is another"
+                yield f"{channel.name}: {both}: are they the same frame?"
         yield from self.left.notes()
         yield from self.odd.notes()
         yield from self.lost.notes()

@@ -1,5 +1,6 @@
 """An entry of a channel map: where the values of a channel are in the files, and how they are stored there."""
 
+import json
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from math import isfinite
@@ -16,7 +17,8 @@ from nte.frames.channels import CHANNELS, Channel
 
 Entry: TypeAlias = Any  # what YAML holds for a channel: a layer, its components, or the keys of a Source
 SKY = "sky"  # an entry of `unknown` that stands for the vectors of misses
-_TEXTS = ("file", "part", "view")  # keys of Source that are taken as they are typed: YAML reads *, # and no otherwise
+# Keys of a map and of its entries that are taken as they are typed: YAML reads *, # and no otherwise.
+_TEXTS = ("file", "part", "view", "prefix", "result", "cameras", "producer")
 _LISTS = ("layer", "plus", "where_dark", "scale", "offset", "unknown")  # keys of Source that accept a single value
 
 
@@ -47,6 +49,16 @@ def spell_out(loaded: DictConfig) -> None:
         entries = OmegaConf.to_container(channels, resolve=False)
         assert isinstance(entries, dict)
         loaded.channels = {name: _keys(entry) for name, entry in entries.items()}
+
+
+def as_typed(item: str) -> str:
+    """Quote the value of `key=value` for YAML if the key's values are texts, and this one is not quoted already."""
+    key, equals, text = item.partition("=")
+    return (
+        f"{key}={json.dumps(text, ensure_ascii=False)}"
+        if equals and key in _TEXTS and text[:1] not in ("'", '"')
+        else item
+    )
 
 
 def override(channels: Mapping[str, Entry], overrides: Sequence[str]) -> dict[str, Entry]:

@@ -54,6 +54,7 @@ def write_imported(
     free of noise, as far as the pixels tell. Raises NteError if the disk is full, if the folder cannot be written to,
     if frames differ in their channels, and if another process writes to the same place.
     """
+    make_folder(out.parent)  # or «missing/../clip» would be no name of the clip, once it is there
     out = out.resolve()
     sweep(out.parent, out.name)
     working = temporary_name(out)

@@ -100,6 +100,8 @@ def _open(sources: Sequence[Path], target: str, map_name: str | None, overrides:
         clip = Clip(folder)
         indices = range(len(clip))[part(range(len(clip)))]
         return Source([frame_path(folder, i) for i in indices], map(clip.frame, indices), ours, clip)
+    if (inner := next((path for path in sources if path.is_dir()), None)) and not folder:
+        raise NteError(f"{inner}: is a folder beside others: expected one folder, or the files of one sequence")
     files = _frames_in(folder) if folder else list(sources)
     if not files and not (folder and map_name):  # whose map may name files in folders below
         raise NteError(f"{folder}: has no clip.json and no .exr frames: expected a clip or a folder of frames")
@@ -114,6 +116,9 @@ def _open(sources: Sequence[Path], target: str, map_name: str | None, overrides:
     first = files[0] if files else sources[0]
     if target != "color":
         raise NteError(f"{first}: has no '{target}', which this denoiser gives; in others' frames it has to be color")
+    if map_name is None and target in _own_channels(first):
+        what = f"{', '.join(overrides)} changes a channel map, but these are nte's own channels"
+        raise NteError(f"{first}: {what}: leave --set out, or give --map")
     return _foreign(folder or files, first, map_name, overrides, part)
 
 

@@ -130,6 +130,17 @@ def test_hot_and_dead_pixels_are_found_filled_and_in_nobodys_way(kind: str) -> N
     assert float(done.weight[around & ~seen].mean()) > 0.9 * float(without.weight[around & ~seen].mean())
 
 
+@pytest.mark.parametrize("kind", [*PATTERNS, None])
+def test_defects_are_not_fetched(kind: str | None) -> None:
+    mosaic = kind and mosaic_of(kind)
+    frame = 0.2 + 0.5 * torch.rand(1, 1, *SIZE, generator=torch.Generator().manual_seed(4))
+    defects = torch.zeros_like(frame, dtype=torch.bool)
+    defects[..., 40, 50] = defects[..., 71, 33] = True
+    weight = merge_burst(frame, [frame.clone()], NOISE, mosaic, defects=defects).weight
+    assert weight[defects].max() < 0.5  # the substitute's, and no more
+    assert weight[~defects].min() > 1.5
+
+
 def test_mending_takes_the_neighbours_of_the_colour() -> None:
     mosaic = mosaic_of("xtrans")
     image = torch.tensor([0.1, 0.5, 0.9])[mosaic.colours(30, 36)][None, None]

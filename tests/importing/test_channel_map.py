@@ -233,6 +233,49 @@ def test_the_eyes_of_a_stereo_image_are_not_mixed(
         assert f"shot.1.exr: no {key} '{value}'; the file has {have}" in said
 
 
+def in_parts(path: Path, *parts: tuple[dict[str, Any], Layers]) -> None:
+    """One file; each part has its own attributes, such as name and view."""
+    path.parent.mkdir(exist_ok=True)
+    with OpenEXR.File([OpenEXR.Part({"type": OpenEXR.scanlineimage, **about}, dict(p)) for about, p in parts]) as file:
+        file.write(str(path))
+
+
+@pytest.mark.parametrize("light", ["VL.Combined.", ""])
+def test_a_part_of_its_own_need_not_have_the_prefix_of_the_image(tmp_path: Path, light: str) -> None:
+    """It may have none, or another one; what it has must not be left out because the image is called otherwise."""
+    layers = image(*(f"{light}{c}" for c in "RGB"), "depth.Z", "N.X", "N.Y", "N.Z")
+    cut = {"rgb": layers.keys() - {"depth.Z", "N.X", "N.Y", "N.Z"}, "d": {"depth.Z"}, "n": {"N.X", "N.Y", "N.Z"}}
+    parts = [({"name": name}, {key: layers[key] for key in keys}) for name, keys in cut.items()]
+    in_parts(tmp_path / "shots" / "shot.1.exr", *parts)
+    color = {"layer": "Combined" if light else ".", "part": "rgb"}
+    channels = {"color": color, "depth": {"layer": "Z", "part": "d"}, "normal": {"layer": "N", "part": "n"}}
+    found = imported(tmp_path, tmp_path / "shots", {"channels": channels, "prefix": "*", "optional": True}).frame(0)
+    np.testing.assert_array_equal(found["depth"][0, 0], layers["depth.Z"])
+    normal = np.stack([layers[f"N.{c}"] for c in "XYZ"])
+    np.testing.assert_allclose(found["normal"][0], normal / np.linalg.norm(normal, axis=0), atol=1e-3)
+
+
+@pytest.mark.parametrize("change", [("view=left",), ("channels.color.view=left",)])
+def test_the_reference_of_an_eye_may_be_a_file_of_one_eye(
+    tmp_path: Path, stereo: Path, capsys: pytest.CaptureFixture[str], change: tuple[str, ...]
+) -> None:
+    clean = image(*(f"beauty.{c}" for c in "RGB"))
+    reference = write(tmp_path / "clean", [clean] * 2)
+    more = (*change, "--reference", str(reference))
+    found = imported(tmp_path, stereo, {"channels": {"color": "beauty"}}, *more).frame(1)
+    assert (found["color"] == 0.25).all()
+    np.testing.assert_allclose(found["reference"][0], [clean[f"beauty.{c}"] for c in "RGB"], rtol=1e-3)
+    about = {"channels": {"color": "beauty"}}  # the image itself must be that of the eye
+    assert "shot.1.exr: no view 'left'; the file has no views" in refused(
+        tmp_path / "clean", reference, about, capsys, *change
+    )
+    right = [({"name": "a", "view": "right"}, clean), ({"name": "b", "view": "centre"}, clean)]
+    for i in (1, 2):
+        in_parts(reference / f"shot.{i}.exr", *right)
+    (tmp_path / "none").mkdir()
+    assert "no view 'left'; the file has centre, right" in refused(tmp_path / "none", stereo, about, capsys, *more)
+
+
 @pytest.mark.parametrize(
     ("ids", "kept"),
     [
@@ -463,6 +506,23 @@ def test_a_part_without_a_layer_counts_where_parts_are_numbered() -> None:
     np.testing.assert_array_equal(found, empty)
 
 
+def test_the_sky_has_no_shadows_vectors_and_what_is_meant_is_not_called_unknown(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """NaN says in these vectors that there is no shadow: nobody fills them, and they are no fault."""
+    depth = np.ones(SMALL, np.float32)
+    depth[0] = 0
+    vectors = np.full((2, *SMALL), 3, np.float32)
+    vectors[:, 2] = np.nan
+    layers = image("R", "G", "B") | {"Z": depth} | named("s", "XY", vectors)
+    channels = COLOR | {"depth": "Z", "shadow_motion": {"layer": "s", "unknown": "sky"}}
+    found = imported(tmp_path, write(tmp_path / "shots", [layers]), {"channels": channels}).frame(0)["shadow_motion"]
+    np.testing.assert_array_equal(found[0, 0, :, 0], [np.nan, 3, np.nan, 3, 3, 3])
+    said = capsys.readouterr().out
+    assert "unknown: " not in said
+    assert "bad: " not in said
+
+
 def test_a_value_that_is_not_said_to_be_unknown_is_kept(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     source = write(tmp_path / "shots", moving(holes(0.0)))
     clip = imported(tmp_path, source, {"channels": COLOR | {"motion": "v", "depth": "z"}})
@@ -513,6 +573,28 @@ def test_of_two_sets_of_components_a_channel_takes_its_own(tmp_path: Path) -> No
     found = imported(tmp_path, write(tmp_path / "shots", [layers]), about).frame(0)
     np.testing.assert_allclose(found["color"][0], [layers[c] for c in "RGB"], rtol=1e-3)
     np.testing.assert_array_equal(found["position"][0], [layers[c] for c in "XYZ"])
+
+
+@pytest.mark.parametrize("more", [{}, {"prefix": "*"}])
+def test_a_layer_below_a_layer_is_not_its_only_component(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], more: dict[str, Any]
+) -> None:
+    """As of a depth of another kind, or under a prefix with a dot."""
+    layers = image("VL.1.R", "VL.1.G", "VL.1.B", "VL.1.depth.mean.Z")
+    source = write(tmp_path / "shots", [layers])
+    about = {"channels": {"color": ".", "depth": "depth"}, "prefix": "VL.1", **more}
+    assert "no depth with the prefix 'VL.1' for 'depth'" in refused(tmp_path, source, about, capsys)
+    write(source, [layers | image("VL.1.depth.Z")])
+    assert imported(tmp_path, source, about).frame(0)["depth"].any()
+
+
+def test_a_channel_alone_in_its_file_is_found_under_a_prefix_with_a_dot(tmp_path: Path) -> None:
+    depth = image("VL.1.Z")
+    write(tmp_path / "shots", [image("VL.1.R", "VL.1.G", "VL.1.B")], "rgb")
+    write(tmp_path / "shots", [depth], "z")
+    channels = {"color": {"layer": ".", "file": "rgb.#.exr"}, "depth": {"layer": ".", "file": "z.#.exr"}}
+    found = imported(tmp_path, tmp_path / "shots", {"channels": channels, "prefix": "*"}).frame(0)
+    np.testing.assert_array_equal(found["depth"][0, 0], depth["VL.1.Z"])
 
 
 def test_components_named_in_whole_words(tmp_path: Path) -> None:
@@ -917,3 +999,22 @@ def test_texts_of_a_channel_are_taken_as_they_are_typed(tmp_path: Path, typed: s
     about = {"channels": {"color": {"layer": ".", "view": "left"}}, "view": "right"}
     found = load_channel_map(write_map(tmp_path / "map.yaml", about), [f"channels.color.{typed}"])
     assert getattr(found.channels["color"], key) == value
+
+
+@pytest.mark.parametrize(
+    ("typed", "value"),
+    [
+        ("prefix=*", "*"),
+        ("prefix=Layer #1", "Layer #1"),
+        ("prefix=größe 😀: 1", "größe 😀: 1"),
+        ("prefix=007", "007"),
+        ("view=", ""),
+        ("part=no", "no"),
+        ("file=#.exr", "#.exr"),
+        ("result='A | B'", "A | B"),
+        ('prefix="*"', "*"),
+    ],
+)
+def test_texts_of_a_map_are_taken_as_they_are_typed(tmp_path: Path, typed: str, value: str) -> None:
+    path = write_map(tmp_path / "map.yaml", {"channels": COLOR, "prefix": "VL", "view": "right"})
+    assert getattr(load_channel_map(path, [typed]), typed.partition("=")[0]) == value

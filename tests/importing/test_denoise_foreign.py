@@ -126,6 +126,16 @@ def test_a_map_of_ones_own_and_stored_units(tmp_path: Path) -> None:
         np.testing.assert_allclose(after[f"beauty.{c}"], before[f"beauty.{c}"], rtol=1e-3, atol=1e-3)
 
 
+def test_a_change_to_no_map_and_a_folder_beside_others_are_told(tmp_path: Path) -> None:
+    layers = {f"color.{c}": np.ones((8, 9), np.float32) for c in "RGB"}
+    one, other = (write_layers(tmp_path / name, [layers] * 2) for name in ("one", "other"))
+    told = r"shot\.000\.exr: shutter=0\.5 changes a channel map, but these are nte's own channels: leave --set out, or"
+    with pytest.raises(NteError, match=told):
+        denoise_files([one], Noisy(), tmp_path / "out", overrides=["shutter=0.5"], say=silent)
+    with pytest.raises(NteError, match="one: is a folder beside others: expected one folder, or the files of one seq"):
+        denoise_files([one, other], Noisy(), tmp_path / "out", say=silent)
+
+
 def test_what_no_map_fits_is_one_line_that_says_how_to_go_on(tmp_path: Path) -> None:
     strange = write_layers(tmp_path / "a", [named("mist", "XYZ", np.ones((3, 8, 9), np.float32))] * 2)
     plain = write_layers(tmp_path / "b", [dict(zip("RGB", np.ones((3, 8, 9), np.float32), strict=True))] * 2)

@@ -64,7 +64,9 @@ def test_a_field_of_view_is_enough_for_ray_lengths(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize("aspect", [2.0, 0.5, 1.0])
-def test_a_field_of_view_with_pixels_that_are_not_square(tmp_path: Path, aspect: float) -> None:
+def test_a_field_of_view_with_pixels_that_are_not_square(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], aspect: float
+) -> None:
     """A wall across the view axis: the length of its rays follows from where pixels lie when they are shown."""
     height, width = size = 24, 36
     y, x = np.mgrid[:height, :width] + 0.5
@@ -78,6 +80,8 @@ def test_a_field_of_view_with_pixels_that_are_not_square(tmp_path: Path, aspect:
     about = {"channels": {"color": ".", "depth": "Z"}, "depth": {"along": "ray"}, "vertical_fov": 50.0}
     assert run(tmp_path / "shots", write_map(tmp_path / "map.yaml", about), tmp_path / "clip") == 0
     np.testing.assert_allclose(Clip(tmp_path / "clip").frame(0)["depth"], 5, rtol=1e-4)
+    told = f"not square: pixels are {aspect:g} times as wide as high"
+    assert (told in capsys.readouterr().out) == (aspect != 1)
 
 
 def test_subsampled_channels_are_left_out_and_said(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
@@ -205,6 +209,39 @@ def test_reference_files_of_their_own(tmp_path: Path) -> None:
     clean = write_layers(tmp_path / "clean", [named("beauty", "RGB", f["reference"]) for f in frames], first=1001)
     assert run(source, map_path, tmp_path / "clip", "--reference", str(clean)) == 0
     np.testing.assert_array_equal(Clip(tmp_path / "clip").frame(1)["reference"][0], frames[1]["reference"])
+
+
+def test_what_a_map_says_of_the_reference_leaves_the_layer_that_of_color(tmp_path: Path) -> None:
+    """As the page says: the map's layer, or that of color; R, G and B of the same file may be another picture."""
+    frames = scene(2)
+    layers = [named("beauty", "RGB", f["reference"]) | dict(zip("RGB", f["albedo"], strict=True)) for f in frames]
+    source = write_layers(tmp_path / "noisy", [named("beauty", "RGB", f["color"]) for f in frames])
+    clean = write_layers(tmp_path / "clean", layers)
+    map_path = write_map(tmp_path / "map.yaml", {"channels": {"color": "beauty", "reference": {"scale": 2}}})
+    run(source, map_path, tmp_path / "clip", "--reference", str(clean))
+    np.testing.assert_allclose(Clip(tmp_path / "clip").frame(1)["reference"][0], 2 * frames[1]["reference"], rtol=1e-6)
+
+
+def test_a_single_reference_of_another_number_is_told(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """The numbers may be those of samples, or of two frames."""
+    layers = {c: np.ones((8, 12), np.float32) for c in "RGB"}
+    map_path = write_map(tmp_path / "map.yaml", {"channels": {"color": "."}})
+    for name in ("noisy_16spp", "clean_4096spp", "clean_16spp"):
+        write_exr(tmp_path / f"{name}.exr", layers)
+    told = (
+        "reference: clean_4096spp.exr is taken for noisy_16spp.exr, whose number is another: are they the same frame?"
+    )
+    for name in ("clean_4096spp", "clean_16spp"):
+        more = ("--force", "--reference", str(tmp_path / f"{name}.exr"))
+        assert run(tmp_path / "noisy_16spp.exr", map_path, tmp_path / "clip", *more) == 0
+        assert (told in capsys.readouterr().out) == (name == "clean_4096spp")
+
+
+def test_a_clip_below_a_folder_that_is_not_there(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    source, map_path = engine(tmp_path, scene(2))
+    assert run(source, map_path, tmp_path / "nosuch" / ".." / "clip") == 0
+    assert "clip: plausible" in capsys.readouterr().out
+    assert len(Clip(tmp_path / "clip")) == 2
 
 
 def breaking(**cases: tuple[Callable[[Path, Path], object], str]) -> pytest.MarkDecorator:

@@ -92,6 +92,19 @@ def test_normals_that_are_not_unit_are_told(tmp_path: Path, capsys: pytest.Captu
     assert "normalised" not in said(tmp_path / "b", capsys, layers(lambda f: {}))
 
 
+def test_normals_of_surfaces_that_are_no_number_are_counted_and_those_of_the_sky_are_not(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """They become 0, for which the depth would be blamed: the normal of a sky is often 0 divided by 0."""
+    sky = scene()[0]["depth"] <= 0
+    dirty = layers(lambda f: {"normal": np.where(sky, np.nan, f["normal"])})
+    assert "bad: " not in said(tmp_path, capsys, dirty)
+    for layer in dirty:
+        layer["normal.X"][20, 3:5] = np.nan, np.inf
+    (tmp_path / "more").mkdir()
+    assert f"bad: {2 * len(FRAMES)} pixels of normal, first in " in said(tmp_path / "more", capsys, dirty)
+
+
 def test_geometric_normals_are_looked_at_as_well(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     frames = layers(lambda f: {})
     for frame in frames:

@@ -254,7 +254,7 @@ def test_what_does_not_fit_is_named(noisy_disc: Path, tmp_path: Path) -> None:
         ([tmp_path / "strange.exr"], None, r"strange\.exr: has no channel of ours"),
         ([tmp_path / "nowhere.exr"], None, r"nowhere\.exr: cannot be read: No such file"),
         ([tmp_path], None, r"strange\.exr: has no frame number"),  # and shot.0008.exr has one
-        ([noisy_disc, noisy_disc], None, "two files would have this name|Is a directory"),
+        ([noisy_disc, noisy_disc], None, "is a folder beside others: expected one folder"),
         *((paths, bad, "exposure is .*, expected a positive number") for bad in (0.0, -1.0, np.nan, np.inf)),
     ):
         with pytest.raises(NteError, match=message):
