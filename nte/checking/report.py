@@ -4,12 +4,13 @@ from collections import defaultdict
 from dataclasses import dataclass, replace
 from pathlib import Path
 
-from nte.checking.albedo import AlbedoTally
+from nte.checking.albedo import SEEN, AlbedoTally
 from nte.checking.blank import BlankTally, StoppedTally
 from nte.checking.cameras import judge_cameras
 from nte.checking.components import ComponentTally
 from nte.checking.copies import CopyTally
 from nte.checking.displaced import DisplacedTally
+from nte.checking.enlarged import EnlargedTally
 from nte.checking.exposure import ExposureTally
 from nte.checking.flips import ORIENTATION, FlipTally
 from nte.checking.geometry import GeometryTally
@@ -77,8 +78,8 @@ def check(clip: Clip | Path | str) -> CheckReport:
     exposure, flips, guides, geometry = ExposureTally(), FlipTally(), GuideTally(), GeometryTally()
     blank, stopped, late, planes, vectors = BlankTally(), StoppedTally(), LateTally(), PlaneTally(), PairTally()
     displaced, copies, components, noise = DisplacedTally(), CopyTally(clip), ComponentTally(), NoiseTally()
-    albedo, outlines = AlbedoTally(), OutlineTally()
-    of_frames = flips, displaced, albedo, components, geometry, planes, outlines
+    albedo, outlines, enlarged = AlbedoTally(), OutlineTally(), EnlargedTally()
+    of_frames = flips, displaced, albedo, components, geometry, planes, outlines, enlarged
     looked, voting = spread(FRAMES, 0, len(clip)), spread(PAIRS, 1, len(clip))
     previous: Frame | None = None
     for frame in clip:
@@ -112,7 +113,7 @@ def check(clip: Clip | Path | str) -> CheckReport:
     colours = [] if any(f.fault for f in light) or "albedo" in late_channels else list(albedo.judge())
     # What is late in one channel looks like another fault beside right ones: only the cause is told.
     along = [f for f in vectors.judge() if f.channel not in late_channels] if right else []
-    singles = (blank, stopped, components)
+    singles = (blank, stopped, components, enlarged)
     known = "reference" not in late_channels
     of_one_light = [*copies.judge(known), *noise.judge(known and not any(finding.fault for finding in light))]
     values = [*judge_values(tallies), *(finding for tally in singles for finding in tally.judge()), *of_one_light]
@@ -120,7 +121,7 @@ def check(clip: Clip | Path | str) -> CheckReport:
     shapes = [*geometry.judge(), *planes.judge(), *units]
     if judgement.verdict != "implausible" and not any(f.fault for f in shapes):
         along += judge_cameras(vectors.predictions)
-    if judgement.verdict == "implausible" and any(finding.doubt for finding in colours):
+    if judgement.verdict == "implausible" and any(f.doubt and f.expected == SEEN for f in colours):
         judgement = Judgement("undecidable", "vectors not checked: that needs the albedo of what is seen")
     findings = [*values, *of_other_frames, *light, *colours, *turned, *shapes, *along]
     if not any(f.channel == "depth" and (f.fault or f.doubt) for f in findings):  # which has other steps, too
