@@ -16,11 +16,12 @@ VISIBLE = 0.05  # least albedo that tells
 GREY, MOST = 0.01, 0.99  # greatest difference between the components of a grey, and least share of the pixels that are
 ENOUGH = 200  # least number of steps
 # Least mean square of the steps of colour that are left; measured: up to 0.028 in rendered clips whose textures were
-# made grey, 0.04 to 0.38 with the luminance of textures of strong colours, 0.004 of brown ones
+# made grey, 0.04 to 0.38 with the luminance of textures of strong colours, 0.004 to 0.007 of brown ones
 COLOURED = 0.03
 BEYOND = 3.0  # times as large as where albedo is even: shadows have colours, and so has noise
-TOGETHER = 0.47  # greatest ratio of the mean square of their means to that; measured: 0 to 0.46, and from 3.2 on where
-# gloss hides a grey texture. Gloss of one component alone, which nothing has, would have 0.5
+# Greatest ratio of the mean square of their means to that; measured: 0 to 0.46 with the luminance or the mean of most
+# coloured textures, 1.5 and 5.7 where gloss hides a grey texture. Gloss of one component alone would have 0.5
+TOGETHER = 0.47
 EXPECTED = "the share of the light that is reflected, in each of three components"
 
 
