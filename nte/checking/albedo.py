@@ -16,6 +16,7 @@ import torch.nn.functional as F
 from torch import Tensor
 
 from nte.checking.borrowed import BorrowedTally
+from nte.checking.grey import is_grey, judge_grey
 from nte.checking.textures import ONE_SURFACE
 from nte.checking.values import Finding
 from nte.frames.frame import Frame
@@ -39,7 +40,7 @@ LINEAR = "linear albedo, not encoded for display"
 ORDER = "the order of components of the light"
 SEEN = "the albedo of what is seen: light that steps where it does"
 
-# Albedo at the two ends of each step (2, 3, n), and steps of the logarithm of light (3, n)
+# Albedo at the two ends of each step, and the logarithm of light there, both (2, 3, n)
 Steps = tuple[Tensor, Tensor]
 
 
@@ -67,23 +68,26 @@ class AlbedoTally:
     def judge(self) -> Iterator[Finding]:
         """Yield a fault for albedo that is another channel, of another order of components, or encoded.
 
-        A doubt if it is not seen.
+        A doubt if it is not seen, or is grey.
         """
         borrowed = list(self._borrowed.judge())
         yield from borrowed
         if borrowed or not self._steps[0]:
             return
-        (albedo, light), means = (
-            (torch.cat([step[0] for step in steps], 2), torch.cat([step[1] for step in steps], 1))
-            for steps in self._steps
-        )
-        seen = max(_seen(albedo, light), _seen(*means))  # aliased, fine textures step at random, but not their means
+        (albedo, ends), (means, ends_of_means) = [
+            [torch.cat([step[i] for step in steps], 2) for i in range(2)] for steps in self._steps
+        ]
+        light = ends[1] - ends[0]
+        # Aliased, fine textures step at random, but not their means.
+        seen = max(_seen(albedo, light), _seen(means, ends_of_means[1] - ends_of_means[0]))
         if seen < FOLLOWS:
             found = f"the logarithm of reference steps {seen:.2g} times as far at its edges"
             against = seen < AGAINST
             told = "it is inverted" if against else "it is another picture's, another channel, or only gloss is seen"
             yield Finding("albedo", f"{found}: {told}", SEEN, against, not against)
             return
+        if is_grey(albedo):
+            yield from judge_grey(albedo, ends)
         order = _order(albedo, light)
         if order != (0, 1, 2):
             names = "".join("RGB"[i] for i in order)
@@ -116,8 +120,7 @@ def _steps(channels: dict[str, Tensor]) -> Steps:
             good &= (one["normal"] * other["normal"]).sum(0) > SMOOTH
         if "shutter_motion" in one:  # in light that is blurred along it, steps are lost
             good &= one["shutter_motion"].norm(dim=0) < APART
-    light = light[:, :, good].double().log()
-    return albedo[:, :, good].double(), light[1] - light[0]
+    return albedo[:, :, good].double(), light[:, :, good].double().log()
 
 
 def _seen(albedo: Tensor, light: Tensor) -> float:

@@ -1,7 +1,8 @@
 """A check that albedo is not another channel of the same frames, in a layer that was taken for it.
 
 Normals and depth move with their surfaces, too, so right vectors lead to them as they lead to albedo. Color counts
-where the reference tells that it is noisy: in an even light without noise it is the albedo.
+where the reference tells that it is noisy: in an even light without noise it is the albedo. So is the reference, unless
+it shows what reflects more than all light.
 """
 
 from collections import defaultdict
@@ -11,14 +12,16 @@ from statistics import median
 import torch
 from torch import Tensor
 
-from nte.checking.values import Finding
+from nte.checking.values import MANY, Finding
 from nte.frames.frame import Frame
 
 ENOUGH = 200  # least number of pixels that can tell
 SAME = 0.01  # greatest difference of what is the same, but for rounding
 VARIES = 0.05  # least standard deviation of the albedo; a single colour may be any other channel's
+BRIGHT = 1.05  # light that no albedo is
 MOST = 0.9  # least share of the pixels that are the same
 LEVELS = 32  # least number of levels, of 256, of a grey that is depth: a few of them are a function of it by chance
+EXPECTED = "the share of the light that is reflected, in each of three components"
 SHADES = {"normal": 1.0, "normal, stored as n/2 + 1/2": 0.5}  # what albedo may be → factor of normals, about the middle
 
 
@@ -26,6 +29,7 @@ class BorrowedTally:
     """Tally of how much of the albedo of some frames is the same as another channel."""
 
     def __init__(self) -> None:
+        self._bright: list[float] = []  # shares of the pixels in which reference is brighter than any albedo
         self._shares: dict[str, list[float]] = defaultdict(list)  # what albedo may be → share of the pixels of a frame
 
     def add(self, frame: Frame) -> None:
@@ -41,10 +45,14 @@ class BorrowedTally:
                     apart = albedo - (half * normal + 1 - half).clamp(0, 1)
                     self._shares[name].append(_same(apart[:, shown]))
         if "color" in frame and "reference" in frame:
-            color, reference = (frame[name][0].nan_to_num(0, 0, 0).clamp(0, 1) for name in ("color", "reference"))
+            light = frame["reference"][0].nan_to_num(0, 0, 0)
+            color, reference = frame["color"][0].nan_to_num(0, 0, 0).clamp(0, 1), light.clamp(0, 1)
             shown = (albedo != 0).any(0)
-            if _varies(albedo[:, shown]) and _same((color - reference)[:, shown]) < MOST:
-                self._shares["color"].append(_same((albedo - color)[:, shown]))
+            if _varies(albedo[:, shown]):
+                if _same((color - reference)[:, shown]) < MOST:
+                    self._shares["color"].append(_same((albedo - color)[:, shown]))
+                self._shares["reference"].append(_same((albedo.clamp(0, 1) - reference)[:, shown]))
+                self._bright.append(float((light[:, shown].amax(0) > BRIGHT).float().mean()))
         if "depth" in frame:
             depth = frame["depth"][0, 0].nan_to_num(0, 0, 0)
             grey = (albedo - albedo[:1]).abs().amax(0) < SAME
@@ -53,11 +61,13 @@ class BorrowedTally:
                 self._shares["depth"].append(_function(albedo[0, shown].double(), depth[shown].double()))
 
     def judge(self) -> Iterator[Finding]:
-        """Yield a fault for albedo that is another channel."""
+        """Yield a fault for albedo that is another channel; a note where one light of 1 explains it."""
         for name, shares in self._shares.items():
             if median(shares) > MOST:
                 found = f"is {name}, in {median(shares):.0%} of the pixels"
-                yield Finding("albedo", found, "the share of the light that is reflected, in each of three components")
+                fault = name != "reference" or median(self._bright) > MANY
+                told = found if fault else f"{found}; or one light of 1 falls on everything"
+                yield Finding("albedo", told, EXPECTED, fault)
                 return
 
 

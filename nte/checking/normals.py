@@ -25,6 +25,7 @@ TURNED = 0.3  # a rotation explains the normals if it leaves at most this share 
 ALONG = 0.95  # cosine, up to its sign, of normals that agree with the surface
 APART = 0.9  # least mean cosine, up to its sign, of normals that belong to the surfaces; measured: 0.99
 SOME = 0.05  # share of the pixels whose normals point away from which on it is told
+ALL = 0.95  # from this share on they are negated, or every surface is seen from behind, which a few walls may be
 EVEN = 0.1  # two steps between neighbours of one surface differ by less than this share of both together
 
 
@@ -114,10 +115,12 @@ def judge_turns(turns: Sequence[Turn], shown_by: str) -> Iterator[Finding]:
     given, unsigned, turned, rounded = (median(turn[i] for turn in turns) for i in range(4))
     away = (1 - given / unsigned) / 2 if unsigned > ALONG else 0.0  # share of the pixels
     if away > SOME:
-        where = "most" if given < 0 else f"{away:.0%} of the"
+        negated = away > ALL
+        where = "nearly all" if negated else "most" if given < 0 else f"{away:.0%} of the"
         verb = "shows" if shown_by == "position" else "show"
         found = f"point away from the camera in {where} pixels, as {shown_by} {verb}"
-        yield Finding("normal", found, "normals that face the camera", False)
+        expected = "normals that face the camera" + ("; these may be negated" if negated else "")
+        yield Finding("normal", found, expected, False, negated)
     elif 1 - unsigned > OFF + rounded and 1 - turned < TURNED * (1 - unsigned):
         found = f"not perpendicular to the surfaces of {shown_by}, but one rotation of all makes them so"
         expected = "world space for both (for normals in camera space normal.space=camera, with cameras)"

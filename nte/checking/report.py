@@ -1,38 +1,29 @@
 """The report of `nte check`: whether a clip's values and motion vectors are plausible."""
 
 from collections import defaultdict
-from collections.abc import Iterator
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 from pathlib import Path
 
-import torch
-
-from nte.checking.albedo import AlbedoTally
+from nte.checking.albedo import SEEN, AlbedoTally
 from nte.checking.blank import BlankTally, StoppedTally
-from nte.checking.cameras import Prediction, judge_cameras, prediction
-from nte.checking.cells import cell_votes
+from nte.checking.cameras import judge_cameras
 from nte.checking.components import ComponentTally
 from nte.checking.copies import CopyTally
-from nte.checking.cuts import judge_frames, unlike_before
 from nte.checking.displaced import DisplacedTally
+from nte.checking.enlarged import EnlargedTally
 from nte.checking.exposure import ExposureTally
 from nte.checking.flips import ORIENTATION, FlipTally
-from nte.checking.forward import Returns, judge_returns, returns
 from nte.checking.geometry import GeometryTally
-from nte.checking.judge import Judgement, Verdict, confirms, judge_votes
+from nte.checking.judge import Judgement, Verdict, judge_votes
 from nte.checking.late import LateTally
 from nte.checking.noise import NoiseTally
-from nte.checking.objects import object_votes
-from nte.checking.order import Order, depth_order, is_known, judge_order
+from nte.checking.order import is_known
 from nte.checking.outlines import OutlineTally
+from nte.checking.pairs import PairTally
 from nte.checking.planes import PlaneTally
-from nte.checking.residuals import Mean, add_errors, visible_in_both
-from nte.checking.sky import SkyMotion, judge_sky, sky_motion
-from nte.checking.spaces import Spaces, changed_alike, judge_spaces
-from nte.checking.still import Stillness, stillness, without_motion
+from nte.checking.residuals import Mean
+from nte.checking.still import without_motion
 from nte.checking.tone import EXPECTED as LINEAR
-from nte.checking.travels import Changes, changes, judge_changes
-from nte.checking.units import ONCE, judge_units, unit_of
 from nte.checking.values import Finding, Tally, judge_values, tally_values
 from nte.checking.votes import Votes
 from nte.frames.clip import Clip
@@ -40,7 +31,6 @@ from nte.frames.frame import Frame
 from nte.frames.guides import GuideTally
 from nte.frames.sample import FRAMES, PAIRS, spread
 from nte.motion.conventions import Convention
-from nte.motion.geometric import frame_vectors
 
 
 @dataclass
@@ -72,85 +62,6 @@ class CheckReport:
         return unwarped.value / warped.value if unwarped and warped and warped.total else float("nan")
 
 
-@dataclass
-class _Vectors:
-    """Results collected from pairs of frames."""
-
-    votes: dict[int, Votes] = field(default_factory=dict)  # of each frame
-    still: list[Stillness] = field(default_factory=list)
-    orders: list[Order] = field(default_factory=list)
-    skies: list[SkyMotion] = field(default_factory=list)
-    spaces: list[Spaces] = field(default_factory=list)
-    changes: list[Changes] = field(default_factory=list)
-    predictions: list[Prediction] = field(default_factory=list)
-    returns: list[Returns] = field(default_factory=list)
-    units: dict[int, float] = field(default_factory=dict)  # of each frame that tells
-    errors: dict[tuple[str, str, str], Mean] = field(default_factory=lambda: defaultdict(Mean))
-    disoccluded: Mean = field(default_factory=Mean)
-    invalid: Mean = field(default_factory=Mean)
-    telling: tuple[int, int] = (0, 1)  # most disoccluded pixels, and the frame that has them
-
-    def add(self, previous: Frame, current: Frame, vote: bool) -> None:
-        """Add two consecutive frames that have motion. vote: collect votes on the vectors as well, which costs more."""
-        dual = frame_vectors(current, previous.get("depth"))
-        everywhere = torch.ones_like(dual.valid)
-        self.disoccluded.add(dual.disoccluded.float(), everywhere)
-        self.invalid.add((~dual.valid).float(), everywhere)
-        if (hidden := int(dual.disoccluded.sum())) > self.telling[0]:
-            self.telling = hidden, current.index
-        add_errors(self.errors, previous, current, dual)
-        if not vote:
-            return
-        in_both = visible_in_both(previous, current, dual)
-        self.still.append(stillness(previous, current))
-        self.changes.append(changes(previous, current, dual.valid & ~dual.disoccluded, in_both))
-        self.spaces.append(changed_alike(previous, current, in_both))
-        if (of_sky := sky_motion(previous, current)) is not None:
-            self.skies.append(of_sky)
-        if (predicted := prediction(previous, current)) is not None:
-            self.predictions.append(predicted)
-        if found := returns(previous, current):
-            self.returns.append(found)
-        if "depth" in current and "depth" in previous:
-            self.orders.append(depth_order(previous, current))
-            if (ratio := unit_of(previous, current)) is not None:
-                self.units[current.index] = ratio
-        votes = Votes()
-        if "albedo" in current:
-            votes.add(cell_votes(previous, current))
-        if "instance" in current:
-            votes.add(object_votes(previous, current))
-        self.votes[current.index] = votes
-
-    def _rescaled(self) -> set[int]:
-        return {frame for frame, ratio in self.units.items() if not 1 / ONCE < ratio < ONCE}
-
-    def total_votes(self) -> Votes:
-        """Add up the votes of all frames."""
-        total = Votes()
-        for votes in self.votes.values():
-            total.add(votes)
-        return total
-
-    def judge_units(self) -> list[Finding]:
-        """List what changes of the unit of depth are found; after a cut one is found by chance."""
-        cuts = set(unlike_before(self.votes)) - self._rescaled()
-        one_shot = {frame: ratio for frame, ratio in self.units.items() if frame not in cuts}
-        confirmed = [ratio for frame, ratio in one_shot.items() if confirms(self.votes[frame])]
-        return list(judge_units(list(one_shot.values()), confirmed))
-
-    def judge(self) -> Iterator[Finding]:
-        """Yield what right vectors say of other channels."""
-        yield from judge_frames(self.votes, self._rescaled())
-        yield from judge_order(self.orders)
-        yield from judge_sky(self.skies)
-        yield from (alike := list(judge_spaces(self.spaces)))
-        explained = {finding.channel for finding in alike}  # a space that moves along changes along motion, too
-        yield from (forth := list(judge_returns(self.returns, self.total_votes())))
-        if not any(finding.fault for finding in forth):  # which say what was hidden, and compare other surfaces
-            yield from (finding for finding in judge_changes(self.changes) if finding.channel not in explained)
-
-
 def check(clip: Clip | Path | str) -> CheckReport:
     """Judge whether a clip's values and motion vectors are plausible.
 
@@ -165,10 +76,10 @@ def check(clip: Clip | Path | str) -> CheckReport:
     clip = clip if isinstance(clip, Clip) else Clip(clip)
     tallies: dict[str, Tally] = defaultdict(Tally)
     exposure, flips, guides, geometry = ExposureTally(), FlipTally(), GuideTally(), GeometryTally()
-    blank, stopped, late, planes, vectors = BlankTally(), StoppedTally(), LateTally(), PlaneTally(), _Vectors()
+    blank, stopped, late, planes, vectors = BlankTally(), StoppedTally(), LateTally(), PlaneTally(), PairTally()
     displaced, copies, components, noise = DisplacedTally(), CopyTally(clip), ComponentTally(), NoiseTally()
-    albedo, outlines = AlbedoTally(), OutlineTally()
-    of_frames = flips, displaced, albedo, components, geometry, planes, outlines
+    albedo, outlines, enlarged = AlbedoTally(), OutlineTally(), EnlargedTally()
+    of_frames = flips, displaced, albedo, components, geometry, planes, outlines, enlarged
     looked, voting = spread(FRAMES, 0, len(clip)), spread(PAIRS, 1, len(clip))
     previous: Frame | None = None
     for frame in clip:
@@ -202,7 +113,7 @@ def check(clip: Clip | Path | str) -> CheckReport:
     colours = [] if any(f.fault for f in light) or "albedo" in late_channels else list(albedo.judge())
     # What is late in one channel looks like another fault beside right ones: only the cause is told.
     along = [f for f in vectors.judge() if f.channel not in late_channels] if right else []
-    singles = (blank, stopped, components)
+    singles = (blank, stopped, components, enlarged)
     known = "reference" not in late_channels
     of_one_light = [*copies.judge(known), *noise.judge(known and not any(finding.fault for finding in light))]
     values = [*judge_values(tallies), *(finding for tally in singles for finding in tally.judge()), *of_one_light]
@@ -210,7 +121,7 @@ def check(clip: Clip | Path | str) -> CheckReport:
     shapes = [*geometry.judge(), *planes.judge(), *units]
     if judgement.verdict != "implausible" and not any(f.fault for f in shapes):
         along += judge_cameras(vectors.predictions)
-    if judgement.verdict == "implausible" and any(finding.doubt for finding in colours):
+    if judgement.verdict == "implausible" and any(f.doubt and f.expected == SEEN for f in colours):
         judgement = Judgement("undecidable", "vectors not checked: that needs the albedo of what is seen")
     findings = [*values, *of_other_frames, *light, *colours, *turned, *shapes, *along]
     if not any(f.channel == "depth" and (f.fault or f.doubt) for f in findings):  # which has other steps, too
@@ -239,7 +150,7 @@ def _judge(judgement: Judgement, findings: list[Finding]) -> Judgement:
     return Judgement("implausible", "; ".join([*faults, *also]), judgement.convention)
 
 
-def _judge_vectors(clip: Clip, vectors: _Vectors) -> Judgement:
+def _judge_vectors(clip: Clip, vectors: PairTally) -> Judgement:
     missing = [name for name in ("albedo", "motion") if name not in clip.channels]
     if "motion" in missing or not {"albedo", "instance"} & {*clip.channels}:
         return Judgement("undecidable", f"vectors not checked: that needs albedo and motion, without {missing[0]}")

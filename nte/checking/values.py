@@ -41,6 +41,7 @@ class Tally:
     pixels: int = 0
     low: float = float("inf")
     high: float = -float("inf")
+    least: float = float("inf")  # above 0
     total: float = 0.0
     negative: float = 0.0  # sum of the negative values
     finite: int = 0  # number of finite values
@@ -71,6 +72,7 @@ def tally_values(tallies: Mapping[str, Tally], frame: Frame) -> None:
         finite = values[values.isfinite()]
         if finite.numel():
             entry.low, entry.high = min(entry.low, float(finite.min())), max(entry.high, float(finite.max()))
+            entry.least = min(entry.least, float(torch.where(finite > 0, finite, torch.inf).min()))
             entry.total += float(finite.double().sum())
             entry.negative -= float(finite.clamp(max=0).double().sum())
             entry.finite += finite.numel()
@@ -150,8 +152,8 @@ def _judge(name: str, entry: Tally) -> Iterator[Finding]:
         yield Finding(name, found, expected, entry.far > MOST * entry.pixels)
     if name in NEVER_BLACK and not entry.seen:
         yield Finding(name, "0 everywhere", "values above 0: it may come from another layer than meant", fault=False)
-    elif name == "albedo" and entry.low == entry.high:
-        found = f"{entry.low:.4g} everywhere"
+    elif name == "albedo" and entry.least == entry.high:
+        found = f"{entry.high:.4g} everywhere" + (", or 0" if entry.low < entry.high else "")
         yield Finding(name, found, "the colour of each surface: it may stand for none at all", fault=False)
     elif name == "albedo" and 0 < entry.high < DARK:
         found = f"{entry.high:.4g} at the most: darker than soot"

@@ -3,7 +3,8 @@
 Two signs in single images tell. Edges: an antialiased silhouette between two flat colours has a pixel in
 between, except where it runs along the border of two pixels; an aliased one, or one from a single jittered sample,
 has none. Noise: where each pixel has its own random value, many are larger or smaller than both of their neighbours
-in all four directions; edges, gradients and thin lines are so in three directions at most.
+in all four directions; edges, gradients and thin lines are so in three directions at most. Fine textures are so, too,
+but the reference shows them: only what it does not show is noise.
 """
 
 import math
@@ -18,6 +19,7 @@ from nte.frames.channels import GUIDES
 from nte.frames.clip import Clip, Pixels
 from nte.frames.frame import Frame
 from nte.frames.sample import FRAMES, spread
+from nte.frames.usable import ABSOLUTE
 
 STRONG = 0.15  # least step of albedo that counts as an edge
 FLAT = 0.05  # greatest variation of the two sides of an edge, as a share of the step
@@ -55,8 +57,12 @@ class _Signs:
     small_squares: float = 0.0
     small: int = 0  # number of values with only small differences around
 
-    def add(self, image: Pixels, borders: Mask | None) -> None:
-        """Add an image (C, H, W). borders: bool (2, H, W), a silhouette lies to the right of the pixel, or below it."""
+    def add(self, image: Pixels, borders: Mask | None, light: Pixels | None = None) -> None:
+        """Add an image (C, H, W).
+
+        borders: bool (2, H, W), a silhouette lies to the right of the pixel, or below it. light: the reference
+        (C, H, W) if the image is albedo, whose textures it shows.
+        """
         self._add_edges(image, None if borders is None else borders[0])
         self._add_edges(image.swapaxes(1, 2), None if borders is None else borders[1].T)
         if min(image.shape[1:]) < 3:
@@ -70,6 +76,8 @@ class _Signs:
             steps.append(np.maximum(np.abs(rise), np.abs(fall)))
         extreme, square = np.min(extremes, 0), np.mean(squares, 0)
         small = np.max(steps, 0) < SMALL
+        if light is not None:
+            extreme *= 1 - _shown(image, light, extreme > 0)
         self.extreme += float(extreme.sum())
         self.squares += float(square.sum())
         self.small_extreme += float(extreme[small].sum())
@@ -108,7 +116,8 @@ class GuideTally:
         for name in GUIDES:
             if name in frame:
                 values = np.nan_to_num(frame[name][0].astype(np.float32), nan=0, posinf=0, neginf=0)
-                self._signs.setdefault(name, _Signs()).add(values.clip(-2, 2), borders)
+                light = frame["reference"][0] if name == "albedo" and "reference" in frame else None
+                self._signs.setdefault(name, _Signs()).add(values.clip(-2, 2), borders, light)
 
     def flaws(self) -> Iterator[Flaw]:
         """Yield what shows that guides are aliased or noisy."""
@@ -122,6 +131,26 @@ class GuideTally:
             if strong or (visible and signs.small_extreme > NOISY * signs.small_squares):
                 share = f"{signs.extreme / signs.squares:.1%} of the differences between pixels are lone extremes"
                 yield Flaw(name, f"noisy: {share}", "noise-free guides for denoisers that trust them")
+
+
+def _shown(image: Pixels, light: Pixels, where: Mask) -> float:
+    """Share in [0, 1] of the lone extremes of albedo (C, H, W), marked in `where` (C, H − 2, W − 2), that light shows.
+
+    A texture differs from what is around it as much as its light does, in shares of both; noise is not in the light.
+    """
+    ours, theirs = (_detail(values)[where] for values in (image, light))
+    known = np.isfinite(ours) & np.isfinite(theirs)
+    squares = float(np.square(ours[known]).sum())
+    return min(max(float((ours * theirs)[known].sum()) / squares, 0.0), 1.0) if squares > 0 else 0.0
+
+
+def _detail(values: Pixels) -> Pixels:
+    """Compute what values (C, H, W) differ by from those around, in shares of both: (C, H − 2, W − 2)."""
+    values = np.where((values > 0) & (values < ABSOLUTE), values, np.nan).astype(np.float32)
+    around = sum(_shifted(values, sign * dy, sign * dx) for dy, dx in DIRECTIONS for sign in (-1, 1)) / 8
+    centre = _shifted(values, 0, 0)
+    detail: Pixels = (centre - around) / (centre + around)
+    return detail
 
 
 def _silhouettes(frame: Frame) -> Mask | None:
@@ -160,6 +189,6 @@ def guides_are_clean(clip: Clip) -> bool:
     Also true if too few edges are visible to know; false if the clip has neither albedo nor normals. Raises NteError
     for files that cannot be read.
     """
-    names = [name for name in (*GUIDES, "instance", "depth") if name in clip.channels]
+    names = [name for name in (*GUIDES, "instance", "depth", "reference") if name in clip.channels]
     guided = any(name in GUIDES for name in names)
     return guided and bool(are_clean(clip.frame(index, names) for index in sorted(spread(FRAMES, 0, len(clip)))))

@@ -32,12 +32,17 @@ LIGHTS: dict[str, Callable[[Pixels, Pixels], Pixels]] = {  # of light and albedo
 }
 
 
-def of(folder: Path, albedo: Change, light: str = "as it is", without: tuple[str, ...] = ()) -> CheckReport:
+def of(
+    folder: Path, albedo: Change, light: str = "as it is", without: tuple[str, ...] = (), lit: Change | None = None
+) -> CheckReport:
+    """Check frames of a given albedo. lit: the change of the albedo that the light shows, if it does."""
     frames = []
     for i, shot in enumerate(SHOTS[:4]):
-        lit = LIGHTS[light](shot["reference"], shot["albedo"]).astype(np.float32)
+        shown = (lit or (lambda values: values))(shot["albedo"])
+        diffuse = shot["reference"] * shown / np.where(shot["albedo"] > 0, shot["albedo"], 1)
+        reference = LIGHTS[light](np.where(shot["albedo"] > 0, diffuse, shot["reference"]), shown).astype(np.float32)
         given = np.ascontiguousarray(albedo(shot["albedo"]), np.float32) * (shot["depth"] > 0)
-        frame = shot | {"color": noisy(lit, i), "reference": lit, "albedo": given.astype(np.float32)}
+        frame = shot | {"color": noisy(reference, i), "reference": reference, "albedo": given.astype(np.float32)}
         frames.append({name: values for name, values in frame.items() if name not in without})
     return check(Clip(write_clip(folder / "clip", frames)))
 

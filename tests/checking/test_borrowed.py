@@ -43,6 +43,19 @@ def test_the_noisy_image_is_no_albedo(tmp_path: Path) -> None:
     assert any(f.channel == "albedo" and f.fault and "is color, in" in f.found for f in report.findings)
 
 
+@pytest.mark.parametrize(("brightness", "fault"), [(1.0, True), (0.25, False)])
+def test_the_reference_is_no_albedo(tmp_path: Path, brightness: float, fault: bool) -> None:
+    """Only what is brighter than 1 tells: where one light of 1 falls on everything, albedo is the reference."""
+    frames = []
+    for i, shot in enumerate(SHOTS):
+        light = (brightness * shot["reference"]).astype(np.float32)
+        frames.append(shot | {"color": noisy(light, i), "reference": light, "albedo": light.clip(0, 1)})
+    report = check(Clip(write_clip(tmp_path / "clip", frames)))
+    told = [(f.fault, f.doubt) for f in report.findings if f.channel == "albedo" and "is reference, in" in f.found]
+    assert told == [(fault, False)]
+    assert report.verdict == ("implausible" if fault else "plausible")
+
+
 @pytest.mark.parametrize("grey", [False, True])
 def test_albedo_is_no_other_channel(tmp_path: Path, grey: bool) -> None:
     def change(frame: Shot) -> Shot:

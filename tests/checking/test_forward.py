@@ -9,7 +9,7 @@ import pytest
 
 from nte.checking import check
 from nte.checking.forward import Returns
-from nte.checking.report import _Vectors
+from nte.checking.pairs import PairTally
 from nte.frames.clip import Clip
 from tests.checking.room import room_frame, seen
 from tests.synthetic import Pixels, disc_frame, smooth_texture, write_clip
@@ -88,5 +88,5 @@ def test_wrong_forward_vectors_accuse_no_instances() -> None:
     """What was hidden follows from them, and so which ids are compared along motion."""
     changed = {"instance": (10.0, 900.0, 10.0, 1000)}
     for returns, told in (([], ["instance"]), ([Returns(1000, 1000, Counter())], ["forward_motion"])):
-        found = list(_Vectors(changes=[changed], returns=returns).judge())
+        found = list(PairTally(changes=[changed], returns=returns).judge())
         assert [finding.channel for finding in found] == told

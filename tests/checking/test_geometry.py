@@ -193,8 +193,17 @@ def test_a_panorama_has_no_view_axis(tmp_path: Path, turned: float) -> None:
     assert [f.found for f in report.findings if f.channel in ("depth", "normal", "position")] == []
 
 
-def test_normals_that_point_away_are_a_note(tmp_path: Path) -> None:
-    report = checked(tmp_path, lambda f, i: {"normal": -f["normal"]})
+@pytest.mark.parametrize("without", [(), ("position",)])
+def test_normals_that_are_negated_are_a_doubt(tmp_path: Path, without: tuple[str, ...]) -> None:
+    """Or all things are seen from behind, as a room from outside."""
+    right = cameras(lambda v, p: (v, p))
+    report = checked(tmp_path, lambda f, i: {"normal": -f["normal"]}, without, cameras=right)
+    assert report.verdict == "undecidable"
+    assert "normal: point away from the camera in nearly all pixels" in report.reason
+
+
+def test_a_surface_that_is_seen_from_behind_is_a_note(tmp_path: Path) -> None:
+    report = checked(tmp_path, lambda f, i: {"normal": np.where(f["instance"] == 1, -1, 1) * f["normal"]})
     assert report.verdict == "plausible"
     assert "point away from the camera in most pixels, as position shows" in [f.found for f in report.findings]
 

@@ -52,3 +52,19 @@ def test_only_means_of_samples_are_clean(tmp_path: Path, kind: str, told: str) -
 def test_a_clip_without_guides_has_no_clean_ones(tmp_path: Path) -> None:
     clip = Clip(write_clip(tmp_path / "clip", [{"color": np.ones((3, 8, 8), np.float32)}]))
     assert not guides_are_clean(clip)
+
+
+@pytest.mark.parametrize("noise", [0.0, 0.2])
+def test_fine_textures_that_the_reference_shows_are_no_noise(tmp_path: Path, noise: float) -> None:
+    """Each pixel is lighter or darker than those around, and so is its light; noise of albedo is not in the light."""
+    rng = np.random.default_rng(2)
+    texture = rng.uniform(0.3, 0.9, (3, 96, 128))
+    light = texture * np.exp(-np.arange(128) / 60) * rng.normal(1, 0.05, texture.shape)
+    frame = {
+        "albedo": texture + rng.normal(0, noise, texture.shape).clip(-0.3, 0.1),
+        "reference": light,
+        "color": light,
+    }
+    clip = Clip(write_clip(tmp_path / "clip", [{name: np.float32(values) for name, values in frame.items()}] * 2))
+    assert guides_are_clean(clip) == (not noise)
+    assert any(f.found.startswith("noisy") for f in check(clip).findings) == bool(noise)

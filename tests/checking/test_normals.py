@@ -37,8 +37,8 @@ def test_nothing_is_said_of_bumps() -> None:
     assert told(np.eye(3, dtype=np.float32)) == []
 
 
-def test_negated_normals_with_bumps_are_noted() -> None:
-    where = "point away from the camera in most pixels, as position shows"
+def test_negated_normals_with_bumps_are_told() -> None:
+    where = "point away from the camera in nearly all pixels, as position shows"
     assert told(-np.eye(3, dtype=np.float32)) == [(where, False)]
 
 
@@ -93,7 +93,7 @@ def test_a_level_camera_sees_the_side_of_the_floor(pitch: float) -> None:
     along = np.where(floor, down, 20 / ray[2])  # before a wall
     depth = along * (ray[2] + pitch * ray[1])
     normal = np.stack([0 * x, 1.0 * floor, -1.0 * ~floor])
-    for sign, told in ((1, []), (-1, ["point away from the camera in most pixels, as position shows"])):
+    for sign, told in ((1, []), (-1, ["point away from the camera in nearly all pixels, as position shows"])):
         channels = {"depth": depth[None], "position": along * ray, "normal": sign * normal}
         tally = GeometryTally()
         tally.add(Frame({name: torch.tensor(np.float32(values))[None] for name, values in channels.items()}))

@@ -238,6 +238,14 @@ def test_an_albedo_that_is_black_is_told(tmp_path: Path) -> None:
     assert [finding for finding in report.findings if finding.channel == "emission"] == []
 
 
+@pytest.mark.parametrize(("grey", "sky"), [(1.0, True), (0.5, True), (0.5, False)])
+def test_one_albedo_for_all_is_noted(tmp_path: Path, grey: float, sky: bool) -> None:
+    """Also where the sky, as it should, has none."""
+    shown = (lambda f: f["depth"] > 0) if sky else (lambda f: f["depth"] >= 0)
+    report = checked(tmp_path, lambda f, i: {"albedo": grey * np.repeat(shown(f), 3, 0)})
+    assert [f.fault for f in report.findings if f.found.startswith(f"{grey:.4g} everywhere")] == [False]
+
+
 @pytest.mark.parametrize(("by", "fault"), [(3e-5, False), (0.5, True)])
 def test_light_that_is_hardly_negative_is_only_noted(tmp_path: Path, by: float, fault: bool) -> None:
     """Lossy compression, and pixel filters with negative lobes, leave some in the dark."""
