@@ -6,15 +6,15 @@ from pathlib import Path
 from nte.cli.parsing import DENOISER, Commands, add_device, add_force, add_provider, command, parse_frames
 from nte.errors import NteError
 from nte.overlap import sleep_while_waiting
-from nte.released import DEFAULT
+from nte.released import WITH_ALL_FRAMES
 
 
 def add(commands: Commands) -> None:
     """Add `denoise` to the subcommands of `nte`."""
     parser = command(commands, "denoise", _denoise, "denoise a clip or frames; writes linear OpenEXR")
     parser.add_argument("sources", type=Path, nargs="+", metavar="CLIP_OR_FOLDER_OR_FILES")
-    text = f"{DENOISER} (default: {DEFAULT}, a released model on top of Open Image Denoise)"
-    parser.add_argument("--denoiser", default=DEFAULT, metavar="SPEC", help=text)
+    text = f"{DENOISER} (default: {WITH_ALL_FRAMES}, a released model on top of Open Image Denoise)"
+    parser.add_argument("--denoiser", default=WITH_ALL_FRAMES, metavar="SPEC", help=text)
     parser.add_argument("--out", type=Path, required=True, help="folder for the frames")
     text = "estimate, or estimate:key=value,…: motion from the images, instead of given vectors"
     parser.add_argument("--motion", metavar="estimate", help=text)

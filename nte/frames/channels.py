@@ -85,7 +85,7 @@ _ROWS = (
     Channel("next_color", RGB, "derived", "radiance", "radiance", noisy=True),
     Channel("next_albedo", RGB, "derived", "1", "reflectance"),
     Channel("next_depth", ("Z",), "derived", "scene units", "depth"),
-    Channel("next_motion", XY, "derived", "px, from frame i+1 to frame i", "motion"),
+    Channel("next_motion", XY, "derived", "px, from frame i+1 to frame i", "motion", nan_means="unknown"),
     Channel("motion_error", ("V",), "half", "log distance", "scalar"),
     Channel("motion_mask", ("V",), "half", "1", "scalar"),
     Channel("diffuse_albedo", RGB, "half", "1", "reflectance", group="components"),

@@ -6,7 +6,8 @@ Each .onnx file carries its checksum, which is verified whenever it is loaded (n
 from pathlib import Path
 
 FOLDER = Path(__file__).parent
-DEFAULT = "steady"  # what nte denoise takes if nothing is said
+DEFAULT = "steady"  # the one that nte demo shows
+WITH_ALL_FRAMES = "steady:ahead=true"  # what nte denoise takes if nothing is said
 CLIP = FOLDER / "toys"  # ten frames to look at (datasets/blender/toys.sh)
 
 

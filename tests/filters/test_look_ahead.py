@@ -58,7 +58,7 @@ def test_what_the_past_has_not_seen_takes_the_next_frames_light() -> None:
 def test_a_light_that_changes_in_the_next_frame_is_not_there_yet(light: float) -> None:
     scene, history = Scene(), None
     for frame in range(6):
-        past, _, history = looked(scene, frame, history)
+        _past, _, history = looked(scene, frame, history)
     # Once more, as the last frame before the light changes.
     later, _ = scene.clean(7)
     _, mean, _ = looked(scene, 6, history, color=light * scene.noisy(later, 7))
