@@ -15,7 +15,7 @@ from nte.filters.accumulation import History, Surface, accumulate, logarithm, te
 from nte.filters.change import significance, statistics, upsampled
 from nte.frames.clip import Pixels
 
-DOUBT = 9.0  # significance of a difference between past and next frame at which both lose half of their weight
+DOUBT = 6.0  # significance of a difference between past and next frame at which both lose half of their weight
 
 
 class Next(NamedTuple):
