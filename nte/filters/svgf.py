@@ -135,7 +135,8 @@ class Svgf(Filter[SvgfOptions]):
                     history = light
         found = {"history_length": length, "alpha": alpha, "variance": variance}
         result = Result(self._remodulated(light, frame), {name: found[name] for name in extras})
-        return result, SvgfState(torch.cat([history, moments, length - (1 - usable)], 1), geometry, frame.view)
+        view = None if frame.view is None else frame.view.clone()  # a caller may fill its buffer again
+        return result, SvgfState(torch.cat([history, moments, length - (1 - usable)], 1), geometry, view)
 
     def _fetch(self, frame: Frame, geometry: Geometry, state: SvgfState | None) -> Fetched:
         """The history along the motion vectors (section 4.1), none in a first frame."""
