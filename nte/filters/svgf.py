@@ -1,7 +1,8 @@
 """SVGF: temporal accumulation, then an à-trous filter that is wider where the accumulated light has more variance.
 
 Schied et al. 2017, «Spatiotemporal Variance-Guided Filtering: Real-Time Reconstruction for Path-Traced Global
-Illumination». Constants are those of NVIDIA's Falcor; the functions follow the paper's sections.
+Illumination». Constants are those of NVIDIA's Falcor, except the number of iterations and the one that is fed back,
+which are the paper's. The functions follow the paper's sections.
 """
 
 import math
