@@ -24,6 +24,7 @@ STRATUM = 3  # px; each stratum of 3×3 pixels has one gradient sample
 BOX = (1.0, 1.0)  # kernel of 3×3 strata of equal weight
 GRADIENT_SIGMA_Z = 1.0
 DARKEST = 1e-10  # least divisor of Δ, as a share of the mean luminance: what a sample across an edge leaks is no change
+BRIGHTEST = 1e18  # of a gradient's light: what is brighter is a fault, and its square is no number in float32
 CENTRE = STRATUM * STRATUM // 2
 
 
@@ -125,7 +126,7 @@ def stratify(gradient: Tensor, brightness: Tensor, geometry: Geometry) -> Strata
     known = usable.any(2)
     # The first usable pixel; where there is none, the centre.
     at = torch.where(known, usable.float().argmax(2), CENTRE)[:, :, None]
-    now, before = _pick(pairs, at).where(known, 0.0).clamp(min=0).split_with_sizes([1, 1], 1)
+    now, before = _pick(pairs, at).where(known, 0.0).clamp(0, BRIGHTEST).split_with_sizes([1, 1], 1)
     inside = _pixels(torch.ones_like(brightness), 0)
     moments = _pixels(with_square(brightness), 0).sum(2) / inside.sum(2)
     # Slopes come from pixels: between samples, which lie anywhere in their strata, depth differences are random.

@@ -1,7 +1,8 @@
 """SVGF: temporal accumulation, then an à-trous filter that is wider where the accumulated light has more variance.
 
 Schied et al. 2017, «Spatiotemporal Variance-Guided Filtering: Real-Time Reconstruction for Path-Traced Global
-Illumination». Constants are those of NVIDIA's Falcor; the functions follow the paper's sections.
+Illumination». Constants are those of NVIDIA's Falcor, except the number of iterations and the one that is fed back,
+which are the paper's. The functions follow the paper's sections.
 """
 
 import math
@@ -135,7 +136,8 @@ class Svgf(Filter[SvgfOptions]):
                     history = light
         found = {"history_length": length, "alpha": alpha, "variance": variance}
         result = Result(self._remodulated(light, frame), {name: found[name] for name in extras})
-        return result, SvgfState(torch.cat([history, moments, length - (1 - usable)], 1), geometry, frame.view)
+        view = None if frame.view is None else frame.view.clone()  # a caller may fill its buffer again
+        return result, SvgfState(torch.cat([history, moments, length - (1 - usable)], 1), geometry, view)
 
     def _fetch(self, frame: Frame, geometry: Geometry, state: SvgfState | None) -> Fetched:
         """The history along the motion vectors (section 4.1), none in a first frame."""

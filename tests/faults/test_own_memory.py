@@ -1,11 +1,12 @@
 """A denoiser's state has memory of its own: what a caller does with its arrays afterwards changes no later frame."""
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
+from copy import deepcopy
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
 import pytest
-import torch
 
 from nte import Denoiser, Frame
 from nte.denoiser import Result, Session
@@ -36,25 +37,47 @@ def arrays(result: Result) -> Iterator[Any]:
     yield from result.extras.values()
 
 
+def in_memory_of_its_own(frame: Frame, kind: str) -> Frame:
+    copy = deepcopy(frame)
+    return copy.torch() if kind == "PyTorch" else copy
+
+
+def buffers(frame: Frame) -> list[Any]:
+    """All arrays that a caller hands over."""
+    about = frame.view, frame.projection, frame.exposure, frame.depth_scale
+    return [*frame.channels.values(), *(array for array in about if array is not None)]
+
+
+def approaching(index: int) -> Frame:
+    """A floor that a camera approaches by more than depths of one surface differ, with matrices and scalars."""
+    frame = floor_frame(index, (24, 36))
+    view, projection = np.eye(4, dtype=np.float32)[None].repeat(2, 0)
+    view[2, 3] = -1.5 * index
+    projection[:, 2:] = [[0.5, 0], [0.5, 0], [1, -0.1], [1, 0]]
+    exposure, scale = (np.array([value], np.float32) for value in (1 + index, 5 - index))
+    depth = frame["depth"] + np.float32(1.5 * (2 - index))
+    nearer = frame.with_channels(depth=depth, diffuse_albedo=np.float32(0.9) * frame["albedo"])
+    return replace(nearer, view=view[None], projection=projection[None], exposure=exposure, depth_scale=scale)
+
+
 @pytest.mark.parametrize("kind", ["NumPy", "PyTorch"])
-def test_buffers_that_are_filled_again_change_nothing(denoiser: Denoiser, kind: str) -> None:
+@pytest.mark.parametrize("make_frame", [whole_frame, approaching])
+def test_buffers_that_are_filled_again_change_nothing(
+    denoiser: Denoiser, make_frame: Callable[[int], Frame], kind: str
+) -> None:
     """As an engine does with its G-buffer: in every frame the same arrays have the next frame's values."""
-
-    def copied(values: Any) -> Any:
-        return torch.from_numpy(values.copy()) if kind == "PyTorch" else values.copy()
-
     undisturbed, disturbed = Session(denoiser), Session(denoiser)
-    frames = [whole_frame(index) for index in range(3)]
     names = (*denoiser.needs, *denoiser.optional)
-    buffers = {name: copied(frames[0][name]) for name in names if name in frames[0]}
+    whole = [make_frame(index) for index in range(3)]
+    frames = [replace(f, channels={name: f[name] for name in names if name in f}) for f in whole]
+    reused = in_memory_of_its_own(frames[0], kind)
     for frame in frames:
-        given = {name: copied(frame[name]) for name in buffers}
-        expected = undisturbed.step(Frame(given, frame.index), denoiser.extras)
-        for name, buffer in buffers.items():
-            buffer[:] = given[name]
-        found = disturbed.step(Frame(dict(buffers), frame.index), denoiser.extras)
+        expected = undisturbed.step(in_memory_of_its_own(frame, kind), denoiser.extras)
+        for buffer, values in zip(buffers(reused), buffers(in_memory_of_its_own(frame, kind)), strict=True):
+            buffer[:] = values
+        found = disturbed.step(replace(reused, index=frame.index), denoiser.extras)
         for ours, theirs in zip(arrays(found), arrays(expected), strict=True):
             np.testing.assert_array_equal(ours, theirs)
             ours[:] = 1  # nor do results that the caller writes to
-        for buffer in buffers.values():
+        for buffer in buffers(reused):
             buffer[:] = 0

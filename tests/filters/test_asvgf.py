@@ -1,5 +1,7 @@
 """A-SVGF: temporal gradients say where history is stale."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 import torch
@@ -206,6 +208,22 @@ def test_a_component_follows_its_own_gradient_and_without_one_that_of_all_light(
     assert length("color") < 1.5
     assert "gradient" in Asvgf(AsvgfOptions("indirect")).needs
     assert "gradient_indirect" in Asvgf(AsvgfOptions("indirect")).optional
+
+
+@pytest.mark.parametrize("noise", [0.0, 1.0])
+@pytest.mark.parametrize("spoilt", [0, 1])
+def test_a_gradient_whose_square_overflows_is_a_change_and_no_more(spoilt: int, noise: float) -> None:
+    """Where the exposure is so small that the sanitiser cannot tell it from light."""
+    shape = (1, 24, 32)
+    pairs = gradient_of(shape, 1.0, 1.0)
+    one = pairs.copy()
+    one[0, spoilt][np.isfinite(one[0, 0])] = np.where(np.arange(88) == 40, 5e19, 1)
+    session = Session(Asvgf(AsvgfOptions(gradient_noise=noise)))
+    for frame, gradient in zip(noisy_frames(4, still_channels()), [pairs, pairs, one, pairs], strict=True):
+        given = replace(frame.with_channels(gradient=gradient), exposure=np.array([1e-11], np.float32))
+        result = session.step(given, ("history_length",))
+        assert np.isfinite(result.image).all()
+        assert np.isfinite(result.extras["history_length"]).all()
 
 
 def test_a_change_stays_near_where_it_is() -> None:

@@ -1,10 +1,14 @@
 """Stochastic reflection vectors, the noise that draws them, and a filter as wide as the lobe."""
 
+import numpy as np
 import pytest
 import torch
 
+from nte.denoiser import Session
 from nte.filters.noise import gaussian_noise
+from nte.filters.trmv import Trmv
 from nte.filters.trmv.glossy import (
+    SCALE,
     WIDEST_DRAW,
     Lobes,
     draw,
@@ -15,6 +19,7 @@ from nte.filters.trmv.glossy import (
     spread_of,
 )
 from nte.filters.trmv.inputs import FrameInputs, prepare
+from nte.filters.trmv.options import TrmvOptions
 from tests.filters.trmv_frames import plane
 
 CPU = torch.device("cpu")
@@ -131,3 +136,22 @@ def test_one_reflection_near_a_focus_moves_nobody_elses() -> None:
     torch.testing.assert_close(spoilt.specular, clean.specular)
     assert spread_of(limit_spread(covariance), edges).max() < 15
     assert width.max() < 1
+
+
+@pytest.mark.parametrize("alpha", [0.1, 0.3])
+def test_redrawn_vectors_blur_what_rests_as_often_as_history_is_fetched(alpha: float) -> None:
+    """Of a sine of frequency k, a Gaussian of variance σ² leaves g = e^−k²σ²/2: h = α s + (1 − α) g h at rest."""
+    size, length, deviation = (32, 72), 24, 1.0
+    x = np.arange(size[1]) + 0.5
+    sine = np.broadcast_to(np.sin(2 * np.pi / length * x), size)
+    lobe = np.broadcast_to(np.reshape([deviation**2, 0, deviation**2], (1, 3, 1, 1)), (1, 3, *size))
+    light = np.broadcast_to(1 + 0.5 * sine, (1, 3, *size))
+    session = Session(Trmv(TrmvOptions("glossy", alpha=alpha, clamp=float("inf"), cleanup=False)))
+    images = [
+        session.denoise(plane(index, size, glossy=light, reflection_covariance=lobe.astype(np.float32)))
+        for index in range(48)
+    ]
+    inner = slice(length // 2, -length // 2)
+    left = 4 * (np.mean(images[24:], (0, 1, 2)) * sine)[:, inner].mean()
+    per_draw, of_filter = (np.exp(-0.5 * (2 * np.pi / length * d) ** 2) for d in (deviation, SCALE * deviation))
+    assert left == pytest.approx(of_filter * alpha / (1 - (1 - alpha) * per_draw), abs=0.025)
