@@ -17,7 +17,7 @@ from nte.denoiser import Filter, Result, State, refuse_other_size, sanitised
 from nte.errors import NteError, lacking_memory, needs_extra
 from nte.filters.accumulation import History, Surface, accumulate, with_denoised
 from nte.filters.change import in_blocks
-from nte.filters.look_ahead import Next, with_next
+from nte.filters.look_ahead import Next, add_next
 from nte.frames.ahead import NEXT
 from nte.frames.clip import Pixels
 from nte.frames.frame import Frame
@@ -104,7 +104,7 @@ class Oidn(Filter[OidnOptions]):
             glance = partial(self._clean, guides=small, prefilter=False, clean_aux=clean, quality="fast")
             image, accumulated = accumulate(noisy, surface, histories[i], self.options.accumulate, glance)
             if after:
-                image = with_next(noisy, surface, accumulated, after, glance)
+                image = add_next(noisy, surface, accumulated, after, glance)
             denoised.append(self._clean(image, guides, *self._switches(frame), self.options.quality))
             histories[i] = with_denoised(accumulated, denoised[-1], surface)
         return Result(np.stack(denoised)), tuple(histories)
