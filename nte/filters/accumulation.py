@@ -51,7 +51,7 @@ class History(NamedTuple):
     depth: Pixels  # (H, W), infinite for a miss
     beside: Pixels  # (2, H, W): px, from the centre of the pixel to the place where the surface had that light
     denoised: Pixels  # (3, H, W): light after the spatial denoiser, divided by the texture
-    slope: Pixels  # (H, W): of its logarithm, per px
+    slope: Pixels  # (H, W): of its logarithm, per px; until `with_denoised` that of the frame before
     exposure: np.float32  # in whose scale logarithms are compared, of the first frame; NaN for a black one
     level: float  # mean logarithm of that frame
 
@@ -82,7 +82,7 @@ def accumulate(
         log = logarithm(light, exposure)
         level = float(log.mean())
         return color, History(light, log, flat + 1, depth, np.stack([flat, flat]), light, flat, exposure, level)
-    old, length, beside = history, flat + 1, np.stack([flat, flat])
+    old, length, slope, beside = history, flat + 1, flat.copy(), np.stack([flat, flat])
     texture_in_blocks = in_blocks(texture)
     glance = denoise_blocks(in_blocks(light) * texture_in_blocks) / texture_in_blocks
 
@@ -93,20 +93,21 @@ def accumulate(
         for now, then in ((log[:, rows], found.log), (light[:, rows], found.light)):
             now += (then - now) * share
         np.multiply(found.beside, share, out=beside[:, rows])
+        np.multiply(found.slope, found.valid, out=slope[rows])
 
     # In strips, which caches hold and threads share.
     strips = [slice(top, top + STRIP) for top in range(0, len(depth), STRIP)]
-    with ThreadPoolExecutor(threads()) as pool:
+    with ThreadPoolExecutor(_threads()) as pool:
         found = list(pool.map(lambda rows: _fetch(old, surface, depth, rows), strips))
         sums = list(pool.map(lambda rows, part: _statistics(log[:, rows], part), strips, found))
         blocks = judged(np.concatenate(sums, 1), glance, old.exposure)
         blocks = np.pad(blocks, [(0, 0), (1, 1), (1, 1)], mode="edge")
         of_strips = [blocks[:, rows.start // BLOCK : rows.stop // BLOCK + 2] for rows in strips]
         list(pool.map(add, strips, found, of_strips))
-    return light * texture, History(light, log, length, depth, beside, light, flat, history.exposure, history.level)
+    return light * texture, History(light, log, length, depth, beside, light, slope, history.exposure, history.level)
 
 
-def threads() -> int:
+def _threads() -> int:
     """As many as OIDN has, which takes its turn afterwards, and for which what is no number is not given."""
     given = os.environ.get("OIDN_NUM_THREADS", "").strip()
     return (int(given) if given.isdecimal() else 0) or os.cpu_count() or 1
@@ -151,6 +152,7 @@ class _Found(NamedTuple):
     length: Pixels
     beside: Pixels  # (2, H, W) px: from where it should be to where it is
     valid: Mask  # nothing hid the surface, or the place is of what lies behind, as beside a silhouette
+    slope: Pixels
     error: Pixels  # expected, of the logarithm, as it was fetched from the nearest pixel
 
 
@@ -175,7 +177,7 @@ def _fetch(history: History, surface: Surface, depth: Pixels, rows: slice) -> _F
     forward = None if surface.forward is None else _taken(surface.forward, index)
     valid = inside & _seen(motion, forward, depth, before)
     error = slope * np.sqrt((beside * beside).sum(0))
-    return _Found(light, log, denoised, length, beside, valid, error)
+    return _Found(light, log, denoised, length, beside, valid, slope, error)
 
 
 def _index(place: Pixels, size: Pixels) -> npt.NDArray[np.int32]:

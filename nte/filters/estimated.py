@@ -26,12 +26,8 @@ from nte.options import Options
 
 # The noise of the images, by which the search is chosen: a key of SEARCHES, or `auto` to measure it.
 Noise: TypeAlias = Literal["auto", "clean", "moderate", "noisy", "strong"]
-_TOLD_BY_OTHERS = (
-    "motion",
-    "forward_motion",
-    "previous_forward_motion",
-    *NEXT,
-)  # given vectors would contradict estimates
+# Given vectors would contradict estimates, and without them nothing leads to the next frame.
+_TOLD_BY_OTHERS = ("motion", "forward_motion", "previous_forward_motion", *NEXT)
 
 
 def matched_grey(color: Tensor, exposure: Tensor) -> Tensor:

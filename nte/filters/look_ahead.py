@@ -16,6 +16,7 @@ from nte.filters.change import significance, statistics, upsampled
 from nte.frames.clip import Pixels
 
 DOUBT = 6.0  # significance of a difference between past and next frame at which both lose half of their weight
+WITNESS = 0.1  # weight of the next frame, of this one's, from which on such a difference counts in full
 
 
 class Next(NamedTuple):
@@ -28,7 +29,7 @@ class Next(NamedTuple):
     forward: Pixels  # (2, H, W) px, from this frame to it; NaN = unknown
 
 
-def with_next(
+def add_next(
     color: Pixels,
     surface: Surface,
     history: History,
@@ -43,7 +44,8 @@ def with_next(
     exposure, texture = history.exposure, texture_of(color, surface.albedo)
     light = color / texture
     _, alone = accumulate(after.color, Surface(after.albedo, None, after.depth, None), None, 1, denoise_blocks)
-    alone = alone._replace(log=logarithm(alone.light, exposure), exposure=exposure, level=history.level)
+    log = logarithm(alone.light, exposure)
+    alone = alone._replace(log=log, exposure=exposure, level=float(log.mean()), slope=history.slope)
     back = Surface(surface.albedo, after.forward, surface.depth, after.motion)
     _, future = accumulate(color, back, alone, 2, denoise_blocks)
     if future.exposure != exposure:  # there is no next frame, for its light does not suit
@@ -58,5 +60,9 @@ def with_next(
     blocks = DOUBT / (DOUBT + significance(found))
     blocks = np.pad(blocks[None], [(0, 0), (1, 1), (1, 1)], mode="edge")
     kept = upsampled(blocks)[0, : length.shape[0], : length.shape[1]]
-    mean = (light + kept * (past + coming)) / (1 + kept * (length + count))
+    # A next frame of which nothing is taken, as where a lamp is switched on, says nothing against the past.
+    of_past = 1 - (1 - kept) * np.minimum(count / WITNESS, 1)
+    length, past = length * of_past, past * of_past
+    count, coming = count * kept, coming * kept
+    mean = (light + past + coming) / (1 + length + count)
     return np.asarray(np.maximum(mean, 0) * texture, np.float32)

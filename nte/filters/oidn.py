@@ -17,7 +17,7 @@ from nte.denoiser import Filter, Result, State, refuse_other_size, sanitised
 from nte.errors import NteError, lacking_memory, needs_extra
 from nte.filters.accumulation import History, Surface, accumulate, with_denoised
 from nte.filters.change import in_blocks
-from nte.filters.look_ahead import Next, with_next
+from nte.filters.look_ahead import Next, add_next
 from nte.frames.ahead import NEXT
 from nte.frames.clip import Pixels
 from nte.frames.frame import Frame
@@ -53,7 +53,9 @@ class OidnOptions(Options, name="oidn"):
     def __post_init__(self) -> None:
         super().__post_init__()
         if self.ahead and (self.accumulate == 1 or self.target != "color"):
-            raise NteError(f"{self.name}: ahead adds the next frame's color to what is accumulated: give accumulate=8")
+            raise NteError(
+                f"{self.name}: ahead adds the next frame's color to what is accumulated: give accumulate=8, no target"
+            )
 
 
 class Oidn(Filter[OidnOptions]):
@@ -81,7 +83,7 @@ class Oidn(Filter[OidnOptions]):
         if self.accumulates:
             self.optional, self.wants = (*GUIDES, *MOTION), ("motion",)
         if self.options.ahead:
-            self.optional, self.wants = (*self.optional, _TO_NEXT, *NEXT), ("motion", _TO_NEXT)
+            self.optional = (*self.optional, _TO_NEXT, *NEXT)
         self._denoise = pyoidn.denoise
         self._prefilters = _Prefilters(self.options.quality)
 
@@ -104,7 +106,7 @@ class Oidn(Filter[OidnOptions]):
             glance = partial(self._clean, guides=small, prefilter=False, clean_aux=clean, quality="fast")
             image, accumulated = accumulate(noisy, surface, histories[i], self.options.accumulate, glance)
             if after:
-                image = with_next(noisy, surface, accumulated, after, glance)
+                image = add_next(noisy, surface, accumulated, after, glance)
             denoised.append(self._clean(image, guides, *self._switches(frame), self.options.quality))
             histories[i] = with_denoised(accumulated, denoised[-1], surface)
         return Result(np.stack(denoised)), tuple(histories)
@@ -115,10 +117,10 @@ class Oidn(Filter[OidnOptions]):
         divides = self.target != "glossy" and clean_guides
         albedo, next_albedo = (given.get(name) if divides else None for name in ("albedo", "next_albedo"))
         surface = Surface(albedo, *(given.get(name) for name in MOTION))
-        there = _TO_NEXT in given and "next_color" in given
-        return surface, Next(
-            given["next_color"], next_albedo, given.get("next_depth"), given.get("next_motion"), given[_TO_NEXT]
-        ) if there else None
+        light = given.get("next_color")
+        if _TO_NEXT not in given or light is None or not light.any():  # black where others of the batch go on
+            return surface, None
+        return surface, Next(light, next_albedo, given.get("next_depth"), given.get("next_motion"), given[_TO_NEXT])
 
     def _clean(self, image: Pixels, guides: list[Pixels], prefilter: bool, clean_aux: bool, quality: str) -> Pixels:
         """Let OIDN denoise one image (3, H, W)."""
@@ -144,7 +146,7 @@ class Oidn(Filter[OidnOptions]):
         prefilter, clean_aux = self._switches(frame)
         found = f"quality={self.options.quality}"
         if self.accumulates:
-            found += f",accumulate={self.options.accumulate}"
+            found += f",accumulate={self.options.accumulate}" + ",ahead=true" * self.options.ahead
         if "albedo" not in frame:
             return f"{found}, without guides"
         return f"{found},clean_aux={clean_aux},prefilter={prefilter}".lower()

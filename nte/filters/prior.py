@@ -20,8 +20,11 @@ def complete(denoiser: Denoiser, device: str = "cpu", ahead: bool = False) -> De
         if ahead:
             raise NteError(f"{label_of(denoiser)} does not look ahead: it builds on no other denoiser: leave out ahead")
         return denoiser
+    below = denoiser.prior
+    if ahead:
+        below += ("," if ":" in below else ":") + "ahead=true"
     try:
-        return OnTop(denoiser, load_filter(denoiser.prior + (",ahead=true" if ahead else ""), device))
+        return OnTop(denoiser, load_filter(below, device))
     except NteError as error:
         raise NteError(f"prior: {error}") from error
 

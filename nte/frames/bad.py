@@ -3,6 +3,7 @@
 import warnings
 from collections import Counter
 
+from nte.frames.ahead import NEXT
 from nte.frames.channels import CHANNELS
 from nte.frames.frame import Frame
 from nte.frames.usable import LONG, all_usable, usable
@@ -24,12 +25,13 @@ def count_bad(frame: Frame) -> dict[str, int]:
 
     A pixel is bad if `nte.frames.usable` would replace it, with three exceptions: a reflectance or a scalar that is
     finite but above 1, a direction that is only longer than 1, and a NaN that has a meaning in its channel
-    (`nan_means` in `nte.CHANNELS`). Channels outside that table are not looked at.
+    (`nan_means` in `nte.CHANNELS`). Channels outside that table are not looked at, nor those of the next frame, which
+    has its turn.
     """
     counts: dict[str, int] = {}
     for name, values in frame.channels.items():
         row = CHANNELS.get(name)
-        if row is None or all_usable(row, values):
+        if row is None or name in NEXT or all_usable(row, values):
             continue
         # NaN differs from everything, even from itself. NumPy and PyTorch share these operators.
         bad = usable(row, values) != values
