@@ -124,3 +124,15 @@ def test_what_is_no_range_is_one_line(noisy_disc: Path, capsys: pytest.CaptureFi
     said = capsys.readouterr().err
     assert "expected the first and the last frame, such as 10-20" in said
     assert said.count("\n") == 1
+
+
+def test_a_denoiser_that_looks_ahead_sees_the_frame_behind_the_range(tmp_path: Path) -> None:
+    pytest.importorskip("pyoidn")
+    clip = disc_clip(tmp_path / "disc", frames=5)
+    for out, frames in ("whole", []), ("part", ["--frames", "2-3"]):
+        spec = "oidn:quality=fast,accumulate=8,ahead=true"
+        assert main(["denoise", str(clip), "--out", str(tmp_path / out), "--denoiser", spec, *frames]) == 0
+    for index in 2, 3:
+        whole, part = (read_frame(frame_path(tmp_path / out, index))["color"] for out in ("whole", "part"))
+        np.testing.assert_array_equal(part, whole)
+    assert len(list((tmp_path / "part").glob("*.exr"))) == 2
