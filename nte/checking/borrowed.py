@@ -2,7 +2,7 @@
 
 Normals and depth move with their surfaces, too, so right vectors lead to them as they lead to albedo. Color counts
 where the reference tells that it is noisy: in an even light without noise it is the albedo. So is the reference, unless
-it shows what reflects more than all light.
+albedo is what reflects more than all light, too.
 """
 
 from collections import defaultdict
@@ -29,7 +29,7 @@ class BorrowedTally:
     """Tally of how much of the albedo of some frames is the same as another channel."""
 
     def __init__(self) -> None:
-        self._bright: list[float] = []  # shares of the pixels in which reference is brighter than any albedo
+        self._bright: list[float] = []  # shares of the pixels that are, though brighter than any albedo
         self._shares: dict[str, list[float]] = defaultdict(list)  # what albedo may be → share of the pixels of a frame
 
     def add(self, frame: Frame) -> None:
@@ -51,8 +51,12 @@ class BorrowedTally:
             if _varies(albedo[:, shown]):
                 if _same((color - reference)[:, shown]) < MOST:
                     self._shares["color"].append(_same((albedo - color)[:, shown]))
-                self._shares["reference"].append(_same((albedo.clamp(0, 1) - reference)[:, shown]))
-                self._bright.append(float((light[:, shown].amax(0) > BRIGHT).float().mean()))
+                same = (albedo.clamp(0, 1) - reference).abs().amax(0) < SAME
+                self._shares["reference"].append(float(same[shown].float().mean()))
+                bright = same & (light.amax(0) > BRIGHT)
+                if "emission" in frame:  # what shines is brighter than its albedo, which may be 1
+                    bright &= ~(frame["emission"][0] > 0).any(0)
+                self._bright.append(float(bright[shown].float().mean()))
         if "depth" in frame:
             depth = frame["depth"][0, 0].nan_to_num(0, 0, 0)
             grey = (albedo - albedo[:1]).abs().amax(0) < SAME

@@ -24,6 +24,7 @@ LIT = 4  # least number of blocks that tell a scale
 UNLIKE = 0.05  # median difference of the logarithms from which on the blocks are not those of one picture
 FLIPPED = 0.25  # the picture was turned over if that leaves at most this share of the difference
 SAME = 1e-3  # relative difference of one image in half floats and in float32
+DIM = 0.01  # share of the mean light that counts as none
 AGREE = 0.7  # share of blocks that must agree; with fewer it is noise or another light, not another scale
 FRAMES = 0.1  # share of the frames with a scale of their own from which on it is a fault; a few are only told
 
@@ -65,7 +66,8 @@ class ExposureTally:
             return
         both = torch.cat([frame["color"], frame["reference"]], 1)
         good = (both.isfinite() & (both >= 0)).all(1, keepdim=True)
-        apart = (frame["color"] - frame["reference"]).abs() > SAME * frame["reference"].abs()
+        light = frame["reference"].abs()  # half floats round what is hardly lit by more than a share of it
+        apart = (frame["color"] - frame["reference"]).abs() > SAME * (light + DIM * light[light.isfinite()].mean())
         self._same &= not bool((apart & good).any())
         block = max(1, min(BLOCK, min(frame.size) // ALONG))
         height, width = (-(-side // block) for side in frame.size)

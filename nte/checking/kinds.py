@@ -13,6 +13,7 @@ EXACT = 2e-3  # a function fits if half of the points miss it by less than this 
 FLAT = 0.02  # points whose least extent is a smaller share of the greatest lie in a plane, and tell no scale
 CENTRED = 0.1  # squared distances from a point are 0 there, up to this share of the median of the squared depths
 THIN = 1e-10  # least share of the greatest singular value of sums of squares; less is rounding, as across a plane
+OUTLIER = 1e-6  # of the median depth: what misses a function by less is rounding, though all others fit exactly
 COARSE = 3.0  # least extent of the points, in steps of their rounding, that tells a scale
 RATES, STEP = 36, 1.26  # exponentials that are tried, from 0.01 on, and the ratio of their rates
 CLOSER = 7  # times that this ratio is narrowed around the best of them
@@ -44,8 +45,7 @@ def explain(points: Tensor, depth: Tensor, steps: Tensor | None = None) -> tuple
     is the gradient of depth; None if all points lie in a plane.
     """
     centre = points.mean(1, keepdim=True)
-    extent = torch.linalg.eigvalsh(torch.cov(points)).clamp(min=0).sqrt()
-    size = extent[-1].clamp(min=1e-30)
+    size = _extent(points)[-1].clamp(min=1e-30)
     near = ((points - centre) / size).T
     linear = torch.cat([near, torch.ones_like(near[:, :1])], 1)
     unit = depth / depth.median()
@@ -59,7 +59,8 @@ def explain(points: Tensor, depth: Tensor, steps: Tensor | None = None) -> tuple
     # Fitted again without outliers: silhouettes show means of several surfaces.
     plane = _solve(linear, unit)
     off = (linear @ plane - unit).abs()
-    plane = _solve(*(values[off <= 3 * off.median() + 1e-9] for values in (linear, unit)))
+    kept = off <= 3 * off.median() + OUTLIER + rounded
+    plane = _solve(linear[kept], unit[kept])
     along = error(linear @ plane)
     to_camera, behind = _distance(near, linear, unit)
     # z = A + B/(a·P + b) is a quotient of two linear functions: z (a·P + b) − (c·P + d) = 0.
@@ -70,10 +71,16 @@ def explain(points: Tensor, depth: Tensor, steps: Tensor | None = None) -> tuple
         scaled = (unit - unit.median()) / spread
         logarithm = _logarithm(linear, scaled)
         root = error((linear @ _solve(linear, unit.square())).clamp(min=0).sqrt())
-    axis = plane[:3] * depth.median() / size
+    axis, extent = plane[:3] * depth.median() / size, _extent(points[:, kept])
     known = float(extent[0]) > max(FLAT * float(size), 0.0 if steps is None else COARSE * float(steps.median()))
     errors = along, error(to_camera), buffer, logarithm, root
     return Fit(*errors, float(axis.norm()) if known else None, behind), axis if known else None
+
+
+def _extent(points: Tensor) -> Tensor:
+    """Standard deviations (3,) of points (3, n) along their principal axes, the least first."""
+    extent: Tensor = torch.linalg.eigvalsh(torch.cov(points)).clamp(min=0).sqrt()
+    return extent
 
 
 def _distance(near: Tensor, linear: Tensor, unit: Tensor) -> tuple[Tensor, float]:

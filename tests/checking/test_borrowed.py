@@ -56,6 +56,20 @@ def test_the_reference_is_no_albedo(tmp_path: Path, brightness: float, fault: bo
     assert report.verdict == ("implausible" if fault else "plausible")
 
 
+@pytest.mark.parametrize(("white", "emission"), [(0.8, False), (1.0, True)])
+def test_a_lamp_in_one_light_of_1_is_no_fault(tmp_path: Path, white: float, emission: bool) -> None:
+    frames = []
+    for i, shot in enumerate(SHOTS):
+        shines = (shot["instance"] == shot["instance"].max()) & (np.arange(shot["instance"].shape[2]) % 4 == 0)
+        albedo = np.where(shines, white, shot["albedo"].clip(0, 1)).astype(np.float32)
+        light = np.where(shines, 5, albedo).astype(np.float32)
+        given = {"emission": np.where(shines, 4, 0).repeat(3, 0).astype(np.float32)} if emission else {}
+        frames.append(shot | {"color": noisy(light, i), "reference": light, "albedo": albedo} | given)
+    report = check(Clip(write_clip(tmp_path / "clip", frames)))
+    told = [f for f in report.findings if f.channel == "albedo" and "is reference, in" in f.found]
+    assert [(f.fault, f.doubt) for f in told] == [(False, False)], report.findings
+
+
 @pytest.mark.parametrize("grey", [False, True])
 def test_albedo_is_no_other_channel(tmp_path: Path, grey: bool) -> None:
     def change(frame: Shot) -> Shot:

@@ -134,6 +134,18 @@ def test_a_slanted_wall_alone_is_no_z_buffer(yaw: float) -> None:
     assert list(tally.judge()) == []
 
 
+@pytest.mark.parametrize("place", [(0.0, 0.0, 0.3), (60.0, 20.0, 700.0)])
+def test_rods_before_a_facing_wall_have_its_scale(place: tuple[float, float, float]) -> None:
+    """All of the wall fits any function exactly; what little stands before it, up to rounding."""
+    y, x = np.mgrid[: SIZE[0], : SIZE[1]] + 0.5
+    ray = np.stack([(x - SIZE[1] / 2) / 83, (y - SIZE[0] / 2) / 83, np.ones(SIZE)])
+    depth = np.where(x % 20 < 1, 2.5 + 0.2 * np.sin(x + y), 4.0)
+    channels = {"depth": depth[None], "position": depth * ray + np.reshape(place, (3, 1, 1))}
+    tally = GeometryTally()
+    tally.add(Frame({name: torch.tensor(np.float32(values))[None] for name, values in channels.items()}))
+    assert list(tally.judge()) == []
+
+
 @pytest.mark.parametrize("without", [(), ("position",)])
 def test_cameras_that_are_right_agree_with_surfaces(tmp_path: Path, without: tuple[str, ...]) -> None:
     report = checked(tmp_path, lambda f, i: {}, without, cameras=cameras(lambda v, p: (v, p)))
