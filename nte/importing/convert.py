@@ -46,6 +46,16 @@ def to_ours(
             ours[name] = _depth(ours[name], how, camera, aspect)
     if "position" in ours and "depth" not in ours:  # some producers write infinity or NaN for a miss
         ours["position"] = np.where(np.isfinite(ours["position"]).all(0), ours["position"], 0)
+    return without_misses(ours, how)
+
+
+def without_misses(given: Mapping[str, Pixels], how: ChannelMap) -> dict[str, Pixels]:
+    """Set what describes surfaces, channels (C, H, W) of one frame, to 0 in misses; as they are without `depth`.
+
+    Surfaces with the instance 0, which means a miss, get the instance UNNAMED. Vectors of misses become NaN where the
+    map `how` calls the sky's unknown.
+    """
+    ours = dict(given)
     if "depth" in ours:
         hit, of_surfaces = ours["depth"] > 0, (*NORMALS, "position", "instance")
         ours |= {name: np.where(hit, ours[name], 0) for name in of_surfaces if name in ours}

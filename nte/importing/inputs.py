@@ -26,7 +26,8 @@ def plan(source: Path | Sequence[Path], reference: Path | None, how: ChannelMap)
     """List the frame numbers, and the channels to read, color first, with their files.
 
     Channels that lack a camera are left out; so are those whose pattern fits no file, if the map is optional. Raises
-    NteError if the frame numbers of two channels differ, and if a channel that is needed has no file.
+    NteError if the frame numbers of two channels differ, if a channel that is needed has no file, and for a list of
+    files where the map names those of color.
     """
     folder = source if isinstance(source, Path) else source[0].parent
     wanted = {name: (folder, s) for name, s in how.channels.items() if not needs_camera(how, name)}
@@ -37,6 +38,9 @@ def plan(source: Path | Sequence[Path], reference: Path | None, how: ChannelMap)
     inputs: dict[str, tuple[Source, dict[int, Path]]] = {}
     known: dict[tuple[Path, str], dict[int, Path]] = {}
     if not isinstance(source, Path):
+        if pattern := how.channels["color"].file:  # which would take the place of the files that are given
+            what = f"the channel map names the files of color itself ('{pattern}'): expected their folder"
+            raise NteError(f"{source[0]}: {what}; --frames chooses some of them")
         known[folder, ""] = by_number(source)
     for name in sorted(wanted, key=lambda name: name != "color"):
         where, s = wanted[name]

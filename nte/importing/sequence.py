@@ -15,7 +15,7 @@ from nte.frames.exr_copy import Place
 from nte.frames.frame import About, Array
 from nte.importing.cameras import Camera, load_cameras
 from nte.importing.channel_map import NORMALS, find_map, load_channel_map, needs_camera
-from nte.importing.convert import convert_vectors, fill_unknown, to_ours, with_motion
+from nte.importing.convert import convert_vectors, fill_unknown, to_ours, with_motion, without_misses
 from nte.importing.ids import Ids
 from nte.importing.inputs import Input, plan
 from nte.importing.layers import Found, find, find_prefix, missing, partly_there, read, step
@@ -74,6 +74,7 @@ class ForeignSequence:
         if self.how.still:
             positions = [channel.files for channel in self.inputs if channel.name == "position"] or [self.files]
             frames = with_still_geometry(frames, positions[0], self.cameras)
+            frames = (without_misses(frame, self.how) for frame in frames)  # which only the depth made of them tells
         return with_motion(map(fill_unknown, with_sky_motion(frames, self.cameras)))
 
     def about(self, index: int) -> About:
@@ -145,7 +146,8 @@ class ForeignSequence:
         stored = choose(path, parts, source)
         prefix = self._prefix(channel, index, parts)
         found = find(stored, name, source, prefix)
-        if found is None and (channel.needed or partly_there(stored, source, prefix)):
+        own = replace(source, plus=[]) if channel.needed else source  # what is added may be missing, but not the layer
+        if not find(stored, name, own, prefix) and (channel.needed or partly_there(stored, source, prefix)):
             raise missing(path, stored, name, source, prefix, parts)
         found = found and replace(found, part=part_name(path, parts, source))
         first_path, first = self.first.setdefault(name, (path, found))

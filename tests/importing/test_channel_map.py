@@ -672,6 +672,18 @@ def test_sums_of_layers(tmp_path: Path) -> None:
     np.testing.assert_array_equal(found["emission"][0, :, 0].T, [[0.125] * 3, [0.625, 0.125, 0.375]])
 
 
+@pytest.mark.parametrize("channel", ["color", "emission"])
+def test_what_is_added_does_not_stand_for_a_layer_that_is_not_there(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], channel: str
+) -> None:
+    """Half of the light would pass as the image."""
+    source = write(tmp_path / "shots", [image("R", "G", "B", "indirect.R", "indirect.G", "indirect.B")])
+    about: dict[str, Any] = {"channels": COLOR | {channel: {"layer": "dirct", "plus": "indirect"}}}
+    assert f"no dirct for '{channel}'" in refused(tmp_path, source, about, capsys)
+    if channel == "emission":
+        assert "emission" in imported(tmp_path, source, about | {"optional": True}).channels
+
+
 @pytest.mark.parametrize("frame", [0, 1, 3])
 @pytest.mark.parametrize("optional", [True, False])
 def test_a_pass_that_one_frame_lacks_is_named_with_its_file(

@@ -197,6 +197,17 @@ def test_one_file_a_channel(tmp_path: Path) -> None:
     assert [path.name for path in written] == ["Mogwai.PathTracer.color.98.exr", "Mogwai.PathTracer.color.99.exr"]
 
 
+def test_files_that_a_map_finds_itself_are_not_chosen_one_by_one(tmp_path: Path) -> None:
+    """Those in the folder that were not given would be denoised as well."""
+    folder, _ = falcor(tmp_path, scene(3))
+    with pytest.raises(NteError, match=r"color.99.exr: the channel map names .* \('\*\.color\.#\.exr'\): expected"):
+        denoise_files(
+            [folder / "Mogwai.PathTracer.color.99.exr"], Noisy(), tmp_path / "out", map_name="falcor", say=silent
+        )
+    written = denoise_files([folder], Noisy(), tmp_path / "out", map_name="falcor", say=silent, wanted=range(99, 100))
+    assert [path.name for path in written] == ["Mogwai.PathTracer.color.99.exr"]
+
+
 def test_a_folder_a_channel(tmp_path: Path) -> None:
     """The folder that is named holds no frame itself."""
     folder, _ = falcor(tmp_path, scene(2))

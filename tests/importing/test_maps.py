@@ -16,6 +16,7 @@ from nte.frames.clip import Clip
 from nte.frames.exr import read_layers, write_exr
 from nte.importing.cameras import camera_of_fov
 from nte.importing.channel_map import MAPS, find_map, load_channel_map
+from nte.importing.ids import UNNAMED
 from nte.importing.recognise import recognise
 from tests.importing.producers import (
     FOV,
@@ -244,6 +245,25 @@ def test_bmfrs_data_get_motion_and_depth_from_positions(tmp_path: Path, capsys: 
         np.testing.assert_allclose(found["motion"][0][:, ~sky], motion[:, ~sky], atol=0.01)
         assert not found["depth"][0, 0][sky].any()
         assert np.isfinite(found["motion"]).all()
+
+
+def test_what_depth_made_of_positions_calls_a_surface_is_one(tmp_path: Path) -> None:
+    """Mitsuba counts shapes from 0, which is a miss in nte; normals and vectors of a sky are those of no surface."""
+    sky = np.zeros(SIZE, bool)
+    sky[:6] = True
+    for i in range(2):
+        seen = corner(i)[0]
+        layers = dict(zip("RGB", seen["color"], strict=True)) | named("nn", "XYZ", seen["shading_normal"])
+        layers |= named("pos", "XYZ", np.where(sky, 0, seen["world_position"])) | {"idx.I": np.zeros(SIZE)}
+        layers |= named("next", "XY", np.where(sky, 0, np.full((2, *SIZE), 3.0)))
+        write_exr(tmp_path / f"shot.{i}.exr", {n: np.ascontiguousarray(v, np.float32) for n, v in layers.items()})
+    run(tmp_path, "mitsuba", tmp_path / "clip", "still=true", "channels.forward_motion={layer: next, unknown: sky}")
+    found = Clip(tmp_path / "clip").frame(0)
+    np.testing.assert_array_equal(found["instance"][0, 0], np.where(sky, 0, UNNAMED))
+    assert not found["normal"][0][:, sky].any()
+    assert found["normal"][0][:, ~sky].any()
+    np.testing.assert_array_equal(found["forward_motion"][0][:, ~sky], 3)
+    assert np.abs(found["forward_motion"][0][:, sky]).max() > 1  # the camera's rotation, as the stored 0 is unknown
 
 
 def test_positions_that_do_not_tell_the_camera_are_refused(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
