@@ -218,7 +218,7 @@ def corner(index: int) -> tuple[dict[str, Pixels], Pixels, Pixels]:
     motion = np.stack([u / w, v / w]).reshape(2, *SIZE) - np.stack([x, y])
     position = points.reshape(3, *SIZE)
     albedo = smooth_texture(9 * position[0], 9 * position[1])
-    normal = walls[depths.argmin(0)].T.reshape(3, *SIZE)
+    normal = -walls[depths.argmin(0)].T.reshape(3, *SIZE)  # to the eye
     channels = {"color": 2 * albedo, "albedo": albedo, "shading_normal": normal, "world_position": position}
     return channels, depth.reshape(SIZE), motion
 
