@@ -71,8 +71,10 @@ def turn_of(
     rounded = 1 - (angles[0].square() + angles[1].square()).sqrt().clamp(max=math.pi / 2).cos()
     surface, normal = (values[:, inside][:, ::step] for values in (surface, normal))
     surface, normal = surface / surface.norm(dim=0), normal / normal.norm(dim=0)
-    facing = depth is None or spanning is None
-    away = float(-(surface * normal).sum(0).median()) if facing else _side(position, spanning, depth)
+    if depth is None or spanning is None:
+        away = float(-(surface * normal).sum(0).median())
+    else:
+        away = _side(position, spanning, depth)
     surface = -surface if away > 0 else surface
     cosine, turned = (surface * normal).sum(0), _turned(surface, normal)
     # Bumps are in no surface, however normals are turned: where they are strong, the rest of the pixels tells.
