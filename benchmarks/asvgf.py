@@ -15,7 +15,6 @@ import numpy as np
 from torch import Tensor
 
 from benchmarks.command import make_parser, run
-from nte.denoiser import Session
 from nte.filters import asvgf
 from nte.filters.composition import COMPONENTS
 from nte.filters.moments import shorten
@@ -23,6 +22,7 @@ from nte.frames.clip import Clip
 from nte.frames.clip_files import find_clips
 from nte.frames.frame import Frame
 from nte.registry import load_denoiser
+from nte.session import Session
 from nte.text_table import aligned
 
 FIRST = 3  # number of frames that only build up history

@@ -15,13 +15,13 @@ import torch
 
 from benchmarks.command import make_parser, run
 from nte.color import psnr
-from nte.denoiser import Session
 from nte.frames.clip import Clip, Pixels
 from nte.frames.clip_files import find_clips
 from nte.frames.frame import Frame
 from nte.frames.scalars import sequence_scalars
 from nte.frames.show import display
 from nte.registry import load_denoiser
+from nte.session import Session
 from nte.text_table import aligned
 
 AGAINST = "oidn"

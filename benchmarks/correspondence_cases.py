@@ -11,7 +11,6 @@ import torch.nn.functional as F
 from torch import Tensor
 
 from nte.color import display, psnr
-from nte.denoiser import Session
 from nte.filters.align_accumulate import AlignAccumulate, AlignAccumulateOptions
 from nte.filters.estimated import matched_grey
 from nte.frames.clip import Clip
@@ -21,6 +20,7 @@ from nte.motion.correspondence import find_correspondence, noise_of, patch_error
 from nte.motion.geometric import dual_motion
 from nte.motion.search import SEARCHES
 from nte.motion.warp import inside, pixel_centres, warp
+from nte.session import Session
 from tests.motion.test_correspondence import real_patch_error
 
 PAIRS = 2  # pairs of frames from a clip, at most

@@ -14,7 +14,7 @@ from tempfile import TemporaryDirectory
 from benchmarks.command import count, make_parser, run
 from benchmarks.record import record
 from nte.cli.parsing import parse_size
-from nte.denoiser import Denoiser, Noisy, Session
+from nte.denoiser import Denoiser, Noisy
 from nte.evaluation.benchmark.frames import clip_frames
 from nte.frames.clip import write_frame
 from nte.frames.clip_files import frame_path
@@ -24,6 +24,7 @@ from nte.overlap import sleep_while_waiting
 from nte.registry import load_denoiser
 from nte.sequences.denoise import denoise_files
 from nte.sequences.pictures import PictureSettings
+from nte.session import Session
 
 LIMIT = 1.3  # the whole may take so many times the slower of its two parts
 

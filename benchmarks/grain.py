@@ -12,13 +12,13 @@ import torch
 from torch import Tensor
 
 from benchmarks.command import make_parser, run
-from nte.denoiser import Session
 from nte.evaluation.metrics import regions_of
 from nte.evaluation.targets import displayed, read_truth
 from nte.frames.clip import Clip
 from nte.frames.scalars import sequence_scalars
 from nte.motion.box import box_mean
 from nte.registry import load_denoiser
+from nte.session import Session
 from nte.text_table import aligned
 
 PLAIN = "clamp=inf,cleanup=false"

@@ -13,12 +13,12 @@ import numpy as np
 
 from benchmarks.command import make_parser, run
 from benchmarks.conditions import FIRST, denoised, exposure_of, quality
-from nte.denoiser import MissingChannelWarning, Session
 from nte.frames.clip import Clip
 from nte.frames.clip_files import find_clips
 from nte.frames.frame import Frame
 from nte.registry import load_denoiser
 from nte.released import DEFAULT
+from nte.session import MissingChannelWarning, Session
 from nte.text_table import aligned
 
 WANTED = ("albedo", "normal", "depth", "motion")

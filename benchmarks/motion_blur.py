@@ -25,7 +25,6 @@ from torch import Tensor
 from benchmarks.command import count, make_parser, run
 from benchmarks.record import record
 from nte.color import display
-from nte.denoiser import Session
 from nte.evaluation.metrics import flip_map
 from nte.evaluation.report.strips import most_different
 from nte.filters.motion_blur import MotionBlur
@@ -35,6 +34,7 @@ from nte.frames.frame import Frame
 from nte.frames.scalars import estimate_exposure
 from nte.frames.show import RGB, Picture, grid, quantise, write_png
 from nte.registry import load_denoiser
+from nte.session import Session
 from nte.text_table import aligned
 
 PROMISED = "crossing"

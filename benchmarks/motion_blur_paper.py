@@ -13,9 +13,9 @@ import torch
 
 from benchmarks.command import count, make_parser, run
 from nte.color import display
-from nte.denoiser import Session
 from nte.evaluation.metrics import flip_map
 from nte.registry import load_denoiser
+from nte.session import Session
 from nte.text_table import aligned
 from tests.filters.bars import Bar
 

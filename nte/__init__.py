@@ -28,10 +28,11 @@ One table lists all channels with their components and units. Wrong input raises
 from importlib import import_module
 from typing import TYPE_CHECKING, Any
 
-from nte.denoiser import Denoiser, Result, Session, denoise
+from nte.denoiser import Denoiser, Result
 from nte.errors import NteError, needs_extra
 from nte.frames import CHANNELS, Clip, Frame
 from nte.registry import load_denoiser
+from nte.session import Session, denoise
 from nte.version import __version__
 
 if TYPE_CHECKING:

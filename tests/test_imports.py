@@ -20,6 +20,7 @@ LAYERS = (
     "frames jobs unfinished",
     "cluster color motion",
     "denoiser viewer",
+    "session",
     "recurrence",
     "filters models",
     "training",

@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 import torch
 
-from nte.denoiser import Denoiser, Filter, Noisy, Result, Session, sanitised
+from nte.denoiser import Denoiser, Filter, Noisy, Result, sanitised
 from nte.errors import NteError
 from nte.filters.estimated import EstimateOptions
 from nte.filters.named import NAMES
@@ -23,6 +23,7 @@ from nte.frames.frame import Frame
 from nte.motion.search import SEARCHES
 from nte.options import Options, Positive
 from nte.registry import load_denoiser
+from nte.session import Session
 from tests.everything import floor_frame
 
 

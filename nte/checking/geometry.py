@@ -24,6 +24,7 @@ from nte.motion.warp import pixel_centres
 
 ENOUGH = 200  # least number of surface points that can tell
 SAMPLED = 4096  # points of a frame that are looked at, up to twice as many
+NEAR = 3.0  # median depths within which points tell sides where all of them lie in a plane
 FITS_NOT = 0.1  # no function fits: half of the points miss each of them by more than this share
 SAME_SCALE = 1.05  # greatest ratio of the units of depth and position
 PANORAMA = 0.1  # a greater share of the points behind: no camera with a view axis sees them all
@@ -73,17 +74,24 @@ class GeometryTally:
                 moved = project((position + off)[None], frame.view.double(), frame.projection.double()) - seen
                 apart -= moved[0, :, hit].norm(dim=0).nan_to_num(0.0)
             self._beside.append(float(apart.clamp(min=0).median()))
-        axis, fits = None, True
+        spanning, fits = None, True
         if depth is not None:
             step = max(1, int(hit.sum()) // SAMPLED)
-            fit, axis = explain(*(v[..., hit][..., ::step] for v in (position, depth, steps.norm(dim=0))))
+            known = position, depth, steps.norm(dim=0)
+            fit, axis = explain(*(values[..., hit][..., ::step] for values in known))
             self._fits.append(fit)
             fits = fit.axis < FITS_NOT
+            spanning = None if axis is None else hit
+            if axis is None:  # before a ground that reaches a horizon all else is flat
+                near = hit & (depth < NEAR * depth[hit].median())
+                spanning = (
+                    near if explain(*(values[..., near][..., ::step] for values in known))[1] is not None else None
+                )
             if "position" in frame and axis is not None and fit.axis <= EXACT:
                 pixels = pixel_centres(depth[None, None])[0, :, hit][:, ::step]
                 self._origins.append(origin_of(position[:, hit][:, ::step], pixels, depth[hit][::step]))
         if "normal" in frame and fits:
-            turn = turn_of(frame["normal"][0].double(), position, hit, depth, axis is not None, steps.norm(dim=0))
+            turn = turn_of(frame["normal"][0].double(), position, hit, depth, spanning, steps.norm(dim=0))
             self._turns += [turn] if turn else []
 
     def _add_misses(self, frame: Frame, depth: Tensor) -> None:

@@ -39,14 +39,14 @@ class Turn(NamedTuple):
 
 
 def turn_of(
-    normal: Tensor, position: Tensor, hit: Tensor, depth: Tensor | None, spans: bool, steps: Tensor
+    normal: Tensor, position: Tensor, hit: Tensor, depth: Tensor | None, spanning: Tensor | None, steps: Tensor
 ) -> Turn | None:
     """Compare normals (3, H, W) with the surface that the positions (3, H, W) of neighbours span.
 
     hit: bool (H, W), pixels with a position. depth (H, W) tells which neighbours show one surface; without it those do
-    whose positions are evenly spaced. spans: positions span the space, and with depth they tell which side of a surface
-    is seen; else normals count as facing the camera. steps: (H, W), to which positions are rounded. None if too few
-    pixels can tell.
+    whose positions are evenly spaced. spanning: bool (H, W), pixels whose positions span the space, and so tell with
+    depth which side of a surface is seen; None: normals count as facing the camera. steps: (H, W), to which positions
+    are rounded. None if too few pixels can tell.
     """
     if min(hit.shape) < 3:
         return None
@@ -71,7 +71,10 @@ def turn_of(
     rounded = 1 - (angles[0].square() + angles[1].square()).sqrt().clamp(max=math.pi / 2).cos()
     surface, normal = (values[:, inside][:, ::step] for values in (surface, normal))
     surface, normal = surface / surface.norm(dim=0), normal / normal.norm(dim=0)
-    away = float(-(surface * normal).sum(0).median()) if depth is None or not spans else _side(position, hit, depth)
+    if depth is None or spanning is None:
+        away = float(-(surface * normal).sum(0).median())
+    else:
+        away = _side(position, spanning, depth)
     surface = -surface if away > 0 else surface
     cosine, turned = (surface * normal).sum(0), _turned(surface, normal)
     # Bumps are in no surface, however normals are turned: where they are strong, the rest of the pixels tells.

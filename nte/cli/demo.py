@@ -48,10 +48,10 @@ def _scores(denoiser: "Denoiser") -> list[str]:
     """
     import numpy as np
 
-    from nte.denoiser import Session
     from nte.frames.clip import Clip
     from nte.frames.scalars import sequence_scalars
     from nte.frames.show import display
+    from nte.session import Session
 
     session, errors, times = Session(denoiser), [], []
     for frame in Clip(CLIP):

@@ -8,7 +8,7 @@ from dataclasses import dataclass, field, replace
 import torch
 from torch import Tensor
 
-from nte.denoiser import Denoiser, Noisy, Session
+from nte.denoiser import Denoiser, Noisy
 from nte.errors import NteError
 from nte.evaluation.metric_table import METRICS, Row
 from nte.evaluation.metrics import Scores, region_mean, regions_of, score, temporal_l1, temporal_l1_floor
@@ -23,6 +23,7 @@ from nte.frames.reference import BadReferenceWarning, describe_bad_pixels
 from nte.frames.scalars import sequence_exposure
 from nte.frames.show import RGB, heat, quantise
 from nte.models.applied import overheard
+from nte.session import Session
 from nte.viewer.recorder import Recorder
 
 SCORED = tuple(metric.name for metric in METRICS if metric.name != "ms_per_frame")

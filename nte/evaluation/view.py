@@ -9,7 +9,7 @@ from importlib.util import find_spec
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from nte.denoiser import Denoiser, Session, require_channels
+from nte.denoiser import Denoiser, require_channels
 from nte.errors import DISTRIBUTION, NteError
 from nte.evaluation.metric_table import Row
 from nte.evaluation.record import record_extras, record_frame, record_kernels, record_output
@@ -18,6 +18,7 @@ from nte.frames.ahead import with_next
 from nte.frames.channels import reference_of
 from nte.frames.clip import Clip
 from nte.frames.clip_files import clip_labels, find_clips
+from nte.session import Session
 from nte.unfinished import begin, finish, is_unfinished
 from nte.viewer.page import PAGE, clear, write_page
 from nte.viewer.recorder import FOLDER, Recorder, Recording, recorder_of

@@ -8,7 +8,7 @@ from pathlib import Path
 
 import numpy as np
 
-from nte.denoiser import Denoiser, Session, require_channels
+from nte.denoiser import Denoiser, require_channels
 from nte.errors import NteError
 from nte.files import refuse_to_replace, remove
 from nte.frames.ahead import NEXT, with_next
@@ -21,6 +21,7 @@ from nte.overlap import ahead, behind
 from nte.progress import Progress
 from nte.sequences.pictures import Denoised, Pictures, PictureSettings
 from nte.sequences.sources import first_frame, guides_are_clean, open_source
+from nte.session import Session
 from nte.unfinished import begin, finish, is_unfinished
 from nte.writers import only_writer
 

@@ -57,6 +57,33 @@ def of_others(change: Callable[[Pixels], Pixels], names: tuple[str, ...] = ("dep
     return [(f.fault, f.doubt, f.found) for f in tally.judge() if f.channel == "normal"]
 
 
+def before_a_horizon(index: int) -> dict[str, Pixels]:
+    """A ground that ends in a horizon, and a ball on it: seen from afar all of it is flat."""
+    height, width, focal = 64, 96, 80.0
+    y, x = np.mgrid[:height, :width] + 0.5
+    ray = np.stack([(x - width / 2) / focal, (height / 3 - y) / focal, -np.ones_like(x)])  # X right, Y up, Z backwards
+    depth = np.where(ray[1] < 0, -1.5 / np.minimum(ray[1], -1e-6), 0)  # the ground is at Y = −1.5
+    normal = np.stack([0 * x, 1 + 0 * x, 0 * x]) * (depth > 0)
+    centre, radius = np.array([0.1 * index - 0.5, -0.5, -5.0])[:, None, None], 1.0
+    along, squared = (ray * centre).sum(0), (ray * ray).sum(0)
+    inside = along**2 - squared * ((centre * centre).sum(0) - radius**2)
+    hit = (along - np.sqrt(np.maximum(inside, 0))) / squared
+    ball = (inside > 0) & ((depth == 0) | (hit < depth))
+    depth = np.where(ball, hit, depth)
+    normal = np.where(ball, (ray * depth - centre) / radius, normal)
+    return {"depth": depth[None], "position": ray * depth, "normal": normal}
+
+
+@pytest.mark.parametrize("sign", [1, -1])
+def test_what_stands_before_a_horizon_shows_the_side_of_the_ground(sign: int) -> None:
+    tally = GeometryTally()
+    for i in range(3):
+        frame = before_a_horizon(i) | {"normal": sign * before_a_horizon(i)["normal"]}
+        tally.add(Frame({name: torch.tensor(np.float32(values))[None] for name, values in frame.items()}, i))
+    told = [finding.found for finding in tally.judge() if finding.channel == "normal"]
+    assert told == ["point away from the camera in nearly all pixels, as position shows"] * (sign < 0)
+
+
 OTHERS: dict[str, Callable[[Pixels], Pixels]] = {
     "noise": lambda normal: np.random.default_rng(0).normal(size=normal.shape),
     "waves": lambda normal: np.stack([np.sin(np.arange(96) / 5 + k) + 0 * normal[0] for k in range(3)]),

@@ -19,7 +19,6 @@ from nte import load_denoiser
 from nte.burst.pictures import read_picture, write_picture
 from nte.burst.raw import read_raw
 from nte.cli import main
-from nte.denoiser import Session
 from nte.errors import NteError
 from nte.evaluation.comparison.read import read_comparison
 from nte.frames.clip import Clip
@@ -31,6 +30,7 @@ from nte.render.recipes.recipe import plan, read_recipe
 from nte.render.world.keyframes import read_animation
 from nte.runtime.description import UNSEALED, seal
 from nte.runtime.export import export_onnx
+from nte.session import Session
 from nte.training.checkpoint import checksum_of
 from nte.training.config import load_train_config
 from nte.training.loop import train

@@ -10,7 +10,6 @@ import numpy.typing as npt
 import pytest
 
 from nte import Denoiser, Frame, load_denoiser, released
-from nte.denoiser import Session
 from nte.filters.composition import EACH, Composition
 from nte.filters.named import NAMES, filter_type, parse
 from nte.filters.prior import complete
@@ -18,6 +17,7 @@ from nte.frames.channels import CHANNELS
 from nte.models.registry import KINDS
 from nte.registry import parts_of
 from nte.runtime.export import export_onnx
+from nte.session import Session
 from tests.conftest import Rounds
 from tests.everything import floor_frame
 from tests.models.lights import NETWORKS, light_network

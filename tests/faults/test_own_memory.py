@@ -9,7 +9,8 @@ import numpy as np
 import pytest
 
 from nte import Denoiser, Frame
-from nte.denoiser import Result, Session
+from nte.denoiser import Result
+from nte.session import Session
 from tests.everything import floor_frame
 
 pytestmark = pytest.mark.filterwarnings("ignore::nte.motion.correspondence.FewerLevelsWarning")

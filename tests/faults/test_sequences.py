@@ -13,7 +13,7 @@ import numpy.typing as npt
 import pytest
 
 from nte import Denoiser, Frame
-from nte.denoiser import Session
+from nte.session import Session
 from tests.conftest import Rounds
 from tests.everything import floor_frame
 

@@ -5,8 +5,9 @@ from collections.abc import Sequence
 import numpy as np
 import numpy.typing as npt
 
-from nte.denoiser import Denoiser, Session
+from nte.denoiser import Denoiser
 from nte.frames.frame import Frame
+from nte.session import Session
 from tests.synthetic import disc_frame
 
 Pixels = npt.NDArray[np.float32]

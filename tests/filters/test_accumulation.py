@@ -5,12 +5,12 @@ import pytest
 import torch
 
 from nte import Frame, NteError, Session
-from nte.denoiser import MissingChannelWarning
 from nte.filters.accumulation import History, Surface, _index, accumulate, with_denoised
 from nte.filters.change import in_blocks
 from nte.frames.clip import Pixels
 from nte.motion.geometric import dual_motion
 from nte.registry import load_denoiser
+from nte.session import MissingChannelWarning
 from tests.filters.noisy_scene import H, Scene, W, by_oidn, error, glance, interleaved
 
 pyoidn = pytest.importorskip("pyoidn")

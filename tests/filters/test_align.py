@@ -9,7 +9,7 @@ import pytest
 import torch
 
 from nte.cli import main
-from nte.denoiser import Denoiser, Result, Session
+from nte.denoiser import Denoiser, Result
 from nte.errors import NteError
 from nte.filters.align import SearchOptions, align
 from nte.filters.align_accumulate import AlignAccumulate, AlignAccumulateOptions
@@ -23,6 +23,7 @@ from nte.motion.correspondence import FewerLevelsWarning, Search, find_correspon
 from nte.motion.patch_distance import Norm
 from nte.motion.search import SEARCHES
 from nte.registry import load_denoiser
+from nte.session import Session
 from tests.synthetic import disc_frame, write_clip
 
 pytestmark = pytest.mark.filterwarnings("ignore::nte.motion.correspondence.FewerLevelsWarning")

@@ -6,12 +6,12 @@ import numpy as np
 import pytest
 import torch
 
-from nte.denoiser import Session
 from nte.filters.asvgf import Asvgf, AsvgfOptions, stratify
 from nte.filters.reproject import geometry_of
 from nte.filters.svgf import Svgf, SvgfOptions
 from nte.frames.channels import COMPONENTS, width_of
 from nte.frames.frame import Frame
+from nte.session import Session
 from tests.filters.sequences import noisy_frames, run, still_channels
 
 

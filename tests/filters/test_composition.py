@@ -6,13 +6,14 @@ import numpy as np
 import pytest
 
 from nte.config import to_yaml
-from nte.denoiser import Session, require_channels
+from nte.denoiser import require_channels
 from nte.errors import NteError
 from nte.filters.composition import Composition
 from nte.filters.taa import Taa
 from nte.frames.channels import COMPONENTS
 from nte.frames.frame import Frame
 from nte.registry import load_denoiser
+from nte.session import Session
 from nte.training.checkpoint import module_state, write_checkpoint
 from nte.training.config import DataConfig, PhaseConfig, TrainConfig
 from tests.everything import floor_frame

@@ -6,9 +6,9 @@ import numpy as np
 import numpy.typing as npt
 import pytest
 
-from nte.denoiser import Session
 from nte.frames.frame import Frame
 from nte.registry import load_denoiser
+from nte.session import Session
 
 SIZE = (9, 27)
 Pixels = npt.NDArray[np.float32]

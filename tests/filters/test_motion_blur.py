@@ -6,12 +6,13 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from nte.denoiser import Session, require_channels
+from nte.denoiser import require_channels
 from nte.errors import NteError
 from nte.filters.motion_blur import MotionBlur
 from nte.filters.motion_blur.options import MotionBlurOptions
 from nte.frames.bad import BadPixelWarning
 from nte.frames.frame import Frame
+from nte.session import Session
 from tests.filters.bars import Bar
 from tests.filters.blurred import DISC, blurred_disc, coverage
 from tests.filters.sequences import run

@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 import torch
 
-from nte.denoiser import Session
 from nte.frames.frame import Frame
 from nte.registry import load_denoiser
+from nte.session import Session
 from tests.filters.bars import Bar
 
 BARS = {

@@ -3,11 +3,11 @@
 import numpy as np
 import pytest
 
-from nte.denoiser import Session
 from nte.filters.trmv.options import TrmvOptions
 from nte.frames.channels import reference_of
 from nte.frames.clip import Clip, Pixels
 from nte.registry import load_denoiser
+from nte.session import Session
 from tests.shared import made_once
 
 CHOSEN = [f"trmv:{key}={choice}" for key in TrmvOptions.names() for choice in TrmvOptions.choices(key)]

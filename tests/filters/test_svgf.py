@@ -8,12 +8,13 @@ import torch
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from nte.denoiser import Denoiser, Session
+from nte.denoiser import Denoiser
 from nte.errors import NteError
 from nte.filters.asvgf import Asvgf, AsvgfOptions
 from nte.filters.svgf import Svgf, SvgfOptions
 from nte.frames.frame import Frame
 from nte.registry import load_denoiser
+from nte.session import Session
 from tests.filters.sequences import noisy_frames, run, still_channels
 from tests.synthetic import disc_frame, random_channels
 

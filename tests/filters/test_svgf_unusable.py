@@ -3,10 +3,10 @@
 import numpy as np
 import pytest
 
-from nte.denoiser import Session
 from nte.filters.asvgf import Asvgf
 from nte.filters.svgf import Svgf, SvgfOptions
 from nte.frames.frame import Frame
+from nte.session import Session
 from tests.filters.sequences import noisy_frames, still_channels
 
 pytestmark = pytest.mark.filterwarnings("ignore::nte.frames.bad.BadPixelWarning")

@@ -12,10 +12,10 @@ import pytest
 import torch
 from torch import Tensor
 
-from nte.denoiser import Session
 from nte.frames.channels import reference_of
 from nte.frames.frame import Frame
 from nte.registry import load_denoiser
+from nte.session import Session
 from nte.training.augment import Augmentation
 
 SIZE = (24, 36)

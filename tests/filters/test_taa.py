@@ -8,10 +8,10 @@ import torch
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from nte.denoiser import Session
 from nte.errors import NteError
 from nte.filters.taa import Taa, TaaOptions
 from nte.frames.frame import Frame
+from nte.session import Session
 from tests.synthetic import disc_frame, random_channels
 
 CLAMPS = TaaOptions.choices("clamp")

@@ -8,13 +8,13 @@ import numpy as np
 import pytest
 import torch
 
-from nte.denoiser import Session
 from nte.errors import NteError
 from nte.filters.trmv import Trmv
 from nte.filters.trmv.options import TrmvOptions
 from nte.frames.channels import COMPONENTS
 from nte.frames.frame import Frame
 from nte.registry import load_denoiser
+from nte.session import Session
 from tests.filters.trmv_frames import Pixels, ball_normals, directions, plane
 
 EVERYTHING = (*COMPONENTS, *(f"{name}_alpha" for name in COMPONENTS), "disoccluded")

@@ -4,9 +4,9 @@ import numpy as np
 import numpy.typing as npt
 import pytest
 
-from nte.denoiser import Session
 from nte.filters.trmv import Trmv
 from nte.filters.trmv.options import TrmvOptions
+from nte.session import Session
 from tests.filters.trmv_frames import plane
 
 Array = npt.NDArray[np.float64]

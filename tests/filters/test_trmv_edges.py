@@ -5,12 +5,12 @@ import numpy.typing as npt
 import pytest
 import torch
 
-from nte.denoiser import Session
 from nte.filters.trmv import Trmv
 from nte.filters.trmv.fetch import fetch_from_surface, fetch_within_edges
 from nte.filters.trmv.inputs import prepare
 from nte.filters.trmv.options import TrmvOptions
 from nte.frames.frame import Frame
+from nte.session import Session
 from tests.filters.trmv_frames import plane
 
 SIZE = (20, 40)

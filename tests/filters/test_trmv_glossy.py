@@ -4,7 +4,6 @@ import numpy as np
 import pytest
 import torch
 
-from nte.denoiser import Session
 from nte.filters.noise import gaussian_noise
 from nte.filters.trmv import Trmv
 from nte.filters.trmv.glossy import (
@@ -20,6 +19,7 @@ from nte.filters.trmv.glossy import (
 )
 from nte.filters.trmv.inputs import FrameInputs, prepare
 from nte.filters.trmv.options import TrmvOptions
+from nte.session import Session
 from tests.filters.trmv_frames import plane
 
 CPU = torch.device("cpu")

@@ -7,7 +7,6 @@ import pytest
 import torch
 from torch import Tensor
 
-from nte.denoiser import Session
 from nte.filters.bilateral import Edges, joint_bilateral
 from nte.filters.trmv import Trmv
 from nte.filters.trmv.inputs import RADIUS, GBuffer, prepare
@@ -24,6 +23,7 @@ from nte.filters.trmv.shadows import (
 )
 from nte.frames.frame import Frame
 from nte.motion.geometric import Reprojection, traditional_motion
+from nte.session import Session
 from tests.filters.trmv_frames import plane
 
 

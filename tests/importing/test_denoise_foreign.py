@@ -9,7 +9,7 @@ import OpenEXR
 import pytest
 
 from nte.cli import main
-from nte.denoiser import Noisy, Result, Session
+from nte.denoiser import Noisy, Result
 from nte.errors import NteError
 from nte.filters.taa import Taa
 from nte.frames.clip import Clip
@@ -17,6 +17,7 @@ from nte.frames.exr import read_layers, read_parts, write_exr
 from nte.frames.frame import Frame
 from nte.importing.recognise import recognise
 from nte.sequences.denoise import denoise_files
+from nte.session import Session
 from tests.importing.producers import blender, engine, named, scene, write_layers, write_map
 from tests.importing.test_maps import arnold, falcor, vray
 from tests.synthetic import Pixels

@@ -4,11 +4,11 @@ import numpy as np
 import pytest
 import torch
 
-from nte.denoiser import Session
 from nte.frames.frame import Frame
 from nte.models.applied import Application, Kernel, overheard
 from nte.models.filtering import Filtered, Mixing
 from nte.models.prediction import TAPS, ScaleKernels
+from nte.session import Session
 from tests.networks import small_network
 from tests.synthetic import random_frames
 

@@ -6,7 +6,6 @@ import numpy as np
 import pytest
 import torch
 
-from nte.denoiser import MissingChannelWarning, Session
 from nte.errors import NteError
 from nte.evaluation.evaluate import evaluate
 from nte.filters.prior import complete
@@ -18,6 +17,7 @@ from nte.models.registry import make_network
 from nte.models.temporal import TemporalConfig
 from nte.registry import load_denoiser
 from nte.runtime.export import export_onnx
+from nte.session import MissingChannelWarning, Session
 from nte.training.loop import train
 from nte.training.run import load_run
 from nte.training.tiles import ClipStore

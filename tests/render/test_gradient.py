@@ -7,7 +7,6 @@ import numpy as np
 import pytest
 
 from nte.color import REC709
-from nte.denoiser import Session
 from nte.filters.asvgf import Asvgf, AsvgfOptions
 from nte.frames.frame import Frame
 from nte.render.components.frame import noisy
@@ -16,6 +15,7 @@ from nte.render.engine.mesh_stage import MeshStage
 from nte.render.scenes import shapes
 from nte.render.world.scene import Camera, Material, Scene, SceneObject
 from nte.render.world.transforms import Track, look_at, moving, still, translation
+from nte.session import Session
 from tests.render.shots import guides_at, references_at
 
 pytestmark = pytest.mark.slow

@@ -5,7 +5,6 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from nte.denoiser import Session
 from nte.filters.trmv import Trmv
 from nte.filters.trmv.options import TrmvOptions
 from nte.frames import CHANNELS, Frame
@@ -17,6 +16,7 @@ from nte.render.scenes import shapes
 from nte.render.world.keyframes import read_animation
 from nte.render.world.scene import Camera, Material, Scene, SceneObject
 from nte.render.world.transforms import look_at, rotation, still
+from nte.session import Session
 from tests.render.shots import references_at
 
 HEIGHT, WIDTH = 36, 60

@@ -7,13 +7,13 @@ import numpy as np
 import pytest
 import torch
 
-from nte.denoiser import Session
 from nte.frames.frame import Frame
 from nte.models.temporal import TemporalDenoiser
 from nte.runtime.export import export_onnx
 from nte.runtime.providers import OnnxOptions, installed
 from nte.runtime.session import OnnxDenoiser
 from nte.runtime.trial import Numbers, trial_frames
+from nte.session import Session
 from tests.conftest import Rounds
 from tests.networks import small_network
 from tests.runtime.conftest import CHOICES

@@ -7,11 +7,11 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from nte.denoiser import Session
 from nte.frames.clip import Clip
 from nte.frames.exr import read_layers, write_exr
 from nte.importing.channel_map import MAPS
 from nte.models.temporal import TemporalDenoiser
+from nte.session import Session
 from tests.importing.producers import blender, scene
 from tests.synthetic import disc_clip
 

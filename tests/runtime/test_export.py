@@ -12,7 +12,6 @@ import onnx
 import pytest
 import torch
 
-from nte.denoiser import Session
 from nte.errors import NteError
 from nte.frames.scalars import sequence_scalars
 from nte.models.temporal import TemporalDenoiser
@@ -20,6 +19,7 @@ from nte.runtime import export
 from nte.runtime.export import export_onnx
 from nte.runtime.session import OnnxDenoiser
 from nte.runtime.trial import difference
+from nte.session import Session
 from tests.networks import small_network
 from tests.synthetic import random_frames
 

@@ -7,12 +7,12 @@ import numpy as np
 import onnx
 import pytest
 
-from nte.denoiser import Session
 from nte.errors import NteError
 from nte.runtime.placement import Placement, placement
 from nte.runtime.providers import OnnxOptions
 from nte.runtime.session import OnnxDenoiser
 from nte.runtime.trial import trial_frames
+from nte.session import Session
 from tests.synthetic import random_frames
 
 pytest.importorskip("openvino")

@@ -11,10 +11,10 @@ import numpy as np
 import onnx
 import pytest
 
-from nte.denoiser import Session
 from nte.runtime.description import UNSEALED, seal
 from nte.runtime.providers import OnnxOptions
 from nte.runtime.session import OnnxDenoiser
+from nte.session import Session
 from tests.synthetic import random_frames
 
 openvino = pytest.importorskip("openvino")

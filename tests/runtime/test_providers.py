@@ -12,7 +12,6 @@ import pytest
 from onnxruntime import OrtValue
 
 from nte.cli import main
-from nte.denoiser import Session
 from nte.errors import NteError
 from nte.frames.frame import Frame
 from nte.registry import load_denoiser
@@ -20,6 +19,7 @@ from nte.runtime.onnx_engine import spent_in
 from nte.runtime.placement import placement
 from nte.runtime.providers import PROVIDERS, OnnxOptions, asked_of_onnx_runtime, installed
 from nte.runtime.session import OnnxDenoiser
+from nte.session import Session
 from tests.synthetic import disc_clip, random_frames
 
 ELSEWHERE = [name for name in PROVIDERS if name not in ("cpu", "openvino")]

@@ -12,7 +12,7 @@ import pytest
 import torch
 from onnxruntime import OrtValue
 
-from nte.denoiser import Denoiser, Session
+from nte.denoiser import Denoiser
 from nte.errors import NteError
 from nte.frames.frame import Frame
 from nte.models.temporal import TemporalDenoiser
@@ -20,6 +20,7 @@ from nte.registry import load_denoiser
 from nte.released import model_path
 from nte.runtime.providers import OnnxOptions
 from nte.runtime.session import OnnxDenoiser
+from nte.session import Session
 from tests.synthetic import random_channels, random_frames
 
 

@@ -8,7 +8,7 @@ import pytest
 from PIL import Image
 
 from nte.cli import main
-from nte.denoiser import Noisy, Result, Session
+from nte.denoiser import Noisy, Result
 from nte.errors import NteError
 from nte.filters.taa import Taa, TaaOptions
 from nte.frames.clip import Clip, read_frame
@@ -18,6 +18,7 @@ from nte.frames.exr import read_layers, write_exr
 from nte.frames.frame import Frame
 from nte.sequences.denoise import denoise_files
 from nte.sequences.pictures import PictureSettings
+from nte.session import Session
 from tests.synthetic import disc_clip
 
 

@@ -225,7 +225,7 @@ def test_worker_processes_give_the_same_batches(clips: list[Clip]) -> None:
 AFTER_A_VALIDATION = """
 import sys
 from nte import load_denoiser
-from nte.denoiser import Session
+from nte.session import Session
 from nte.frames.clip import Clip
 from nte.training.config import DataConfig
 from nte.training.data import TrainingBatches, training_loader

@@ -9,7 +9,6 @@ import pytest
 import torch
 
 from nte import released
-from nte.denoiser import Session
 from nte.errors import NteError
 from nte.frames.clip import Clip
 from nte.info import describe
@@ -17,6 +16,7 @@ from nte.models.registry import make_network
 from nte.registry import load_denoiser, parts_of, with_provider
 from nte.runtime.export import export
 from nte.runtime.session import OnnxDenoiser
+from nte.session import Session
 from nte.training.config import load_train_config
 from nte.training.initial import begin_with, read_weights
 from nte.training.run import load_run

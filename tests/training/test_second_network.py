@@ -14,10 +14,11 @@ import numpy as np
 import pytest
 
 from nte.cli import main
-from nte.denoiser import Denoiser, Session
+from nte.denoiser import Denoiser
 from nte.frames.clip import Clip
 from nte.info import describe
 from nte.registry import load_denoiser
+from nte.session import Session
 from nte.training.run import load_run
 from tests.synthetic import disc_frame, write_clip
 from tests.tiny_network import TinyNetwork

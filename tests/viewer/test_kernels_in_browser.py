@@ -8,12 +8,12 @@ import numpy.typing as npt
 import pytest
 import torch
 
-from nte.denoiser import Session
 from nte.evaluation.view import view
 from nte.frames.clip import Clip
 from nte.models.prediction import ScaleKernels
 from nte.models.temporal import TemporalDenoiser
 from nte.registry import load_denoiser
+from nte.session import Session
 from tests.networks import small_network
 from tests.viewer.browser import Browser, needs_chromium
 from tests.viewer.reading import data_of
