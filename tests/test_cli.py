@@ -99,7 +99,10 @@ def test_a_clip_that_cannot_be_used_is_named(told: Told, command: str, clip: str
             "unknown option 'nosie', did you mean noise?",
         ),
         ("denoise clip --denoiser taa --out out --device abacus", "--device abacus: "),
-        ("denoise clip gap --denoiser noisy --out out", "cannot be read: Is a directory"),
+        (
+            "denoise clip gap --denoiser noisy --out out",
+            "clip: is a folder beside others: expected one folder, or the files of one sequence",
+        ),
         ("denoise clip/frame_0000.exr clip/frame_0002.exr --denoiser noisy --out out", "frame 1 is missing"),
         (
             "info nowhere",

@@ -49,8 +49,11 @@ def test_samples_become_pixels(tmp_path: Path, capsys: pytest.CaptureFixture[str
         for i, arrays in enumerate(noisebase_arrays(frames)):
             write_zip(source / f"frame{i:04d}.zip", {n: a for n, a in arrays.items() if n != "crop_offset"})
     assert run(source, tmp_path / "clip") == 0
-    # The wall moves by itself, so its vectors are not those that the file's moving camera gives to what stands still.
-    assert "clip: undecidable: cameras: lead with depth to other vectors than motion" in capsys.readouterr().out
+    # The wall moves by itself, so its vectors are not those that the file's moving camera gives to what stands still;
+    # and its normals are any, so most of them point away.
+    told = capsys.readouterr().out
+    assert "clip: undecidable: " in told
+    assert "cameras: lead with depth to other vectors than motion" in told
     clip = Clip(tmp_path / "clip")
     assert clip.info["spp"] == 1
     for index, frame in enumerate(frames):
