@@ -9,6 +9,7 @@ from collections.abc import Iterator
 
 from torch import Tensor
 
+from nte.checking.borrowed import EXPECTED
 from nte.checking.values import Finding
 
 STEP, EVEN = 0.1, 0.01  # least step of the logarithm of albedo that tells, and greatest one that is none
@@ -22,7 +23,6 @@ BEYOND = 3.0  # times as large as where albedo is even: shadows have colours, an
 # Greatest ratio of the mean square of their means to that; measured: 0 to 0.46 with the luminance or the mean of most
 # coloured textures, 1.5 and 5.7 where gloss hides a grey texture. Gloss of one component alone would have 0.5
 TOGETHER = 0.47
-EXPECTED = "the share of the light that is reflected, in each of three components"
 
 
 def is_grey(albedo: Tensor) -> bool:

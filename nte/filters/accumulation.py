@@ -73,15 +73,10 @@ def accumulate(
     """
     texture = texture_of(color, surface.albedo)
     light = color / texture
-    depth = np.full(color.shape[1:], np.inf, np.float32)
-    if surface.depth is not None:
-        depth = np.where(surface.depth[0] > 0, surface.depth[0], depth)
-    flat = np.zeros_like(depth)
     if history is None or surface.motion is None or not _suits(history, log := logarithm(light, history.exposure)):
-        exposure = known_exposure(color[None])[0]
-        log = logarithm(light, exposure)
-        level = float(log.mean())
-        return color, History(light, log, flat + 1, depth, np.stack([flat, flat]), light, flat, exposure, level)
+        return color, begin(light, surface.depth, known_exposure(color[None])[0])
+    depth = _distance(surface.depth, light)
+    flat = np.zeros_like(depth)
     old, length, slope, beside = history, flat + 1, flat.copy(), np.stack([flat, flat])
     texture_in_blocks = in_blocks(texture)
     glance = denoise_blocks(in_blocks(light) * texture_in_blocks) / texture_in_blocks
@@ -105,6 +100,23 @@ def accumulate(
         of_strips = [blocks[:, rows.start // BLOCK : rows.stop // BLOCK + 2] for rows in strips]
         list(pool.map(add, strips, found, of_strips))
     return light * texture, History(light, log, length, depth, beside, light, slope, history.exposure, history.level)
+
+
+def begin(light: Pixels, depth: Pixels | None, exposure: np.float32) -> History:
+    """The history that a frame leaves which has none.
+
+    light (3, H, W): divided by its texture. depth (1, H, W): 0 = miss. exposure: in whose scale logarithms are
+    compared.
+    """
+    distance = _distance(depth, light)
+    flat, log = np.zeros_like(distance), logarithm(light, exposure)
+    return History(light, log, flat + 1, distance, np.stack([flat, flat]), light, flat, exposure, float(log.mean()))
+
+
+def _distance(depth: Pixels | None, light: Pixels) -> Pixels:
+    """Depth (H, W), infinite for a miss, and everywhere where it is not known."""
+    unknown = np.full(light.shape[1:], np.inf, np.float32)
+    return unknown if depth is None else np.where(depth[0] > 0, depth[0], unknown)
 
 
 def _threads() -> int:

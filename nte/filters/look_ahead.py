@@ -11,7 +11,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from nte.filters.accumulation import History, Surface, accumulate, logarithm, texture_of
+from nte.filters.accumulation import History, Surface, accumulate, begin, logarithm, texture_of
 from nte.filters.change import significance, statistics, upsampled
 from nte.frames.clip import Pixels
 
@@ -43,9 +43,8 @@ def add_next(
     """
     exposure, texture = history.exposure, texture_of(color, surface.albedo)
     light = color / texture
-    _, alone = accumulate(after.color, Surface(after.albedo, None, after.depth, None), None, 1, denoise_blocks)
-    log = logarithm(alone.light, exposure)
-    alone = alone._replace(log=log, exposure=exposure, level=float(log.mean()), slope=history.slope)
+    alone = begin(after.color / texture_of(after.color, after.albedo), after.depth, exposure)
+    alone = alone._replace(slope=history.slope)
     back = Surface(surface.albedo, after.forward, surface.depth, after.motion)
     _, future = accumulate(color, back, alone, 2, denoise_blocks)
     if future.exposure != exposure:  # there is no next frame, for its light does not suit

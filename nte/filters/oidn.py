@@ -5,7 +5,7 @@ Afra, «Intel Open Image Denoise», 2019–; used through the package pyoidn. It
 
 import threading
 import weakref
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
 from functools import partial
@@ -103,7 +103,8 @@ class Oidn(Filter[OidnOptions]):
                 continue
             surface, after = self._seen(given, bool(frame.clean_guides))
             small, clean = [in_blocks(guide) for guide in guides], bool(frame.clean_guides)
-            glance = partial(self._clean, guides=small, prefilter=False, clean_aux=clean, quality="fast")
+            denoise = partial(self._clean, guides=small, prefilter=False, clean_aux=clean, quality="fast")
+            glance = _once(denoise)  # past and next frame ask for the same blocks
             image, accumulated = accumulate(noisy, surface, histories[i], self.options.accumulate, glance)
             if after:
                 image = add_next(noisy, surface, accumulated, after, glance)
@@ -158,6 +159,18 @@ class Oidn(Filter[OidnOptions]):
         clean, given, prefilter = bool(frame.clean_guides), self.options.clean_aux, self.options.prefilter
         prefilter = not clean and given is None if prefilter is None else prefilter
         return prefilter, clean or prefilter if given is None else given
+
+
+def _once(denoise: Callable[[Pixels], Pixels]) -> Callable[[Pixels], Pixels]:
+    """Let a denoiser run for its first image alone, and give that one's result for all after it."""
+    done: list[Pixels] = []
+
+    def denoised(image: Pixels) -> Pixels:
+        if not done:
+            done.append(denoise(image))
+        return done[0]
+
+    return denoised
 
 
 @contextmanager

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from nte.checking import CheckReport
-from nte.checking.grey import EXPECTED
+from nte.checking.borrowed import EXPECTED
 from tests.checking.test_albedo import LIGHTS, of
 from tests.synthetic import Pixels
 
